@@ -1,0 +1,47 @@
+"""Inertial estimation: the conventions page that everything else refers to.
+
+What this package is for: the filters that turn rates and specific forces of an IMU on a turn table into six biases with
+honest standard deviations. What it leaves out: files, clocks, threads, printing, instruments. Random numbers come
+from generators that the caller seeds.
+
+Frames
+    n   navigation: north, east, down (NED) at the site, WGS-84.
+    b   body: the table's own axes at zero angles, x north, y east, z down; right-handed.
+    i   instrument: the axes and the sign printed on the unit. Only `filters.imu.AxisMap` knows it.
+    ``C_nb`` takes body components to navigation components: ``v_n = C_nb @ v_b``.
+
+Signs
+    Specific force f = a - g: a still, level unit has f_n = (0, 0, -gamma), gamma being local normal gravity (WGS-84,
+    or what the user gives). f_b = s · M · reading, with s the accelerometer sign (-1 for a unit that reads +1 g on Z when
+    level, Z down) and M the mounting, a signed permutation from instrument to body axes; rates are M · reading.
+    Corrected reading = reading - bias, in the instrument's axes: b_reading = s · Mᵀ · b_f.
+    Angular rate follows the right-hand rule: seen from above, clockwise is positive about z (down).
+
+Attitude
+    The filter's attitude error ε is a rotation vector in n: C_nb ← exp(ε) C_nb. Innovation: Log(C_ref Ĉᵀ).
+    A table with axes outer (north), middle (east), inner (down) has C_nb = Rx(outer) Ry(middle) Rz(inner).
+    Roll, pitch, yaw (3-2-1, C_nb = Rz(yaw) Ry(pitch) Rx(roll)) are for display.
+
+Units
+    SI and radians throughout; a number in another unit has the unit in its name. 1 g = 9.80665 m/s² where a
+    reading is in g (`filters.imu.STANDARD_GRAVITY`). Latitude and longitude in radians, height in metres.
+
+State (order of the 15 errors, `filters.state`)
+    position δp_n (m), velocity δv_n (m/s), attitude ε_n (rad), accelerometer bias δb_a (m/s²), gyro bias δb_g (rad/s),
+    north, east, down or body x, y, z.
+
+Names
+    innovation   reference minus predicted state, before the update       residual   sensor minus reference
+    NIS, NEES    normalised innovation, estimation error squared          ``_sd``    standard deviation
+    arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
+
+Where things are
+    `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification · `reference` what is
+    known of the motion · `state` and `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15) · `consistency` NIS,
+    noise, convergence · `runner` one step and the loop over it · `simulation` a still unit with known truth.
+
+Source: H. K. Kuga, R. V. F. Lopes, W. Einwoegerer, "Experimental static calibration of an IMU based on MEMS", whose
+equation numbers (1)-(15) and tables 1-3 the docstrings cite. Misprints corrected: Q_d is added in (15), sigma points are
+columns of the lower Cholesky factor in (11), differences to the centre point are averaged in (14), (13) integrates from
+t_k to t_{k+1} with the measured input.
+"""

@@ -1,0 +1,183 @@
+"""Rotations: SO(3) exponential and logarithm, table angles, roll-pitch-yaw for display."""
+
+import numpy as np
+
+from filters.types import Array
+
+
+def skew(v: Array) -> Array:
+    """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``.
+
+    Parameters
+    ----------
+    v : Array
+        Vectors, shape (..., 3).
+
+    Returns
+    -------
+    Array
+        Matrices, shape (..., 3, 3).
+    """
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def exp(rotation_vector: Array) -> Array:
+    """Rotation matrix of a rotation vector (Rodrigues).
+
+    exp(ρ) = I + (sin θ/θ) [ρ×] + ((1 - cos θ)/θ²) [ρ×]², θ = |ρ|.
+
+    Parameters
+    ----------
+    rotation_vector : Array
+        rad, shape (..., 3).
+
+    Returns
+    -------
+    Array
+        Rotation matrices, shape (..., 3, 3).
+    """
+    x, y, z = rotation_vector[..., 0], rotation_vector[..., 1], rotation_vector[..., 2]
+    # the tiny number makes 0/0 a 1 and changes nothing else
+    half = 0.5 * np.sqrt(x * x + y * y + z * z) + 1e-300
+    sinc = np.sin(half) / half
+    a, b = sinc * np.cos(half), 0.5 * sinc * sinc
+    C = np.empty((*rotation_vector.shape, 3))
+    C[..., 0, 0] = 1.0 - b * (y * y + z * z)
+    C[..., 1, 1] = 1.0 - b * (x * x + z * z)
+    C[..., 2, 2] = 1.0 - b * (x * x + y * y)
+    C[..., 0, 1], C[..., 1, 0] = b * x * y - a * z, b * x * y + a * z
+    C[..., 0, 2], C[..., 2, 0] = b * x * z + a * y, b * x * z - a * y
+    C[..., 1, 2], C[..., 2, 1] = b * y * z - a * x, b * y * z + a * x
+    return C
+
+
+def log(C: Array) -> Array:
+    """Rotation vector of a rotation matrix, the inverse of `exp`.
+
+    Parameters
+    ----------
+    C : Array
+        Rotation matrices, shape (..., 3, 3).
+
+    Returns
+    -------
+    Array
+        Rotation vectors, rad, shape (..., 3), norm at most π.
+    """
+    axis = np.empty(C.shape[:-1])
+    axis[..., 0] = C[..., 2, 1] - C[..., 1, 2]
+    axis[..., 1] = C[..., 0, 2] - C[..., 2, 0]
+    axis[..., 2] = C[..., 1, 0] - C[..., 0, 1]
+    two_cos = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2] - 1.0
+    if np.any(two_cos < -1.0):
+        return _log_by_quaternion(C)
+    # below 120° the skew part gives axis and sine in full precision; arccos of the trace would lose half the digits
+    two_sin = np.sqrt(np.sum(axis * axis, axis=-1)) + 1e-300
+    return (np.arctan2(two_sin, two_cos) / two_sin)[..., None] * axis
+
+
+def _log_by_quaternion(C: Array) -> Array:
+    q = _quaternion(C)
+    n = np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)) + 1e-300
+    return (2.0 * np.arctan2(n, q[..., 0]) / n)[..., None] * q[..., 1:]
+
+
+def _quaternion(C: Array) -> Array:
+    """Unit quaternion (w, x, y, z), w >= 0, from the largest of its four components (Shepperd 1978)."""
+    m = np.moveaxis(C.reshape(*C.shape[:-2], 9), -1, 0)
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = m
+    # row i is the quaternion times four times its component i: the row of the largest component is well conditioned
+    rows = np.stack(
+        [
+            np.stack([1 + xx + yy + zz, zy - yz, xz - zx, yx - xy], axis=-1),
+            np.stack([zy - yz, 1 + xx - yy - zz, yx + xy, xz + zx], axis=-1),
+            np.stack([xz - zx, yx + xy, 1 - xx + yy - zz, zy + yz], axis=-1),
+            np.stack([yx - xy, xz + zx, zy + yz, 1 - xx - yy + zz], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    q /= np.sqrt(np.sum(q**2, axis=-1))[..., None]
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def table(outer: float, middle: float, inner: float) -> Array:
+    """Attitude of a three-axis table: C_nb = Rx(outer) Ry(middle) Rz(inner).
+
+    Parameters
+    ----------
+    outer, middle, inner : float
+        Axis angles, rad, about north, east and down at zero angles.
+
+    Returns
+    -------
+    Array
+        C_nb, shape (3, 3).
+    """
+    return _axis(0, outer) @ _axis(1, middle) @ _axis(2, inner)
+
+
+def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Attitude from roll, pitch, yaw (3-2-1): C_nb = Rz(yaw) Ry(pitch) Rx(roll), R_p2n of equation (4).
+
+    Parameters
+    ----------
+    roll, pitch, yaw : float
+        rad.
+
+    Returns
+    -------
+    Array
+        C_nb, shape (3, 3).
+    """
+    return _axis(2, yaw) @ _axis(1, pitch) @ _axis(0, roll)
+
+
+def to_rpy(C_nb: Array) -> Array:
+    """Roll, pitch, yaw of an attitude (3-2-1 reading).
+
+    Parameters
+    ----------
+    C_nb : Array
+        Shape (..., 3, 3).
+
+    Returns
+    -------
+    Array
+        rad, shape (..., 3). At pitch ±90° only roll ∓ yaw is defined; yaw is then what atan2(0, 0) gives, 0.
+    """
+    roll = np.arctan2(C_nb[..., 2, 1], C_nb[..., 2, 2])
+    pitch = np.arctan2(-C_nb[..., 2, 0], np.hypot(C_nb[..., 2, 1], C_nb[..., 2, 2]))
+    yaw = np.arctan2(C_nb[..., 1, 0], C_nb[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def rpy_jacobian(C_nb: Array) -> Array:
+    """Linear map from the error ε_n to errors of roll, pitch, yaw; the inverse of (3)'s rate matrix, in n.
+
+    Parameters
+    ----------
+    C_nb : Array
+        Shape (3, 3).
+
+    Returns
+    -------
+    Array
+        d(roll, pitch, yaw)/dε_n, shape (3, 3); not finite at pitch ±90°.
+    """
+    _, pitch, yaw = to_rpy(C_nb)
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array(
+        [[c / np.cos(pitch), s / np.cos(pitch), 0.0], [-s, c, 0.0], [c * np.tan(pitch), s * np.tan(pitch), 1.0]]
+    )
+
+
+def _axis(axis: int, angle: float) -> Array:
+    v = np.zeros(3)
+    v[axis] = angle
+    return exp(v)

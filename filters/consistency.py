@@ -1,0 +1,158 @@
+"""Is the filter to be believed: NIS and its band, the log's own noise, and when a bias has converged.
+
+Convergence, after 10 s during which all of this held: the standard deviation is below tolerance; the estimate is within
+tolerance of its own mean over 10 s; the 10 s mean of (raw residual - estimated bias) lies inside 5 √(σ_w²/10 s + σ_b²),
+σ_w being the white noise measured on the log. It is lost after 10 s during which the last of these did not hold. Raw residual: reading minus what a perfect unit
+would measure at the reference. The first two alone are met by any filter left running; the third compares with data.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from filters.imu import STANDARD_GRAVITY
+from filters.types import Array
+
+TOLERANCE = np.array([0.6e-3 * STANDARD_GRAVITY] * 3 + [0.05 * np.pi / 180.0] * 3)
+"""Standard deviation below which a bias counts as known: 0.6 mg, 0.05 deg/s (Table 1's resolution)."""
+HOLD = 10.0
+"""s that the conditions must hold, and over which means are taken."""
+_BAND = 5.0
+_NOISE_BLOCKS = 600
+_MEDIAN_OF_CHI2_1 = 0.45493642
+
+
+def nis_band(dof: int, count: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval that the mean of `count` independent NIS values of `dof` degrees of freedom falls in.
+
+    Parameters
+    ----------
+    dof, count : int
+        Rows of the measurement, number of updates; both positive.
+    level : float
+        Probability.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end (chi-square with dof · count degrees of freedom, divided by count).
+    """
+    tail = 0.5 * (1.0 - level)
+    total = dof * count
+    return float(stats.chi2.ppf(tail, total) / count), float(stats.chi2.ppf(1.0 - tail, total) / count)
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """Verdict on the six biases (accelerometer x, y, z, gyro x, y, z; body axes).
+
+    Attributes
+    ----------
+    since : tuple of (float or None)
+        Time since the first sample at which each was declared converged and has stayed so, s.
+    apparent : Array or None
+        Mean of the raw residual over the last 10 s, shape (6,), m/s² and rad/s: what the bias looks like without a
+        filter. None before the first 10 s are over.
+    change : Array or None
+        Change of each estimate over the last 10 s, shape (6,).
+    """
+
+    since: tuple[float | None, ...]
+    apparent: Array | None
+    change: Array | None
+
+
+class Gauge:
+    """Keeps the last 10 s of residuals and estimates in blocks of a second, and judges the biases once a block.
+
+    Parameters
+    ----------
+    period : float
+        Sample period, s; a block is a second or, at slower rates, one sample.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._block = max(1.0, period)
+        self._window = max(1, round(HOLD / self._block))
+        self._end: float | None = None
+        self._sum = np.zeros(12)
+        self._count = 0
+        self._means: deque[Array] = deque(maxlen=self._window)
+        self._steps: deque[Array] = deque(maxlen=_NOISE_BLOCKS)
+        self._ok_from: list[float | None] = [None] * 6
+        self._out_from: list[float | None] = [None] * 6
+        self._since: list[float | None] = [None] * 6
+        self._change: Array | None = None
+
+    def add(self, t: float, residual: Array, bias: Array, bias_sd: Array) -> None:
+        """Take one sample.
+
+        Parameters
+        ----------
+        t : float
+            s since the first sample.
+        residual : Array
+            Raw residual, accelerometer then gyro, shape (6,), SI.
+        bias, bias_sd : Array
+            Estimates and their standard deviations, same order.
+        """
+        if self._end is None:
+            self._end = t + self._block
+        elif t >= self._end - 1e-9 and self._count:
+            self._close_block(self._end, bias, bias_sd)
+            # a gap may span many blocks; empty ones say nothing
+            self._end += self._block * (1 + int((t - self._end + 1e-9) // self._block))
+        self._sum[:6] += residual
+        self._sum[6:] += bias
+        self._count += 1
+
+    def _close_block(self, t: float, bias: Array, bias_sd: Array) -> None:
+        mean = self._sum / self._count
+        if self._means:
+            self._steps.append((mean - self._means[-1])[:6])
+        self._means.append(mean)
+        self._sum = np.zeros(12)
+        self._count = 0
+        if len(self._means) == self._window and len(self._steps) > 1:
+            self._judge(t, bias, bias_sd)
+
+    def _judge(self, t: float, bias: Array, bias_sd: Array) -> None:
+        means = np.array(self._means)
+        window = means.mean(axis=0)
+        span = self._block * self._window
+        self._change = bias - means[0, 6:]
+        noise = self.noise()
+        assert noise is not None
+        agrees = np.abs(window[:6] - bias) < _BAND * np.sqrt(noise**2 / span + bias_sd**2)
+        settled = (bias_sd < TOLERANCE) & (np.abs(bias - window[6:]) < TOLERANCE) & agrees
+        for i in range(6):
+            self._ok_from[i] = (self._ok_from[i] if self._ok_from[i] is not None else t) if settled[i] else None
+            self._out_from[i] = None if agrees[i] else (self._out_from[i] if self._out_from[i] is not None else t)
+            ok_from, out_from = self._ok_from[i], self._out_from[i]
+            if self._since[i] is None and ok_from is not None and t - ok_from >= HOLD - 1e-9:
+                self._since[i] = t
+            elif self._since[i] is not None and out_from is not None and t - out_from >= HOLD - 1e-9:
+                self._since[i] = None
+
+    def noise(self) -> Array | None:
+        """White noise density measured on the log, from the median of squared first differences of blocks.
+
+        Drift and single steps hardly move it.
+
+        Returns
+        -------
+        Array or None
+            Accelerometer m/s/√s, gyro rad/√s, shape (6,); None before two differences exist.
+        """
+        if len(self._steps) < 2:
+            return None
+        variance = np.median(np.square(self._steps), axis=0) / _MEDIAN_OF_CHI2_1 / 2.0
+        return np.asarray(np.sqrt(variance * self._block))
+
+    def convergence(self) -> Convergence:
+        """Verdict as of the last full block."""
+        full = len(self._means) == self._window
+        apparent = np.array(self._means).mean(axis=0)[:6] if full else None
+        return Convergence(tuple(self._since), apparent, self._change)

@@ -1,0 +1,87 @@
+"""The Earth: WGS-84 radii, normal gravity, rotation. Leaves out geoid and deflection of the vertical."""
+
+import numpy as np
+
+from filters.types import Array
+
+# NIMA TR8350.2 (WGS-84), tables 3.1, 3.3 and 3.4
+SEMI_MAJOR_AXIS = 6378137.0
+FLATTENING = 1.0 / 298.257223563
+SEMI_MINOR_AXIS = SEMI_MAJOR_AXIS * (1.0 - FLATTENING)
+ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
+EARTH_RATE = 7.292115e-5
+GRAVITATIONAL_CONSTANT = 3.986004418e14
+EQUATORIAL_GRAVITY = 9.7803253359
+SOMIGLIANA = 0.00193185265241
+_M_RATIO = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_CONSTANT
+
+
+def meridian_radius(latitude: Array) -> Array:
+    """Radius of curvature in the meridian, m; R_n of equation (1) without height.
+
+    Parameters
+    ----------
+    latitude : Array
+        Geodetic latitude, rad, any shape.
+
+    Returns
+    -------
+    Array
+        Radius, m, same shape.
+    """
+    s2 = np.sin(latitude) ** 2
+    return SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (1.0 - ECCENTRICITY_SQUARED * s2) ** 1.5
+
+
+def transverse_radius(latitude: Array) -> Array:
+    """Radius of curvature in the prime vertical, m; R_e of equation (1) without height.
+
+    Parameters
+    ----------
+    latitude : Array
+        Geodetic latitude, rad, any shape.
+
+    Returns
+    -------
+    Array
+        Radius, m, same shape.
+    """
+    return SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+
+
+def normal_gravity(latitude: Array, height: Array) -> Array:
+    """WGS-84 normal gravity: Somigliana's formula with the second-order height term (NIMA TR8350.2, eq. 4-1, 4-3).
+
+    Parameters
+    ----------
+    latitude : Array
+        Geodetic latitude, rad.
+    height : Array
+        Height above the ellipsoid, m.
+
+    Returns
+    -------
+    Array
+        Magnitude of gravity, m/s², attraction and centrifugal part together.
+    """
+    s2 = np.sin(latitude) ** 2
+    surface = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s2)
+    linear = 2.0 / SEMI_MAJOR_AXIS * (1.0 + FLATTENING + _M_RATIO - 2.0 * FLATTENING * s2) * height
+    return surface * (1.0 - linear + 3.0 * height**2 / SEMI_MAJOR_AXIS**2)
+
+
+def earth_rate_n(latitude: Array) -> Array:
+    """Rotation of the Earth in navigation axes, Ω_e (cos φ, 0, -sin φ), of equation (3).
+
+    Parameters
+    ----------
+    latitude : Array
+        Geodetic latitude, rad, shape (...).
+
+    Returns
+    -------
+    Array
+        Rate, rad/s, shape (..., 3).
+    """
+    zero = np.zeros_like(latitude)
+    return EARTH_RATE * np.stack([np.cos(latitude), zero, -np.sin(latitude)], axis=-1)

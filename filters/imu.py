@@ -1,0 +1,149 @@
+"""The sensor: its samples, its specification (the paper's Table 1), its axes and signs. Leaves out counts and bytes."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from filters.types import Array
+
+STANDARD_GRAVITY = 9.80665
+"""m/s² of one g, where a reading is in g."""
+
+_DEG = np.pi / 180.0
+_SQRT_HOUR = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """A stretch of IMU output in body axes.
+
+    Attributes
+    ----------
+    t : Array
+        Time since the first sample, s, shape (N,), increasing.
+    gyro : Array
+        Angular rate, rad/s, shape (N, 3).
+    accel : Array
+        Specific force, m/s², shape (N, 3).
+    """
+
+    t: Array
+    gyro: Array
+    accel: Array
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSpec:
+    """What the filter believes of the sensor; the defaults are the paper's Table 1 (IMU400CD-200).
+
+    Attributes
+    ----------
+    gyro_arw : float
+        Angle random walk, rad/√s (Table 1: 4.5 deg/√h).
+    accel_vrw : float
+        Velocity random walk, m/s/√s (Table 1: 1 m/s/√h).
+    gyro_bias_limit : float
+        rad/s (Table 1: 1 deg/s).
+    accel_bias_limit : float
+        m/s² (Table 1: 12 mg).
+    gyro_bandwidth, accel_bandwidth : float
+        -3 dB frequencies, Hz (Table 1: 25 and 75).
+    """
+
+    gyro_arw: float = 4.5 * _DEG / _SQRT_HOUR
+    accel_vrw: float = 1.0 / _SQRT_HOUR
+    gyro_bias_limit: float = 1.0 * _DEG
+    accel_bias_limit: float = 12e-3 * STANDARD_GRAVITY
+    gyro_bandwidth: float = 25.0
+    accel_bandwidth: float = 75.0
+
+
+IMU400CD_200 = ImuSpec()
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMap:
+    """Between the instrument's own axes and sign, and body axes; the one place that knows both.
+
+    Attributes
+    ----------
+    mount : Array
+        M, signed permutation (3, 3) from instrument to body axes, of gyro and accelerometer alike.
+    accel_sign : int
+        s: -1 for a unit that reads +1 g on Z when level with Z down, +1 for one that reads specific force.
+    gyro_sign : Array
+        Signs of the three gyro readings in the instrument's axes, shape (3,), where the wiring flipped some.
+
+    Raises
+    ------
+    ValueError
+        If `mount` is no signed permutation, if rates would come out left-handed, or a sign is not ±1.
+    """
+
+    mount: Array = field(default_factory=lambda: np.eye(3))
+    accel_sign: int = -1
+    gyro_sign: Array = field(default_factory=lambda: np.ones(3))
+
+    def __post_init__(self) -> None:
+        if self.accel_sign not in (-1, 1):
+            raise ValueError(f"`accel_sign` is {self.accel_sign}, not -1 or +1")
+        if self.gyro_sign.shape != (3,) or not np.all(np.abs(self.gyro_sign) == 1.0):
+            raise ValueError(f"`gyro_sign` is {self.gyro_sign}, not three of -1 and 1")
+        M = self.mount
+        if M.shape != (3, 3) or not np.array_equal(M @ M.T, np.eye(3)) or not np.all(np.isin(M, (-1.0, 0.0, 1.0))):
+            raise ValueError(f"`mount` is {M.tolist()}, not a signed permutation of the axes")
+        if np.linalg.det(M) < 0.0 and np.all(self.gyro_sign == 1.0):
+            raise ValueError("`mount` turns right-handed axes into left-handed ones: swap two axes, or flip a sign")
+
+    def gyro_to_body(self, rate: Array) -> Array:
+        """Angular rate in body axes, M · diag(gyro_sign) · reading; shape (..., 3) in and out."""
+        return np.asarray((rate * self.gyro_sign) @ self.mount.T)
+
+    def accel_to_body(self, reading: Array) -> Array:
+        """Specific force in body axes, f = s · M · reading; shape (..., 3) in and out."""
+        return np.asarray(self.accel_sign * (reading @ self.mount.T))
+
+    def gyro_to_instrument(self, rate: Array) -> Array:
+        """Rate or gyro bias in the instrument's axes, diag(gyro_sign) · Mᵀ · rate; shape (..., 3) in and out."""
+        return np.asarray((rate @ self.mount) * self.gyro_sign)
+
+    def accel_to_instrument(self, force: Array) -> Array:
+        """Specific force or its bias as the instrument shows it, s · Mᵀ · force; shape (..., 3) in and out."""
+        return np.asarray(self.accel_sign * (force @ self.mount))
+
+    def sd_to_instrument(self, sd: Array) -> Array:
+        """Standard deviations of a body vector, reordered to the instrument's axes; shape (..., 3) in and out."""
+        return np.asarray(sd @ np.abs(self.mount))
+
+
+def parse_mount(text: str) -> Array:
+    """Signed permutation from a mounting written as body x, y, z in instrument axes, such as "x,-y,-z".
+
+    Parameters
+    ----------
+    text : str
+        Three of x, y, z, each once, each with an optional sign, separated by commas.
+
+    Returns
+    -------
+    Array
+        M, shape (3, 3): ``v_body = M @ v_instrument``.
+
+    Raises
+    ------
+    ValueError
+        If `text` does not read so.
+    """
+    names = [part.strip() for part in text.split(",")]
+    M = np.zeros((3, 3))
+    bare = [name.lstrip("+-") for name in names]
+    if sorted(bare) != ["x", "y", "z"] or any(len(name) - len(b) > 1 for name, b in zip(names, bare, strict=True)):
+        raise ValueError(f'`mount` is "{text}", not three of x, y, z with signs such as "x,-y,-z"')
+    for row, (name, b) in enumerate(zip(names, bare, strict=True)):
+        M[row, "xyz".index(b)] = -1.0 if name.startswith("-") else 1.0
+    return M
+
+
+def format_mount(M: Array) -> str:
+    """Text of a signed permutation, the inverse of `parse_mount`."""
+    return ",".join(("-" if row[column] < 0 else "") + "xyz"[column] for row in M for column in np.flatnonzero(row))

@@ -1,0 +1,137 @@
+"""The 15 error states as named slices, and the navigation state they are errors of (equations (1)-(5))."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters import attitude, earth
+from filters.types import Array
+
+POSITION = slice(0, 3)
+VELOCITY = slice(3, 6)
+ATTITUDE = slice(6, 9)
+ACCEL_BIAS = slice(9, 12)
+GYRO_BIAS = slice(12, 15)
+NAVIGATION = slice(0, 9)
+SIZE = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Where the table stands; by default the paper's (section 2), in Brazil.
+
+    Attributes
+    ----------
+    latitude, longitude : float
+        Geodetic, rad.
+    height : float
+        Above the ellipsoid, m.
+    gravity : float
+        Local gravity, m/s².
+    """
+
+    latitude: float
+    longitude: float
+    height: float
+    gravity: float
+
+    @classmethod
+    def at(cls, latitude_deg: float, longitude_deg: float, height: float, gravity: float | None = None) -> "Site":
+        """Site from degrees and metres; gravity in m/s² is WGS-84 normal gravity unless given."""
+        latitude = np.deg2rad(latitude_deg)
+        if gravity is None:
+            gravity = float(earth.normal_gravity(np.float64(latitude), np.float64(height)))
+        return cls(float(latitude), float(np.deg2rad(longitude_deg)), height, gravity)
+
+
+PAPER_SITE = Site.at(-23.21132308, 314.14082390 - 360.0, 641.203)
+
+
+@dataclass(frozen=True, slots=True)
+class NavState:
+    """Navigation state and biases of one unit, or of many at once along leading axes.
+
+    Attributes
+    ----------
+    latitude, longitude, height : Array
+        rad, rad, m; shape (...).
+    velocity_n : Array
+        m/s, shape (..., 3).
+    C_nb : Array
+        Attitude, shape (..., 3, 3).
+    accel_bias, gyro_bias : Array
+        Body axes, m/s² and rad/s, shape (..., 3).
+    """
+
+    latitude: Array
+    longitude: Array
+    height: Array
+    velocity_n: Array
+    C_nb: Array
+    accel_bias: Array
+    gyro_bias: Array
+
+    @classmethod
+    def at_rest(cls, site: Site, C_nb: Array) -> "NavState":
+        """Still at `site` with attitude `C_nb` (3, 3) and no biases."""
+        return cls(
+            np.float64(site.latitude),
+            np.float64(site.longitude),
+            np.float64(site.height),
+            np.zeros(3),
+            C_nb.copy(),
+            np.zeros(3),
+            np.zeros(3),
+        )
+
+    def plus(self, error: Array) -> "NavState":
+        """State with errors added: position in metres, attitude by C_nb ← exp(ε) C_nb, the rest by sums.
+
+        Parameters
+        ----------
+        error : Array
+            Shape (..., 15), broadcast against this state.
+
+        Returns
+        -------
+        NavState
+            With the leading shape of `error`.
+        """
+        north, east, down = error[..., 0], error[..., 1], error[..., 2]
+        R_n = earth.meridian_radius(self.latitude) + self.height
+        R_e = earth.transverse_radius(self.latitude) + self.height
+        return NavState(
+            self.latitude + north / R_n,
+            self.longitude + east / (R_e * np.cos(self.latitude)),
+            self.height - down,
+            self.velocity_n + error[..., VELOCITY],
+            attitude.exp(error[..., ATTITUDE]) @ self.C_nb,
+            self.accel_bias + error[..., ACCEL_BIAS],
+            self.gyro_bias + error[..., GYRO_BIAS],
+        )
+
+    def minus(self, other: "NavState") -> Array:
+        """Errors that turn `other` into this state: ``other.plus(self.minus(other))`` is this state to first order.
+
+        Parameters
+        ----------
+        other : NavState
+            One state, without leading axes.
+
+        Returns
+        -------
+        Array
+            Shape (..., 15).
+        """
+        R_n = earth.meridian_radius(other.latitude) + other.height
+        R_e = earth.transverse_radius(other.latitude) + other.height
+        d_longitude = np.remainder(self.longitude - other.longitude + np.pi, 2.0 * np.pi) - np.pi
+        out = np.empty((*np.shape(self.latitude), SIZE))
+        out[..., 0] = (self.latitude - other.latitude) * R_n
+        out[..., 1] = d_longitude * R_e * np.cos(other.latitude)
+        out[..., 2] = other.height - self.height
+        out[..., VELOCITY] = self.velocity_n - other.velocity_n
+        out[..., ATTITUDE] = attitude.log(self.C_nb @ other.C_nb.T)
+        out[..., ACCEL_BIAS] = self.accel_bias - other.accel_bias
+        out[..., GYRO_BIAS] = self.gyro_bias - other.gyro_bias
+        return out

@@ -1,0 +1,8 @@
+"""imutui: acquire, calibrate and trace an IMU on a turn table, from a terminal."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("imutui")
+except PackageNotFoundError:  # a source tree that nobody installed
+    __version__ = "0+unknown"

@@ -1,0 +1,300 @@
+"""Recordings made elsewhere (NPZ, CSV) into a log; contracts section 2.
+
+Checked before anything is written: names, lengths, numbers, time, and what gravity says of signs.
+"""
+
+import csv
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import imutui
+from imutui.logbook import schemas
+from imutui.logbook.session import MEASURED, SessionInfo
+from imutui.logbook.writer import LogWriter
+
+_REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
+_OPTIONAL = {"temp": 1}
+_STILL_G = 0.1
+_STILL_DPS = 5.0
+STAMPS = "the recording's own time, started at the modification time of its file"
+
+
+class ImportDataError(Exception):
+    """The recording cannot be imported as it is; the message says what, where, and what to do next."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recording as its file has it: the instrument's axes and sign.
+
+    Attributes
+    ----------
+    t : np.ndarray
+        s, shape (N,), increasing.
+    gyro_dps, accel_g : np.ndarray
+        Shape (N, 3).
+    temperature_degc : np.ndarray or None
+        Shape (N,).
+    not_imported : tuple of str
+        Names of arrays that were left aside.
+    """
+
+    t: np.ndarray
+    gyro_dps: np.ndarray
+    accel_g: np.ndarray
+    temperature_degc: np.ndarray | None
+    not_imported: tuple[str, ...] = ()
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate, (N - 1)/duration; a median of steps would be wrong for bursty stamps."""
+        return float((self.t.size - 1) / (self.t[-1] - self.t[0]))
+
+
+def load(path: Path, start: float | None = None, end: float | None = None) -> Recording:
+    """Read and check a recording.
+
+    Parameters
+    ----------
+    path : Path
+        NPZ with arrays `t` (s), `gyro` (deg/s), `accel` (g), optionally `temp` (degC); or CSV with columns `t`,
+        `gyro_x` … `accel_z`, `temp`.
+    start, end : float or None
+        Part to take, s since its first sample.
+
+    Raises
+    ------
+    ImportDataError
+        If the file cannot be read, or its content is not what the names promise.
+    """
+    arrays = _read_csv(path) if path.suffix.lower() == ".csv" else _read_npz(path)
+    for name, width in _REQUIRED.items():
+        if name not in arrays:
+            near = ", ".join(sorted(arrays)) or "nothing"
+            raise ImportDataError(
+                f"{path} has no `{name}`; it has: {near}. Needed: t in s, gyro in deg/s, accel in g, each sample a row."
+            )
+        _check_shape(path, name, arrays[name], width)
+    used = dict.fromkeys(_REQUIRED) | {name: None for name in _OPTIONAL if name in arrays}
+    _check_lengths(path, {name: arrays[name] for name in used})
+    values = {name: np.asarray(arrays[name], dtype=float) for name in used}
+    for name, array in values.items():
+        _check_finite(path, name, array)
+    t = values["t"]
+    _check_time(path, t)
+    if t.size < 2:
+        raise ImportDataError(f"{path} has {t.size} samples; at least two are needed.")
+    part = np.ones(t.size, bool)
+    if start is not None:
+        part &= t - t[0] >= start
+    if end is not None:
+        part &= t - t[0] <= end
+    if np.count_nonzero(part) < 2:
+        raise ImportDataError(
+            f"{path}: --start and --end leave fewer than two samples; the recording lasts {t[-1] - t[0]:.3f} s."
+        )
+    return Recording(
+        t[part],
+        values["gyro"][part],
+        values["accel"][part],
+        values["temp"][part] if "temp" in values else None,
+        tuple(sorted(set(arrays) - set(used))),
+    )
+
+
+def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
+    """What gravity says of signs and scale, for a still recording.
+
+    Returns
+    -------
+    str or None
+        A warning, if the magnitude is off by more than 12 mg + 1 %.
+
+    Raises
+    ------
+    ImportDataError
+        If the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
+    """
+    if np.any(np.std(recording.accel_g, axis=0) > _STILL_G) or np.any(np.std(recording.gyro_dps, axis=0) > _STILL_DPS):
+        return f"the unit moves in this recording: reference `{info.reference}` (still) does not hold for all of it"
+    mean_g = recording.accel_g.mean(axis=0)
+    gamma_g = info.gravity_mps2 / info.g_unit
+    force_g = info.axes().accel_to_body(mean_g)
+    if info.reference == "level" and force_g[2] > 0.5:
+        raise ImportDataError(_wrong_sign(mean_g, info))
+    off = float(np.linalg.norm(force_g)) - gamma_g
+    if info.reference == "level":
+        off = -float(force_g[2]) - gamma_g
+    if abs(off) > 12e-3 + 0.01 * gamma_g:
+        what = "vertical" if info.reference == "level" else "magnitude"
+        return (
+            f"the {what} of the mean specific force is {off * 1e3:+.1f} mg off gravity's {gamma_g:.5f} g:"
+            " tilt, accelerometer bias or scale factor; --gravity sets the local value"
+        )
+    return None
+
+
+def write(
+    recording: Recording,
+    info: SessionInfo,
+    source: Path,
+    output: Path,
+    *,
+    overwrite: bool,
+    progress: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Write a recording as a log.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `load`.
+    info : SessionInfo
+        Axes, site and reference; the rest is filled in here.
+    source : Path
+        Where the recording came from; its modification time starts the stamps.
+    output : Path
+        The log.
+    overwrite : bool
+        Replace an existing one.
+    progress : callable
+        Told the number of samples written, now and then.
+    """
+    info = replace(
+        info,
+        kind=info.kind or MEASURED,
+        sampling="imported",
+        rate_hz=recording.rate_hz,
+        source=source.name,
+        software=f"imutui {imutui.__version__}",
+        stamps=STAMPS,
+    )
+    base_ns = source.stat().st_mtime_ns
+    stamps = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
+    axes = info.axes()
+    gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
+    accel = axes.accel_to_body(recording.accel_g * info.g_unit)
+    log = LogWriter(output, info, f"# imported from {source.name}\n", time.time_ns(), overwrite=overwrite)
+    next_second = int(stamps[0])
+    for k, stamp in enumerate(map(int, stamps)):
+        if stamp >= next_second:
+            angles = np.zeros(3) if info.reference == "level" else np.full(3, np.nan)
+            reference = schemas.table_reference(stamp, info.reference, angles, np.zeros(3))
+            log.message(schemas.REFERENCE, reference, stamp, stamp)
+            next_second = stamp + 1_000_000_000
+            progress(k)
+        log.imu(stamp, stamp, gyro[k], accel[k])
+        if recording.temperature_degc is not None:
+            message = schemas.temperature(stamp, float(recording.temperature_degc[k]))
+            log.message(schemas.TEMPERATURE, message, stamp, stamp)
+    summary = {"samples": int(stamps.size), "duration_s": float(stamps[-1] - stamps[0]) / 1e9, "source": source.name}
+    log.finish(summary, time.time_ns())
+
+
+def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
+    axes = info.axes()
+    # which instrument axis is vertical in the mounting that was named
+    vertical = int(np.argmax(np.abs(axes.mount[2])))
+    flipped = -info.accel_sign
+    turned = {"x,y,z": "x,-y,-z", "x,-y,-z": "x,y,z"}.get(info.mount, "a mounting with two axes reversed")
+    return (
+        f"{'XYZ'[vertical]} reads {mean_g[vertical]:+.3f} g, so the unit would be upside down on a level table with"
+        f" --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one: --accel-sign"
+        f" {flipped:+d}; or it is mounted the other way up: --mount {turned}. A still log can't tell which; look at the unit"
+        " or its manual. (--reference gravity takes any attitude.)"
+    )
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except OSError as error:
+        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
+    except (ValueError, zipfile.BadZipFile, AttributeError, EOFError) as error:
+        raise ImportDataError(
+            f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv file."
+        ) from error
+
+
+def _read_csv(path: Path) -> dict[str, Any]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(stream))
+    except OSError as error:
+        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ImportDataError(f"{path} is not a CSV text file ({error}). Name an NPZ or CSV file.") from error
+    if not rows:
+        raise ImportDataError(f"{path} is empty. Its first row must name the columns: t, gyro_x, … accel_z.")
+    names = [name.strip() for name in rows[0]]
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(names):
+            raise ImportDataError(
+                f"{path}, line {number}: {len(row)} cells where the first row names {len(names)} columns."
+            )
+    columns = {name: _column(path, name, [row[i] for row in rows[1:]]) for i, name in enumerate(names)}
+    for vector in ("gyro", "accel"):
+        parts = [f"{vector}_{axis}" for axis in "xyz"]
+        if all(part in columns for part in parts):
+            columns[vector] = np.stack([columns.pop(part) for part in parts], axis=1)
+    return columns
+
+
+def _column(path: Path, name: str, cells: list[str]) -> np.ndarray:
+    out = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        try:
+            out[i] = float(cell) if cell.strip() else np.nan
+        except ValueError:
+            raise ImportDataError(f'{path}, line {i + 2}, column `{name}`: "{cell}" is not a number.') from None
+    return out
+
+
+def _check_shape(path: Path, name: str, array: np.ndarray, width: int) -> None:
+    wanted = "(N,)" if width == 1 else f"(N, {width})"
+    if (
+        array.dtype.kind not in "fiu"
+        or array.ndim != (1 if width == 1 else 2)
+        or (width > 1 and array.shape[1] != width)
+    ):
+        raise ImportDataError(
+            f"{path}: `{name}` has shape {array.shape} of {array.dtype}; it must be numbers of shape {wanted}."
+        )
+
+
+def _check_lengths(path: Path, arrays: dict[str, Any]) -> None:
+    lengths = {name: len(array) if np.ndim(array) else 0 for name, array in arrays.items()}
+    if len(set(lengths.values())) > 1:
+        shortest = min(lengths.values())
+        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise ImportDataError(
+            f"{path}: lengths differ ({listed} rows), from row {shortest} on something is missing."
+            " Every array needs one row a sample; cut them to the same length."
+        )
+
+
+def _check_finite(path: Path, name: str, array: np.ndarray) -> None:
+    bad = np.flatnonzero(~np.isfinite(array if array.ndim == 1 else array.sum(axis=1)))
+    if bad.size:
+        raise ImportDataError(
+            f"{path}: `{name}` is not a number in row {bad[0]} (first row is 0; {bad.size} such rows)."
+            " Remove these rows, or take a part without them with --start and --end."
+        )
+
+
+def _check_time(path: Path, t: np.ndarray) -> None:
+    steps = np.diff(t)
+    bad = np.flatnonzero(~(steps > 0.0))
+    if bad.size:
+        k = int(bad[0]) + 1
+        raise ImportDataError(
+            f"{path}: time does not increase at row {k}: {t[k - 1]:.6f} s, then {t[k]:.6f} s ({bad.size} such rows)."
+            " Sort the rows by time and drop those that stand twice."
+        )

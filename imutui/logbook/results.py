@@ -1,0 +1,264 @@
+"""The result document of a live run or a replay (JSON): one builder, so that the two are equal in all but timings.
+
+Also the one place where the filter's state leaves SI and body axes for the instrument's axes, mg and deg/s.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from filters import attitude, consistency, state
+from filters.imu import AxisMap
+from filters.runner import Estimate, Estimator
+from filters.state import NavState
+from imutui.logbook import schemas
+from imutui.logbook.session import SessionInfo
+
+VERSION = 1
+_BIASES = ("accel_bias", "gyro_bias")
+_AXES = ("x", "y", "z")
+
+EXACT = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
+DRAWN = "measurements are drawn with covariance R"
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What acquisition counted; zeros for imported logs."""
+
+    lost_packets: int = 0
+    bad_checksums: int = 0
+
+    @classmethod
+    def from_diagnostics(cls, values: dict[str, str]) -> "Counters":
+        """From the values of a /diagnostics message."""
+        return cls(int(values.get("lost_packets", "0")), int(values.get("bad_checksums", "0")))
+
+
+@dataclass(frozen=True, slots=True)
+class Timings:
+    """How long it took, s; the only fields in which live and replay differ."""
+
+    filter_s: float = 0.0
+    read_s: float = 0.0
+
+
+def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any]:
+    """Navigation state and biases at the edge: degrees, mg, deg/s, instrument axes; `None` for a bias not seen.
+
+    Parameters
+    ----------
+    nav : NavState
+        One state.
+    axes : AxisMap
+        Instrument to body.
+    g_unit : float
+        m/s² of one g.
+    seen : np.ndarray
+        Whether each accelerometer bias is observable, instrument axes, bool, shape (3,).
+    """
+    accel = axes.accel_to_instrument(nav.accel_bias) / g_unit * 1e3
+    longitude = np.remainder(np.rad2deg(nav.longitude) + 180.0, 360.0) - 180.0
+    return {
+        "position_deg_m": [float(np.rad2deg(nav.latitude)), float(longitude), float(nav.height)],
+        "velocity_mps": _floats(nav.velocity_n),
+        "rpy_deg": _floats(np.rad2deg(attitude.to_rpy(nav.C_nb))),
+        "accel_bias_mg": [float(b) if s else None for b, s in zip(accel, seen, strict=True)],
+        "gyro_bias_dps": _floats(np.rad2deg(axes.gyro_to_instrument(nav.gyro_bias))),
+    }
+
+
+def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any]:
+    """Standard deviations that go with `state_fields`, from a covariance (15, 15)."""
+    sd = np.sqrt(np.diag(P))
+    J = attitude.rpy_jacobian(nav.C_nb)
+    rpy = np.sqrt(np.diag(J @ P[state.ATTITUDE, state.ATTITUDE] @ J.T))
+    accel = axes.sd_to_instrument(sd[state.ACCEL_BIAS]) / g_unit * 1e3
+    return {
+        "position_m": _floats(sd[state.POSITION]),
+        "velocity_mps": _floats(sd[state.VELOCITY]),
+        "rpy_deg": [float(x) if np.isfinite(x) else None for x in np.rad2deg(rpy)],
+        "accel_bias_mg": [float(b) if s else None for b, s in zip(accel, seen, strict=True)],
+        "gyro_bias_dps": _floats(np.rad2deg(axes.sd_to_instrument(sd[state.GYRO_BIAS]))),
+    }
+
+
+def seen_axes(estimator: Estimator, axes: AxisMap) -> np.ndarray:
+    """Whether each accelerometer bias is observable, instrument axes, bool, shape (3,)."""
+    return to_instrument_order(np.array(estimator.observable[:3], float), axes) > 0.5
+
+
+def to_instrument_order(values: np.ndarray, axes: AxisMap) -> np.ndarray:
+    """Unsigned body x, y, z reordered to the instrument's x, y, z, shape (3,)."""
+    return axes.sd_to_instrument(values)
+
+
+def converged_since(estimator: Estimator, axes: AxisMap) -> dict[str, list[float | None]]:
+    """When each bias was declared converged, s, instrument axes; None where it is not."""
+    since = estimator.gauge.convergence().since
+    as_numbers = np.array(
+        [-1.0 if s is None or not seen else s for s, seen in zip(since, estimator.observable, strict=True)]
+    )
+    return {
+        name: [float(s) if s >= 0.0 else None for s in to_instrument_order(as_numbers[part], axes)]
+        for name, part in zip(_BIASES, (slice(0, 3), slice(3, 6)), strict=True)
+    }
+
+
+def document(
+    estimator: Estimator,
+    info: SessionInfo,
+    log: Path,
+    *,
+    finished: bool,
+    counters: Counters,
+    timings: Timings,
+    log_sha256: str,
+    seed: int | None = None,
+) -> dict[str, Any]:
+    """Result of a run, ready for JSON (contract version 1).
+
+    Parameters
+    ----------
+    estimator : Estimator
+        After its last sample; it must have had one.
+    info : SessionInfo
+        With the settings in force.
+    log : Path
+        The samples' file.
+    finished : bool
+        Whether the file has its footer.
+    counters : Counters
+        Of the acquisition.
+    timings : Timings
+        Of this run.
+    log_sha256 : str
+        Hash of the file.
+
+    Raises
+    ------
+    ValueError
+        If there was no sample.
+    """
+    latest = estimator.latest
+    if latest is None or estimator.reference is None:
+        raise ValueError("`estimator` has had no sample")
+    axes, g_unit = info.axes(), info.g_unit
+    seen = seen_axes(estimator, axes)
+    nav, P = latest.belief.nav, latest.belief.P
+    duration = latest.t
+    return {
+        "version": VERSION,
+        "log": str(log.resolve()),
+        "kind": info.kind,
+        "filter": info.filter,
+        "samples": estimator.samples,
+        "duration_s": duration,
+        "rate_hz": (estimator.samples - 1) / duration if duration > 0.0 else None,
+        "reference": info.reference,
+        "accel_sign": info.accel_sign,
+        "mount": info.mount,
+        "measurements": info.measurements,
+        "seed": info.seed if info.measurements == "drawn" else None,
+        "finished": finished,
+        "unobservable": [f"accel_bias_{a}" for a, s in zip(_AXES, seen, strict=True) if not s],
+        "final": state_fields(nav, axes, g_unit, seen),
+        "sd": sd_fields(P, nav, axes, g_unit, seen),
+        "spread": _spread(estimator, axes, g_unit, seen),
+        "converged": estimator.converged,
+        "converged_s": converged_since(estimator, axes),
+        "nis": nis_fields(estimator),
+        "noise": noise_fields(estimator, axes),
+        "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
+        "lost_packets": counters.lost_packets,
+        "bad_checksums": counters.bad_checksums,
+        "alarms": estimator.alarms(),
+        "filter_s": timings.filter_s,
+        "read_s": timings.read_s,
+        "steps_per_s": estimator.nis_count / timings.filter_s if timings.filter_s > 0.0 else None,
+        "times_real_time": duration / timings.filter_s if timings.filter_s > 0.0 else None,
+        "log_sha256": log_sha256,
+        "config_sha256": info.config_sha256(),
+    }
+
+
+TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
+"""Fields in which two runs over equal samples may differ."""
+
+
+def nis_fields(estimator: Estimator) -> dict[str, Any]:
+    """Mean NIS with its band, and whether it is a test."""
+    is_test = estimator.settings.measurements == "drawn"
+    dof = int(estimator.reference.rows.size) if estimator.reference is not None else 0
+    band = consistency.nis_band(dof, estimator.nis_count) if dof and estimator.nis_count else (None, None)
+    return {
+        "mean": estimator.nis_sum / estimator.nis_count if estimator.nis_count else None,
+        "first": estimator.first_nis,
+        "dof": dof,
+        "band95": list(band),
+        "is_test": is_test,
+        "why": DRAWN if is_test else EXACT,
+    }
+
+
+def noise_fields(estimator: Estimator, axes: AxisMap) -> dict[str, Any]:
+    """White noise measured on the log, instrument axes, deg/√h and m/s/√h."""
+    noise = estimator.gauge.noise()
+    if noise is None:
+        return {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3}
+    return {
+        "gyro_arw_deg_sqrt_h": _floats(np.rad2deg(to_instrument_order(noise[3:], axes)) * 60.0),
+        "accel_vrw_mps_sqrt_h": _floats(to_instrument_order(noise[:3], axes) * 60.0),
+    }
+
+
+def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any] | None:
+    moments = estimator.after_convergence
+    if moments.count < 2 or estimator.reference is None:
+        return None
+    mean = estimator.reference.nav.plus(moments.mean)
+    covariance = moments.scatter / (moments.count - 1)
+    return {
+        "mean": state_fields(mean, axes, g_unit, seen),
+        "sd": sd_fields(covariance, mean, axes, g_unit, seen),
+    }
+
+
+def estimate_message(estimate: Estimate, estimator: Estimator, info: SessionInfo, stamp_ns: int) -> Any:  # noqa: ANN401
+    """imutui_msgs/Estimate of one estimate."""
+    axes = info.axes()
+    seen = seen_axes(estimator, axes)
+    nav = estimate.belief.nav
+    fields = state_fields(nav, axes, info.g_unit, seen)
+    sd = sd_fields(estimate.belief.P, nav, axes, info.g_unit, seen)
+    since = converged_since(estimator, axes)
+    innovation = estimate.innovation
+    return schemas.make(
+        schemas.TYPES[schemas.ESTIMATE],
+        header=schemas.header(stamp_ns, "imu_body"),
+        **{key: _nan_array(value) for key, value in fields.items()},
+        position_sd_m=_nan_array(sd["position_m"]),
+        velocity_sd_mps=_nan_array(sd["velocity_mps"]),
+        rpy_sd_deg=_nan_array(sd["rpy_deg"]),
+        accel_bias_sd_mg=_nan_array(sd["accel_bias_mg"]),
+        gyro_bias_sd_dps=_nan_array(sd["gyro_bias_dps"]),
+        nis=float("nan") if innovation is None else innovation.nis,
+        nis_dof=0 if innovation is None else innovation.nu.size,
+        converged=np.array([s is not None for name in _BIASES for s in since[name]]),
+    )
+
+
+def dumps(result: Any) -> str:  # noqa: ANN401 - any JSON document
+    """JSON text; NaN and infinity are errors, since other programs cannot read them."""
+    return json.dumps(result, indent=2, allow_nan=False)
+
+
+def _floats(values: np.ndarray) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _nan_array(values: list[float | None]) -> np.ndarray:
+    return np.array([np.nan if v is None else v for v in values])

@@ -1,0 +1,194 @@
+"""The messages in a log: ROS 2 definitions, our own beside them, and records to and from CDR bytes.
+
+Every channel is `ros2msg`/`cdr`: the one encoding that the common viewers, rosbags and ROS 2 itself all open.
+"""
+
+import struct
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+RAW = "/imu/raw"
+IMU = "/imu/data_raw"
+TEMPERATURE = "/imu/temperature"
+REFERENCE = "/table/reference"
+ESTIMATE = "/filter/estimate"
+DIAGNOSTICS = "/diagnostics"
+EVENTS = "/rosout"
+
+TYPES = {
+    RAW: "imutui_msgs/msg/RawPacket",
+    IMU: "sensor_msgs/msg/Imu",
+    TEMPERATURE: "sensor_msgs/msg/Temperature",
+    REFERENCE: "imutui_msgs/msg/TableReference",
+    ESTIMATE: "imutui_msgs/msg/Estimate",
+    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    EVENTS: "rcl_interfaces/msg/Log",
+}
+
+OWN_DEFINITIONS = {
+    "imutui_msgs/msg/RawPacket": """\
+# One packet as received. Fixed size.
+uint64 sequence           # number of the packet since the recording began
+int64 host_monotonic_ns   # host's monotonic clock when the packet's last byte was read
+int16[6] counts           # angular rate x y z, acceleration x y z: instrument axes and sign
+uint16 temperature        # counts of the temperature sensor
+uint16 ticks              # time counter, counts down, 0.79 us nominal
+uint8 mode                # 0 scaled, 1 voltage
+uint8 flags               # 1 packets were lost before this one, 2 stamped by the host alone, 4 a count at its limit
+""",
+    "imutui_msgs/msg/TableReference": """\
+# What is known of the table: C_nb = Rx(outer) Ry(middle) Rz(inner).
+std_msgs/Header header
+string kind               # level; gravity: attitude unknown, angles are NaN
+float64[3] angles_deg     # outer, middle, inner
+float64[3] rates_dps
+""",
+    "imutui_msgs/msg/Estimate": """\
+# State of the filter. Biases are in the instrument's axes and sign: corrected reading = reading - bias.
+std_msgs/Header header
+float64[3] position_deg_m     # latitude, longitude, height
+float64[3] velocity_mps       # north, east, down
+float64[3] rpy_deg            # roll, pitch, yaw (3-2-1)
+float64[3] accel_bias_mg      # NaN where the reference does not show it
+float64[3] gyro_bias_dps
+float64[3] position_sd_m      # north, east, down
+float64[3] velocity_sd_mps
+float64[3] rpy_sd_deg
+float64[3] accel_bias_sd_mg
+float64[3] gyro_bias_sd_dps
+float64 nis                   # NaN for the first sample
+uint8 nis_dof
+bool[6] converged             # accelerometer x y z, gyro x y z
+""",
+}
+
+FLAG_LOST_BEFORE = 1
+FLAG_HOST_STAMP = 2
+FLAG_LIMIT = 4
+
+# CDR, little endian: 4 bytes of encapsulation, then fields aligned to their own size, counted from after those 4
+_RAW = struct.Struct("<4xQq6hHHBB")
+_CDR_HEADER = b"\x00\x01\x00\x00"
+
+
+@cache
+def typestore() -> Any:  # noqa: ANN401 - rosbags builds its message classes at run time
+    """Store of ROS 2 types with our own added."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types: dict[str, Any] = {}
+    for name, text in OWN_DEFINITIONS.items():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def definition(typename: str) -> str:
+    """Text of a message type with all it is built from, as MCAP's `ros2msg` encoding wants it."""
+    return str(typestore().generate_msgdef(typename, ros_version=2)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class RawPacket:
+    """A packet as it came off the line; see the message definition of the same name."""
+
+    sequence: int
+    host_monotonic_ns: int
+    counts: tuple[int, int, int, int, int, int]
+    temperature: int
+    ticks: int
+    mode: int = 0
+    flags: int = 0
+
+
+def encode_raw(packet: RawPacket) -> bytes:
+    """CDR bytes of a raw packet."""
+    p = packet
+    body = _RAW.pack(p.sequence, p.host_monotonic_ns, *p.counts, p.temperature, p.ticks, p.mode, p.flags)
+    return _CDR_HEADER + body[4:]
+
+
+def decode_raw(data: bytes) -> RawPacket:
+    """Raw packet from CDR bytes."""
+    sequence, host, *counts, temperature, ticks, mode, flags = _RAW.unpack(data)
+    a, b, c, d, e, f = counts
+    return RawPacket(sequence, host, (a, b, c, d, e, f), temperature, ticks, mode, flags)
+
+
+def encode(topic: str, message: Any) -> bytes:  # noqa: ANN401 - as above
+    """CDR bytes of a message that belongs on `topic`."""
+    return bytes(typestore().serialize_cdr(message, TYPES[topic]))
+
+
+def decode(typename: str, data: bytes) -> Any:  # noqa: ANN401 - as above
+    """Message from CDR bytes."""
+    return typestore().deserialize_cdr(data, typename)
+
+
+def make(typename: str, **fields: Any) -> Any:  # noqa: ANN401 - as above
+    """Message of a type."""
+    return typestore().types[typename](**fields)
+
+
+def header(stamp_ns: int, frame_id: str) -> Any:  # noqa: ANN401 - as above
+    """std_msgs/Header."""
+    return make("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=frame_id)
+
+
+def stamp_ns(message_header: Any) -> int:  # noqa: ANN401 - as above
+    """Nanoseconds of a std_msgs/Header."""
+    return int(message_header.stamp.sec) * 1_000_000_000 + int(message_header.stamp.nanosec)
+
+
+def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray) -> Any:  # noqa: ANN401 - as above
+    """sensor_msgs/Imu of angular rate (rad/s) and specific force (m/s²) in body axes; orientation is unknown."""
+    vector = typestore().types["geometry_msgs/msg/Vector3"]
+    unknown = np.zeros(9)
+    unknown[0] = -1.0
+    return make(
+        TYPES[IMU],
+        header=header(stamp, "imu_body"),
+        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=unknown,
+        angular_velocity=vector(*map(float, gyro)),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=vector(*map(float, accel)),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def temperature(stamp: int, degc: float) -> Any:  # noqa: ANN401 - as above
+    """sensor_msgs/Temperature inside the instrument's case."""
+    return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
+
+
+def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:  # noqa: ANN401
+    """imutui_msgs/TableReference."""
+    head = header(stamp, "table")
+    return make(TYPES[REFERENCE], header=head, kind=kind, angles_deg=angles_deg, rates_dps=rates_dps)
+
+
+def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) -> Any:  # noqa: ANN401 - as above
+    """diagnostic_msgs/DiagnosticArray with one status; level 0 ok, 1 warning, 2 error."""
+    pair = typestore().types["diagnostic_msgs/msg/KeyValue"]
+    status = make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name="imutui: acquisition",
+        message=message,
+        hardware_id=values.get("serial_number", ""),
+        values=[pair(key=key, value=value) for key, value in values.items()],
+    )
+    return make(TYPES[DIAGNOSTICS], header=header(stamp, ""), status=[status])
+
+
+def event(stamp: int, name: str, text: str, level: int = 20) -> Any:  # noqa: ANN401 - as above
+    """rcl_interfaces/Log; name "mark" for the operator's, "acquisition" for the program's own; level 20 info, 30 warn."""
+    return make(TYPES[EVENTS], stamp=_time(stamp), level=level, name=name, msg=text, file="", function="", line=0)
+
+
+def _time(ns: int) -> Any:  # noqa: ANN401 - as above
+    return make("builtin_interfaces/msg/Time", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)

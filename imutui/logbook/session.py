@@ -1,0 +1,144 @@
+"""The metadata record `imutui.session`: what was recorded, how, and with which settings of the filter."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, fields, replace
+
+import numpy as np
+
+from filters.imu import STANDARD_GRAVITY, AxisMap, format_mount, parse_mount
+from filters.runner import Settings
+from filters.state import PAPER_SITE, Site
+
+METADATA = "imutui.session"
+
+MEASURED = "measured"
+SIMULATED = "simulated"
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionInfo:
+    """One recording session. Every field is written as a string and read back; unknown ones are ignored.
+
+    Attributes
+    ----------
+    instrument, serial_number, firmware : str
+        What the unit said of itself, or what the recording's maker says.
+    kind : str
+        "measured", "simulated" or "unknown": whether a sensor made the readings.
+    accel_sign, mount, gyro_sign : int, str, str
+        The axis map, see `filters.imu.AxisMap`.
+    g_unit : float
+        m/s² of one g in readings.
+    rate_range_dps, accel_range_g : float
+        Full scale of the instrument's counts.
+    mode, sampling : str
+        Measurement mode; "stream" (averaged over each period), "polled", or "imported".
+    rate_hz : float
+        Rate asked for; the output samples' nominal rate.
+    latitude_deg, longitude_deg, height_m, gravity_mps2 : float
+        Site.
+    reference, filter, measurements, seed, kappa :
+        See `filters.runner.Settings`.
+    stamps : str
+        What each time stamp means.
+    """
+
+    instrument: str = "IMU400CD-200"
+    serial_number: str = ""
+    firmware: str = ""
+    kind: str = UNKNOWN
+    accel_sign: int = -1
+    mount: str = "x,y,z"
+    gyro_sign: str = "1,1,1"
+    g_unit: float = STANDARD_GRAVITY
+    rate_range_dps: float = 200.0
+    accel_range_g: float = 4.0
+    mode: str = "scaled"
+    sampling: str = "stream"
+    rate_hz: float = 133.0
+    port: str = ""
+    baud: int = 0
+    host: str = ""
+    operator: str = ""
+    note: str = ""
+    latitude_deg: float = float(np.rad2deg(PAPER_SITE.latitude))
+    longitude_deg: float = float(np.rad2deg(PAPER_SITE.longitude))
+    height_m: float = PAPER_SITE.height
+    gravity_mps2: float = PAPER_SITE.gravity
+    reference: str = "level"
+    filter: str = "spkf"
+    measurements: str = "exact"
+    seed: int = 0
+    kappa: float = 0.0
+    software: str = ""
+    stamps: str = ""
+    source: str = ""
+
+    def axes(self) -> AxisMap:
+        """Between instrument and body axes."""
+        return AxisMap(parse_mount(self.mount), self.accel_sign, parse_signs(self.gyro_sign))
+
+    def settings(self) -> Settings:
+        """Settings of the filter for this session's samples; "none" as the filter gives those of the default one."""
+        site = Site(
+            float(np.deg2rad(self.latitude_deg)),
+            float(np.deg2rad(self.longitude_deg)),
+            self.height_m,
+            self.gravity_mps2,
+        )
+        return Settings(
+            1.0 / self.rate_hz,
+            filter="spkf" if self.filter == "none" else self.filter,
+            reference=self.reference,
+            site=site,
+            measurements=self.measurements,
+            seed=self.seed,
+            kappa=self.kappa,
+        )
+
+    def strings(self) -> dict[str, str]:
+        """Fields as MCAP metadata."""
+        return {key: repr(value) if isinstance(value, float) else str(value) for key, value in asdict(self).items()}
+
+    @classmethod
+    def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":
+        """Fields from MCAP metadata.
+
+        Raises
+        ------
+        ValueError
+            If a number does not read as one; the message names the field.
+        """
+        values: dict[str, object] = {}
+        for f in fields(cls):
+            if f.name in strings:
+                convert = {int: int, float: float, str: str}[type(f.default)]  # type: ignore[index]
+                try:
+                    values[f.name] = convert(strings[f.name])
+                except ValueError as error:
+                    raise ValueError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
+        return replace(cls(), **values)  # type: ignore[arg-type]
+
+    def config_sha256(self) -> str:
+        """Hash of all that decides the estimates apart from the samples."""
+        decisive = {"settings": asdict(self.settings()), "mount": self.mount, "accel_sign": self.accel_sign}
+        text = json.dumps(decisive | {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def parse_signs(text: str) -> np.ndarray:
+    """Three signs such as "-1,1,1", or one for all.
+
+    Raises
+    ------
+    ValueError
+        If `text` does not read so.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) == 1:
+        parts = parts * 3
+    if len(parts) != 3 or any(part not in ("1", "+1", "-1") for part in parts):
+        raise ValueError(f'`gyro_sign` is "{text}", not one or three of -1 and 1 such as "-1,1,1"')
+    return np.array([float(part) for part in parts])

@@ -1,0 +1,150 @@
+"""Writing a log: an MCAP file that is on the disk at least once a second and can be read whatever happens next."""
+
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+import imutui
+from imutui.logbook import schemas
+from imutui.logbook.schemas import RawPacket
+from imutui.logbook.session import METADATA, SessionInfo
+
+
+class LogWriter:
+    """One log file being written.
+
+    Parameters
+    ----------
+    path : Path
+        Created; the folder too.
+    info : SessionInfo
+        Written first, so that even the shortest file says what it is.
+    configuration : str
+        Effective configuration, TOML, kept as an attachment.
+    now_ns : int
+        UTC, ns.
+    overwrite : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    FileExistsError
+        If `path` exists and may not be overwritten.
+    OSError
+        If the disk does not take it; the file then ends with the last good flush.
+    """
+
+    def __init__(
+        self, path: Path, info: SessionInfo, configuration: str, now_ns: int, *, overwrite: bool = False
+    ) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
+        self._file = os.fdopen(os.open(path, flags, 0o644), "wb")
+        self._good = 0
+        self._channels: dict[str, int] = {}
+        self._counts = dict.fromkeys(schemas.TYPES, 0)
+        self._broken = False
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=False)
+        try:
+            self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
+            self._writer.add_metadata(METADATA, info.strings())
+            self.attach("configuration.toml", "application/toml", configuration.encode(), now_ns)
+            for topic, typename in schemas.TYPES.items():
+                schema = self._writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
+                self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+            self.flush()
+        except OSError:
+            self._abandon()
+            raise
+        _sync_directory(path.parent)
+
+    @property
+    def size(self) -> int:
+        """Bytes on the disk as of the last flush."""
+        return self._good
+
+    def raw(self, packet: RawPacket, log_ns: int, stamp_ns: int) -> None:
+        """Write a packet as received."""
+        self._add(schemas.RAW, schemas.encode_raw(packet), log_ns, stamp_ns)
+
+    def imu(self, log_ns: int, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> None:
+        """Write an output sample: rad/s and m/s² (specific force) in body axes."""
+        self.message(schemas.IMU, schemas.imu(stamp_ns, gyro, accel), log_ns, stamp_ns)
+
+    def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:  # noqa: ANN401 - rosbags' type
+        """Write any other message of `schemas`."""
+        self._add(topic, schemas.encode(topic, message), log_ns, stamp_ns)
+
+    def _add(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
+        count = self._counts[topic]
+        self._counts[topic] = count + 1
+        try:
+            self._writer.add_message(self._channels[topic], log_ns, data, stamp_ns, sequence=count & 0xFFFFFFFF)
+        except OSError:
+            self._abandon()
+            raise
+
+    def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
+        """Add an attachment."""
+        self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+
+    def flush(self) -> None:
+        """Close the chunk and see it onto the disk."""
+        try:
+            self._writer.flush()
+            self._file.flush()
+            os.fdatasync(self._file.fileno())
+        except OSError:
+            self._abandon()
+            raise
+        self._good = self._file.tell()
+
+    def finish(self, summary: dict[str, Any], now_ns: int) -> None:
+        """Write the quality summary and the index, and close; after a failure there is nothing left to do."""
+        if self._broken:
+            return
+        try:
+            text = json.dumps(summary, indent=1, allow_nan=False)
+            self.attach("summary.json", "application/json", text.encode(), now_ns)
+            self._writer.finish()
+            self.flush_file()
+            self._file.close()
+        except OSError:
+            self._abandon()
+            raise
+
+    def flush_file(self) -> None:
+        """See the file's last bytes onto the disk."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._good = self._file.tell()
+
+    def _abandon(self) -> None:
+        # A writer that failed once must not finish: part of a chunk may be on the disk, and writing it again would
+        # double it. The file is cut back to its last good flush instead, as an unfinished but readable log.
+        if self._broken:
+            return
+        self._broken = True
+        descriptor = os.dup(self._file.fileno())
+        try:
+            # closing tries once more to write what could not be written; the descriptor is closed either way
+            with contextlib.suppress(OSError):
+                self._file.close()
+            os.ftruncate(descriptor, self._good)
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _sync_directory(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
