@@ -77,13 +77,13 @@ def log(C: Array) -> Array:
         return _log_by_quaternion(C)
     # below 120° the skew part gives axis and sine in full precision; arccos of the trace would lose half the digits
     two_sin = np.sqrt(np.sum(axis * axis, axis=-1)) + 1e-300
-    return (np.arctan2(two_sin, two_cos) / two_sin)[..., None] * axis
+    return np.asarray((np.arctan2(two_sin, two_cos) / two_sin)[..., None] * axis)
 
 
 def _log_by_quaternion(C: Array) -> Array:
     q = _quaternion(C)
     n = np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)) + 1e-300
-    return (2.0 * np.arctan2(n, q[..., 0]) / n)[..., None] * q[..., 1:]
+    return np.asarray((2.0 * np.arctan2(n, q[..., 0]) / n)[..., None] * q[..., 1:])
 
 
 def _quaternion(C: Array) -> Array:

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from filters import attitude, state
+from filters import attitude, earth, state
 from filters.state import NavState, Site
 from filters.types import Array
 
@@ -28,7 +29,7 @@ class Reference:
         "level" or "gravity".
     nav : NavState
         The known navigation state; its biases are zero and mean nothing.
-    rows : Array
+    rows : integer array
         Indices of the error states that are known, of 0..8, shape (m,).
     R_sd : Array
         Standard deviations of those rows, shape (m,).
@@ -42,7 +43,7 @@ class Reference:
 
     kind: str
     nav: NavState
-    rows: Array
+    rows: NDArray[np.int_]
     R_sd: Array
     P0_sd: Array
     observable: tuple[bool, bool, bool]
@@ -50,8 +51,6 @@ class Reference:
 
     def rates_and_forces(self) -> tuple[Array, Array]:
         """Angular rate (rad/s) and specific force (m/s²) in body axes that a perfect unit measures here; each (3,)."""
-        from filters import earth
-
         rate_n = earth.earth_rate_n(self.nav.latitude)
         return self.nav.C_nb.T @ rate_n, self.nav.C_nb.T @ np.array([0.0, 0.0, -self.gravity])
 

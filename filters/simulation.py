@@ -103,11 +103,10 @@ class StillUnit:
 
     def _next_block(self) -> Array:
         white = self._rng.standard_normal((_BLOCK, 6)) * self._white_sd
-        out = np.empty_like(white)
+        out: Array = np.empty_like(white)
         for part, pole in zip((slice(0, 3), slice(3, 6)), self._pole, strict=True):
             # unit gain at zero frequency: the density that a filter integrates is the specification's
-            out[:, part], memory = signal.lfilter(
+            out[:, part], self._memory[:, part] = signal.lfilter(
                 [1.0 - pole], [1.0, -pole], white[:, part], axis=0, zi=self._memory[:, part]
             )
-            self._memory[:, part] = memory
         return out

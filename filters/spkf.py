@@ -212,6 +212,6 @@ def correct(belief: Belief, reference: Reference, drawn: Array | None = None) ->
 def _cholesky(P: Array, name: str) -> Array:
     """Lower factor of P; its definiteness does not depend on the states' units, so nothing is added to help it."""
     try:
-        return np.linalg.cholesky(P)
+        return np.asarray(np.linalg.cholesky(P), float)
     except np.linalg.LinAlgError as error:
         raise DivergenceError(f"the {name} is not positive definite") from error

@@ -40,7 +40,7 @@ class Site:
         """Site from degrees and metres; gravity in m/s² is WGS-84 normal gravity unless given."""
         latitude = np.deg2rad(latitude_deg)
         if gravity is None:
-            gravity = float(earth.normal_gravity(np.float64(latitude), np.float64(height)))
+            gravity = float(earth.normal_gravity(np.array(latitude), np.array(height)))
         return cls(float(latitude), float(np.deg2rad(longitude_deg)), height, gravity)
 
 
@@ -75,9 +75,9 @@ class NavState:
     def at_rest(cls, site: Site, C_nb: Array) -> "NavState":
         """Still at `site` with attitude `C_nb` (3, 3) and no biases."""
         return cls(
-            np.float64(site.latitude),
-            np.float64(site.longitude),
-            np.float64(site.height),
+            np.array(site.latitude),
+            np.array(site.longitude),
+            np.array(site.height),
             np.zeros(3),
             C_nb.copy(),
             np.zeros(3),

@@ -1,0 +1,68 @@
+"""The commands, one file each; the only place with exit codes.
+
+0 fine · 1 findings (not converged, damaged file) · 2 usage · 3 input unreadable · 4 instrument or port · 5 disk ·
+130 interrupted. Each command imports what it needs when it runs, so that help is instant.
+"""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from imutui.cli import attach, config, demo, import_, mark, record, replay, status, stop, virtual
+from imutui.cli.outcome import handled
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "demo": demo.command,
+    "record": record.command,
+    "attach": attach.command,
+    "status": status.command,
+    "mark": mark.command,
+    "stop": stop.command,
+    "virtual": virtual.command,
+    "import": import_.command,
+    "replay": replay.command,
+    "config": config.command,
+}
+
+_app = typer.Typer(
+    no_args_is_help=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=(
+        "Exit codes: 0 fine, 1 findings, 2 usage, 3 input unreadable, 4 instrument or port, 5 disk, 130 interrupted."
+    ),
+)
+for _name, _command in COMMANDS.items():
+    _app.command(_name)(handled(_command))
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import imutui
+
+        print(f"imutui {imutui.__version__}")
+        raise typer.Exit
+
+
+@_app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Acquire, calibrate and trace an IMU on a turn table.
+
+    Without a command: the terminal UI. It attaches to the running acquisition, else offers to connect.
+
+    New here? `imutui demo` runs the whole job on a virtual instrument.
+    """
+    if context.invoked_subcommand is None:
+        handled(attach.open_ui)()
+
+
+def main() -> None:
+    """Entry point of the `imutui` program."""
+    _app(prog_name="imutui")

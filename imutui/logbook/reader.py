@@ -88,7 +88,7 @@ class Log:
         return seconds_since(self.stamp_ns, int(self.stamp_ns[0])) if self.stamp_ns.size else np.empty(0)
 
 
-def seconds_since(stamp_ns: Any, first_ns: int) -> Any:  # noqa: ANN401 - int in, float out; array in, array out
+def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
     """Time since the first sample, s; the one rule for live and replay."""
     return (stamp_ns - first_ns) / 1e9
 

@@ -227,7 +227,7 @@ def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray
     }
 
 
-def estimate_message(estimate: Estimate, estimator: Estimator, info: SessionInfo, stamp_ns: int) -> Any:  # noqa: ANN401
+def estimate_message(estimate: Estimate, estimator: Estimator, info: SessionInfo, stamp_ns: int) -> Any:
     """imutui_msgs/Estimate of one estimate."""
     axes = info.axes()
     seen = seen_axes(estimator, axes)
@@ -251,7 +251,7 @@ def estimate_message(estimate: Estimate, estimator: Estimator, info: SessionInfo
     )
 
 
-def dumps(result: Any) -> str:  # noqa: ANN401 - any JSON document
+def dumps(result: Any) -> str:
     """JSON text; NaN and infinity are errors, since other programs cannot read them."""
     return json.dumps(result, indent=2, allow_nan=False)
 

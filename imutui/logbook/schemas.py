@@ -76,7 +76,7 @@ _CDR_HEADER = b"\x00\x01\x00\x00"
 
 
 @cache
-def typestore() -> Any:  # noqa: ANN401 - rosbags builds its message classes at run time
+def typestore() -> Any:
     """Store of ROS 2 types with our own added."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types: dict[str, Any] = {}
@@ -118,32 +118,32 @@ def decode_raw(data: bytes) -> RawPacket:
     return RawPacket(sequence, host, (a, b, c, d, e, f), temperature, ticks, mode, flags)
 
 
-def encode(topic: str, message: Any) -> bytes:  # noqa: ANN401 - as above
+def encode(topic: str, message: Any) -> bytes:
     """CDR bytes of a message that belongs on `topic`."""
     return bytes(typestore().serialize_cdr(message, TYPES[topic]))
 
 
-def decode(typename: str, data: bytes) -> Any:  # noqa: ANN401 - as above
+def decode(typename: str, data: bytes) -> Any:
     """Message from CDR bytes."""
     return typestore().deserialize_cdr(data, typename)
 
 
-def make(typename: str, **fields: Any) -> Any:  # noqa: ANN401 - as above
+def make(typename: str, **fields: Any) -> Any:
     """Message of a type."""
     return typestore().types[typename](**fields)
 
 
-def header(stamp_ns: int, frame_id: str) -> Any:  # noqa: ANN401 - as above
+def header(stamp_ns: int, frame_id: str) -> Any:
     """std_msgs/Header."""
     return make("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=frame_id)
 
 
-def stamp_ns(message_header: Any) -> int:  # noqa: ANN401 - as above
+def stamp_ns(message_header: Any) -> int:
     """Nanoseconds of a std_msgs/Header."""
     return int(message_header.stamp.sec) * 1_000_000_000 + int(message_header.stamp.nanosec)
 
 
-def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray) -> Any:  # noqa: ANN401 - as above
+def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray) -> Any:
     """sensor_msgs/Imu of angular rate (rad/s) and specific force (m/s²) in body axes; orientation is unknown."""
     vector = typestore().types["geometry_msgs/msg/Vector3"]
     unknown = np.zeros(9)
@@ -160,18 +160,18 @@ def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray) -> Any:  # noqa: ANN401
     )
 
 
-def temperature(stamp: int, degc: float) -> Any:  # noqa: ANN401 - as above
+def temperature(stamp: int, degc: float) -> Any:
     """sensor_msgs/Temperature inside the instrument's case."""
     return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
 
 
-def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:  # noqa: ANN401
+def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:
     """imutui_msgs/TableReference."""
     head = header(stamp, "table")
     return make(TYPES[REFERENCE], header=head, kind=kind, angles_deg=angles_deg, rates_dps=rates_dps)
 
 
-def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) -> Any:  # noqa: ANN401 - as above
+def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) -> Any:
     """diagnostic_msgs/DiagnosticArray with one status; level 0 ok, 1 warning, 2 error."""
     pair = typestore().types["diagnostic_msgs/msg/KeyValue"]
     status = make(
@@ -185,10 +185,10 @@ def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) ->
     return make(TYPES[DIAGNOSTICS], header=header(stamp, ""), status=[status])
 
 
-def event(stamp: int, name: str, text: str, level: int = 20) -> Any:  # noqa: ANN401 - as above
+def event(stamp: int, name: str, text: str, level: int = 20) -> Any:
     """rcl_interfaces/Log; name "mark" for the operator's, "acquisition" for the program's own; level 20 info, 30 warn."""
     return make(TYPES[EVENTS], stamp=_time(stamp), level=level, name=name, msg=text, file="", function="", line=0)
 
 
-def _time(ns: int) -> Any:  # noqa: ANN401 - as above
+def _time(ns: int) -> Any:
     return make("builtin_interfaces/msg/Time", sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)

@@ -3,10 +3,11 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from filters.imu import STANDARD_GRAVITY, AxisMap, format_mount, parse_mount
+from filters.imu import STANDARD_GRAVITY, AxisMap, parse_mount
 from filters.runner import Settings
 from filters.state import PAPER_SITE, Site
 
@@ -111,15 +112,15 @@ class SessionInfo:
         ValueError
             If a number does not read as one; the message names the field.
         """
-        values: dict[str, object] = {}
+        values: dict[str, Any] = {}
         for f in fields(cls):
             if f.name in strings:
-                convert = {int: int, float: float, str: str}[type(f.default)]  # type: ignore[index]
+                convert = {int: int, float: float, str: str}[type(f.default)]
                 try:
                     values[f.name] = convert(strings[f.name])
                 except ValueError as error:
                     raise ValueError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
-        return replace(cls(), **values)  # type: ignore[arg-type]
+        return replace(cls(), **values)
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""

@@ -77,7 +77,7 @@ class LogWriter:
         """Write an output sample: rad/s and m/s² (specific force) in body axes."""
         self.message(schemas.IMU, schemas.imu(stamp_ns, gyro, accel), log_ns, stamp_ns)
 
-    def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:  # noqa: ANN401 - rosbags' type
+    def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
         """Write any other message of `schemas`."""
         self._add(topic, schemas.encode(topic, message), log_ns, stamp_ns)
 
@@ -97,7 +97,7 @@ class LogWriter:
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
         try:
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             self._file.flush()
             os.fdatasync(self._file.fileno())
         except OSError:
@@ -112,7 +112,7 @@ class LogWriter:
         try:
             text = json.dumps(summary, indent=1, allow_nan=False)
             self.attach("summary.json", "application/json", text.encode(), now_ns)
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
             self._file.close()
         except OSError:

@@ -1,0 +1,107 @@
+"""Following an acquisition from a terminal: what `record` and the headless demo do while it runs."""
+
+import contextlib
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
+from imutui.cli.tables import print_result
+from imutui.logbook.results import dumps
+from imutui.session import client
+from imutui.session.client import Client, SessionError, SessionGoneError
+from imutui.session.plan import Plan
+
+_REFRESH_S = 0.25
+
+
+class Left(Exception):  # noqa: N818 - not a fault
+    """This terminal went away; the acquisition goes on."""
+
+
+def follow(
+    plan: Plan, *, json: bool, add: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document
+) -> None:
+    """Start an acquisition, show it until it ends, print its result, and exit.
+
+    Parameters
+    ----------
+    plan : Plan
+        With `record` set.
+    json : bool
+        Print the document instead of a table.
+    add : callable
+        Adds to the result document before it is printed.
+    """
+    connection = client.start(plan)
+    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(connection)}")
+    interrupted = False
+    with _leave_on_hangup():
+        try:
+            result = _watch(connection)
+        except KeyboardInterrupt:
+            interrupted = True
+            result = connection.stop()
+        except Left:
+            raise typer.Exit(FINE) from None
+        except SessionGoneError as error:
+            raise SessionError(str(error), FINDINGS) from error
+    if result is None:
+        raise SessionError("the acquisition ended without a recording")
+    result = add(result)
+    if json:
+        print(dumps(result))
+    else:
+        print_result(result)
+    fine = result.get("converged", True)
+    raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
+
+
+def _watch(connection: Client) -> dict[str, Any] | None:
+    """Show the acquisition until it ends; returns its result."""
+    if not sys.stderr.isatty():
+        return connection.wait()
+    with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
+        while True:
+            with contextlib.suppress(TimeoutError):
+                return connection.wait(_REFRESH_S)
+            live.update(Text(_line(connection.snapshot(since=2**62))))
+
+
+def _line(s: dict[str, Any]) -> str:
+    rec, fit = s["recording"], s["filter"]
+    parts = [f"{s['measured_hz']:.2f} Hz" if s["measured_hz"] else "– Hz"]
+    if rec is not None:
+        parts.append(f"{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
+    parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
+    if s["silent_s"] > 1.5:
+        parts.append(f"SILENT for {s['silent_s']:.0f} s")
+    if fit is not None:
+        done = sum(b["converged_s"] is not None for b in fit["biases"])
+        seen = sum(b["observable"] for b in fit["biases"])
+        parts.append(fit["waiting"] or f"{done} of {seen} biases converged")
+    return " · ".join(parts) + "   (Ctrl+C finishes)"
+
+
+def _where(connection: Client) -> str:
+    s = connection.snapshot(since=2**62)
+    rec = s["recording"]
+    return f"{s['instrument']} #{s['serial_number']} on {s['port']}, recording to {rec['path'] if rec else 'nothing'}"
+
+
+@contextlib.contextmanager
+def _leave_on_hangup() -> Iterator[None]:
+    def leave(*_: object) -> None:
+        raise Left
+
+    before = signal.signal(signal.SIGHUP, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)

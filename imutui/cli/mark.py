@@ -1,0 +1,17 @@
+"""`imutui mark`."""
+
+from typing import Annotated
+
+import typer
+
+from imutui.cli.options import Name
+
+
+def command(text: Annotated[str, typer.Argument(help="What to write into the recording.")], name: Name = None) -> None:
+    """Put a mark into the running recording.
+
+    Example: imutui mark "table at 90 deg"
+    """
+    from imutui.session import client
+
+    client.attach(name).mark(text)

@@ -1,0 +1,61 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
+Name = Annotated[Optional[str], typer.Option("--name", help="Name of the acquisition, if several run.")]  # noqa: UP045
+Reference = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option(
+        "--reference", metavar="level|gravity", help="What is known of attitude: level on north-east-down, or still."
+    ),
+]
+AccelSign = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option(
+        "--accel-sign", metavar="-1|+1", help="-1: reads +1 g on Z when level, Z down. +1: reads specific force."
+    ),
+]
+Mount = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--mount", help='Table x, y, z in instrument axes, such as "x,-y,-z".'),
+]
+GyroSign = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--gyro-sign", help='Signs of the gyro readings, such as "-1,1,1".'),
+]
+SiteText = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--site", metavar="LAT,LON,H", help="Site in degrees and metres."),
+]
+Gravity = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option("--gravity", metavar="M_S2", help="Local gravity; WGS-84 normal gravity at the site unless given."),
+]
+Rate = Annotated[Optional[float], typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to 133 Hz.")]  # noqa: UP045
+Start = Annotated[Optional[float], typer.Option("--start", metavar="S", help="First second to take.")]  # noqa: UP045
+End = Annotated[Optional[float], typer.Option("--end", metavar="S", help="Last second to take.")]  # noqa: UP045
+Output = Annotated[Optional[Path], typer.Option("-o", "--output", help="File to write.")]  # noqa: UP045
+
+
+def parse_site(text: str | None) -> tuple[float, float, float] | None:
+    """Latitude, longitude (degrees) and height (m) of "LAT,LON,H".
+
+    Raises
+    ------
+    ValueError
+        If the text does not read so.
+    """
+    if text is None:
+        return None
+    try:
+        latitude, longitude, height = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f'--site is "{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
+    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
+        raise ValueError(f'--site is "{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
+    return latitude, longitude, height

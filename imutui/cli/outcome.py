@@ -1,0 +1,87 @@
+"""How a command ends: results on stdout, one paragraph of error on stderr, an exit code; never a traceback."""
+
+import functools
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import typer
+
+FINE, FINDINGS, USAGE, UNREADABLE, INSTRUMENT, DISK, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def say(text: str) -> None:
+    """Print a message on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def fail(code: int, message: str) -> typer.Exit:
+    """Print an error; returns what to raise."""
+    say(f"imutui: {message}")
+    return typer.Exit(code)
+
+
+def refuse_existing(path: Path, force: bool) -> None:
+    """Raise the exit for a file that exists and may not be replaced."""
+    if path.exists() and not force:
+        raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or name another file with -o.")
+
+
+def handled(command: Callable[P, R]) -> Callable[P, R]:
+    """Give a command the exit codes and error messages that all have."""
+
+    @functools.wraps(command)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except (typer.Exit, typer.Abort):
+            raise
+        except KeyboardInterrupt:
+            say("interrupted")
+            raise typer.Exit(INTERRUPTED) from None
+        except BrokenPipeError:
+            # whoever read our output has had enough; let the interpreter not complain about it at exit either
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(FINE) from None
+        except Exception as error:  # noqa: BLE001 - the last resort: words instead of a traceback
+            raise fail(*_code_and_words(error)) from None
+
+    return wrapped
+
+
+def _code_and_words(error: Exception) -> tuple[int, str]:
+    from filters.spkf import DivergenceError
+    from imutui.config import ConfigError
+    from imutui.logbook.importer import ImportDataError
+    from imutui.logbook.reader import UnreadableLogError
+    from imutui.session.client import SessionError
+
+    match error:
+        case SessionError():
+            return error.exit_code, str(error)
+        case UnreadableLogError() | ImportDataError():
+            return UNREADABLE, str(error)
+        case ConfigError() | ValueError():
+            return USAGE, str(error)
+        case DivergenceError():
+            return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
+        case OSError():
+            where = f"{error.filename}: " if error.filename else ""
+            return DISK, f"{where}{error.strerror or error}. Check the path, its permissions and the space left."
+    return FINDINGS, _report(error)
+
+
+def _report(error: Exception) -> str:
+    with tempfile.NamedTemporaryFile("w", prefix="imutui-", suffix=".txt", delete=False) as stream:
+        traceback.print_exception(error, file=stream)
+    return (
+        f"an error of imutui's own: {type(error).__name__}: {error}. Details are in {stream.name}; please report them."
+        " Recordings are not affected."
+    )

@@ -1,0 +1,84 @@
+"""`imutui record`."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from imutui.cli.options import (
+    AccelSign,
+    Force,
+    Gravity,
+    GyroSign,
+    Json,
+    Mount,
+    Name,
+    Output,
+    Rate,
+    Reference,
+    SiteText,
+    parse_site,
+)
+
+
+def command(
+    port: Annotated[str, typer.Option("--port", help='Path, stable id, pyserial URL, or "virtual".')],
+    rate: Rate = None,
+    sampling: Annotated[
+        str | None,
+        typer.Option(
+            "--sampling", metavar="stream|polled", help="Full rate averaged over each period, or one request a period."
+        ),
+    ] = None,
+    baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
+    duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="End after so much data.")] = None,
+    filter_name: Annotated[Optional[str], typer.Option("--filter", metavar="spkf|none", help="Filter to run.")] = None,  # noqa: UP045
+    reference: Reference = None,
+    note: Annotated[str, typer.Option("--note", help="Goes into the file and its name.")] = "",
+    name: Name = None,
+    output: Output = None,
+    accel_sign: AccelSign = None,
+    mount: Mount = None,
+    gyro_sign: GyroSign = None,
+    site: SiteText = None,
+    gravity: Gravity = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Acquire and record; this terminal follows it.
+
+    The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
+    Ctrl+C finishes the file.
+
+    Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
+    """
+    from imutui import config
+    from imutui.cli.following import follow
+    from imutui.cli.outcome import refuse_existing
+    from imutui.cli.session_options import plan_from
+
+    if output is not None:
+        refuse_existing(output, force)
+    flags = {
+        "acquisition.rate_hz": rate,
+        "acquisition.sampling": sampling,
+        "acquisition.baud": baud,
+        "filter.name": filter_name,
+        "filter.reference": reference,
+        "instrument.accel_sign": accel_sign,
+        "instrument.mount": mount,
+        "instrument.gyro_sign": gyro_sign,
+        "site.gravity_mps2": gravity,
+    }
+    plan = plan_from(
+        config.load().with_flags(flags),
+        parse_site(site),
+        port=port,
+        record=True,
+        duration_s=duration,
+        note=note,
+        name=name or "default",
+        output=str(Path(output).resolve()) if output is not None else "",
+        overwrite=force,
+    )
+    follow(plan, json=json)

@@ -1,0 +1,84 @@
+"""From configuration to the records that the rest of the program takes."""
+
+from pathlib import Path
+from typing import Any
+
+from imutui.config import Config
+from imutui.logbook.session import SessionInfo
+from imutui.session.plan import Plan
+
+
+def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[float, float, float]:
+    """Latitude, longitude (degrees), height (m): the flag's, else the configuration's."""
+    return site or (
+        config.number("site.latitude_deg"),
+        config.number("site.longitude_deg"),
+        config.number("site.height_m"),
+    )
+
+
+def session_from(config: Config, site: tuple[float, float, float] | None) -> SessionInfo:
+    """Session of an imported recording, as far as configuration and flags tell."""
+    from filters.state import Site
+
+    latitude, longitude, height = site_of(config, site)
+    gravity = Site.at(latitude, longitude, height, config.number("site.gravity_mps2") or None).gravity
+    return SessionInfo(
+        accel_sign=config.integer("instrument.accel_sign"),
+        mount=config.text("instrument.mount"),
+        gyro_sign=config.text("instrument.gyro_sign"),
+        g_unit=config.number("instrument.g_unit"),
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        gravity_mps2=gravity,
+        reference=config.text("filter.reference"),
+        filter=config.text("filter.name"),
+        measurements=config.text("filter.measurements"),
+        seed=config.integer("filter.seed"),
+        kappa=config.number("filter.kappa"),
+    )
+
+
+def plan_from(config: Config, site: tuple[float, float, float] | None, **fields: Any) -> Plan:
+    """Plan of an acquisition from configuration, flags, and the fields that are no setting.
+
+    Raises
+    ------
+    ValueError
+        If something asked cannot be; the message names it.
+    """
+    plan = Plan(
+        rate_hz=config.number("acquisition.rate_hz"),
+        sampling=config.text("acquisition.sampling"),
+        baud=config.integer("acquisition.baud"),
+        filter=config.text("filter.name"),
+        reference=config.text("filter.reference"),
+        logs=str(Path(config.text("paths.logs")).resolve()),
+        operator=config.text("acquisition.operator"),
+        accel_sign=config.integer("instrument.accel_sign"),
+        mount=config.text("instrument.mount"),
+        gyro_sign=config.text("instrument.gyro_sign"),
+        g_unit=config.number("instrument.g_unit"),
+        rate_range_dps=config.number("instrument.rate_range_dps"),
+        accel_range_g=config.number("instrument.accel_range_g"),
+        site=site_of(config, site),
+        gravity=config.number("site.gravity_mps2") or None,
+        measurements=config.text("filter.measurements"),
+        seed=config.integer("filter.seed"),
+        kappa=config.number("filter.kappa"),
+        **fields,
+    )
+    # refuse what the filter could not run with before the instrument is touched
+    probe = SessionInfo(
+        mount=plan.mount,
+        accel_sign=plan.accel_sign,
+        gyro_sign=plan.gyro_sign,
+        filter=plan.filter,
+        reference=plan.reference,
+        measurements=plan.measurements,
+        kappa=plan.kappa,
+    )
+    probe.axes()
+    probe.settings()
+    return plan

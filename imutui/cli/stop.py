@@ -1,0 +1,22 @@
+"""`imutui stop`."""
+
+from imutui.cli.options import Json, Name
+
+
+def command(name: Name = None, json: Json = False) -> None:
+    """End the running acquisition and finish its file.
+
+    Example: imutui stop
+    """
+    from imutui.cli.outcome import say
+    from imutui.cli.tables import print_result
+    from imutui.logbook.results import dumps
+    from imutui.session import client
+
+    result = client.attach(name).stop()
+    if json:
+        print(dumps(result))
+    elif result is None:
+        say("stopped; nothing was being recorded")
+    else:
+        print_result(result)

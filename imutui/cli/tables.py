@@ -1,0 +1,73 @@
+"""Results as a table for people."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+
+def print_result(document: dict[str, Any]) -> None:
+    """Print a result document of a live run or a replay on stdout."""
+    console = Console(highlight=False)
+    console.print(Text(_headline(document)))
+    if "final" in document:
+        console.print(_biases(document))
+        for line in _lines(document):
+            console.print(Text(line))
+
+
+def _headline(d: dict[str, Any]) -> str:
+    if "final" not in d:
+        return f"{d['log']}: {d['samples']} samples, no filter"
+    verdict = "converged" if d["converged"] else "NOT converged"
+    rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
+    kind = {"simulated": "SIMULATED readings", "measured": "measured"}.get(d["kind"], "origin of readings not stated")
+    return f"{verdict}: {d['log']}\n{d['samples']} samples, {d['duration_s']:.1f} s at {rate}, {kind}, {d['filter']}, {d['reference']}"
+
+
+def _biases(d: dict[str, Any]) -> Table:
+    table = Table("bias", "estimate", "± 3 sd", "unit", "converged", box=None, pad_edge=False)
+    truth = d.get("truth")
+    if truth:
+        table.add_column("truth")
+    for column in table.columns[1:3]:
+        column.justify = "right"
+    for kind, key, unit, digits in (("gyro", "gyro_bias_dps", "deg/s", 4), ("accel", "accel_bias_mg", "mg", 3)):
+        for i, axis in enumerate("xyz"):
+            value, sd = d["final"][key][i], d["sd"][key][i]
+            since = d["converged_s"][f"{kind}_bias"][i]
+            if value is None:
+                row = [f"{axis} {kind}", "–", "–", unit, "not observable with this reference"]
+            else:
+                when = f"at {since:.0f} s" if since is not None else "not yet"
+                row = [f"{axis} {kind}", f"{value:.{digits}f}", f"{3 * sd:.{digits}f}", unit, when]
+            table.add_row(*row, *([f"{truth[key][i]:.{digits}f}"] if truth else []))
+    return table
+
+
+def _lines(d: dict[str, Any]) -> list[str]:
+    nis = d["nis"]
+    out = []
+    if nis["mean"] is not None:
+        meaning = (
+            f"95 % band {nis['band95'][0]:.3f} to {nis['band95'][1]:.3f}"
+            if nis["is_test"]
+            else f"no test: {nis['why']}"
+        )
+        out.append(f"NIS {nis['mean']:.4f} of {nis['dof']} ({meaning})")
+    arw, vrw = d["noise"]["gyro_arw_deg_sqrt_h"], d["noise"]["accel_vrw_mps_sqrt_h"]
+    if arw[0] is not None:
+        out.append(
+            f"noise of this log: gyro {_triple(arw)} deg/√h (Table 1: 4.5), accel {_triple(vrw)} m/s/√h (Table 1: 1)"
+        )
+    if d["gaps"]:
+        longest = max(d["gaps"], key=lambda gap: gap["seconds"])
+        out.append(f"{len(d['gaps'])} gaps, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
+    if d["lost_packets"] or d["bad_checksums"]:
+        out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
+    return out + [f"ALARM: {alarm}" for alarm in d["alarms"]]
+
+
+def _triple(values: list[float]) -> str:
+    return " ".join(f"{v:.2f}" for v in values)

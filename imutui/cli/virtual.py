@@ -1,0 +1,52 @@
+"""`imutui virtual`: the virtual IMU400CD."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+
+def command(
+    link: Annotated[Optional[Path], typer.Option("--link", help="Also make this symbolic link to the port.")] = None,  # noqa: UP045
+    from_: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--from", metavar="LOG|NPZ", help="Play this recording instead of made readings."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of biases and noise of made readings.")] = 0,
+    speed: Annotated[float, typer.Option("--speed", metavar="X", help="Times real time.")] = 1.0,
+    tap: Annotated[Optional[Path], typer.Option("--tap", help="Write every byte sent to this file.")] = None,  # noqa: UP045
+    serial_number: Annotated[int, typer.Option("--serial-number", help="Serial number that it reports.")] = 9911750,
+    while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
+) -> None:
+    """Run a virtual IMU400CD-200 on a pseudo-terminal; its port is the first line on stdout.
+
+    It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud.
+    Commands received are logged on stderr. Its readings are simulated (Table 1 biases and noise, drawn from the seed)
+    or played from a recording, in which case time starts with the first request for data. Ctrl+C ends it.
+
+    Example: imutui virtual --link /tmp/imu --seed 7
+    """
+    from imutui.cli.outcome import USAGE, fail, say
+    from imutui.cli.readings import source_of
+    from imutui.instrument.virtual import UnitOptions, VirtualUnit, serve
+
+    if not speed > 0.0:
+        raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
+    source, version = source_of(from_, seed)
+    unit = VirtualUnit(source, UnitOptions(serial_number=serial_number, version=version), seed)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+
+    def ready(port: str) -> None:
+        print(port, flush=True)
+
+    with open(tap if tap is not None else "/dev/null", "wb", buffering=0) as sink:
+        try:
+            serve(unit, link=link, tap=sink, on_ready=ready, log=say, speed=speed, while_stdin=while_stdin, stop=stop)
+        except FileExistsError as error:
+            raise fail(USAGE, str(error)) from error
+    sys.stdout.flush()

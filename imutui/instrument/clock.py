@@ -1,0 +1,157 @@
+"""From the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
+
+The counter steps precisely but wraps every 52 ms and its tick is known to 0.6 % only; the host's stamps are absolute but
+late by whatever the operating system felt like. A two-state Kalman filter (instant, tick) takes the best of both.
+"""
+
+from dataclasses import dataclass
+
+NOMINAL_TICK_NS = 790.0
+WRAP = 1 << 16
+_TICK_SD = 0.006 * NOMINAL_TICK_NS
+_TICK_WALK = 1e-8 * NOMINAL_TICK_NS
+_STAMP_SD_NS = 1.0e6
+_CLIP = 3.0
+_LATE_NS = 20.0e6
+_LATE_PACKETS = 64
+_AMBIGUOUS_NS = 25.0e6
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """When a packet's sample was taken.
+
+    Attributes
+    ----------
+    monotonic_ns : int
+        Host's monotonic clock, ns.
+    lost : int
+        Packets that are missing before this one.
+    by_host : bool
+        Whether the counter could not help, so that the instant is the time of arrival less the line's time.
+    """
+
+    monotonic_ns: int
+    lost: int
+    by_host: bool
+
+
+def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
+    """When a packet arrived that was only recognised together with a later one.
+
+    Parameters
+    ----------
+    host_ns : int
+        When the later one arrived.
+    ticks, last_ticks : int
+        Time counters of the earlier and the later one, less than a wrap apart.
+
+    Returns
+    -------
+    int
+        Monotonic, ns.
+    """
+    return host_ns - round((ticks - last_ticks) % WRAP * NOMINAL_TICK_NS)
+
+
+class Clock:
+    """Stamps the packets of a stream, in order.
+
+    Parameters
+    ----------
+    line_ns : float
+        Time that a packet spends on the line, subtracted from its arrival.
+    polled : bool
+        Whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
+    """
+
+    def __init__(self, line_ns: float, *, polled: bool = False) -> None:
+        self._line_ns = line_ns
+        self._polled = polled
+        self._ticks: int | None = None
+        self._host_ns = 0
+        self._origin = 0
+        self._instant = 0.0
+        self._tick = NOMINAL_TICK_NS
+        self._P = [0.0, 0.0, 0.0]
+        self._period: float | None = None
+        self._last = 0
+        self._least_late = float("inf")
+        self._since_least = 0
+
+    @property
+    def tick_ns(self) -> float:
+        """Length of the counter's tick as estimated so far, ns."""
+        return self._tick
+
+    def stamp(self, ticks: int, host_ns: int, *, contiguous: bool) -> Stamp:
+        """Instant of one packet.
+
+        Parameters
+        ----------
+        ticks : int
+            Its time counter, 0 to 65535, counting down.
+        host_ns : int
+            Monotonic clock when its last byte was read.
+        contiguous : bool
+            Whether it followed the previous packet without a byte between: then no wrap was missed.
+        """
+        arrival = host_ns - self._line_ns
+        if self._ticks is None or self._polled:
+            self._anchor(ticks, host_ns, arrival)
+            return self._emit(0, by_host=True)
+        step = (self._ticks - ticks) % WRAP
+        elapsed = host_ns - self._host_ns
+        self._ticks, self._host_ns = ticks, host_ns
+        if not contiguous:
+            expected = arrival - self._origin - self._instant
+            if elapsed * (self._P[2] ** 0.5 / self._tick) > _AMBIGUOUS_NS:
+                lost = self._missing(expected / self._tick)
+                self._anchor(ticks, host_ns, arrival)
+                return self._emit(lost, by_host=True)
+            step += WRAP * max(0, round((expected / self._tick - step) / WRAP))
+        elif self._period is None or step:
+            self._period = step if self._period is None else self._period + (step - self._period) / 16.0
+        lost = 0 if contiguous else self._missing(step)
+        self._advance(step, arrival)
+        lost += self._catch_up()
+        return self._emit(lost, by_host=False)
+
+    def _anchor(self, ticks: int, host_ns: int, arrival: float) -> None:
+        self._ticks, self._host_ns = ticks, host_ns
+        self._origin = int(arrival)
+        self._instant = arrival - self._origin
+        self._P = [_STAMP_SD_NS**2, 0.0, _TICK_SD**2 if self._P[2] == 0.0 else self._P[2]]
+        self._least_late, self._since_least = float("inf"), 0
+
+    def _advance(self, step: int, arrival: float) -> None:
+        p, c, q = self._P
+        self._instant += step * self._tick
+        p, c, q = p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2
+        innovation = arrival - self._origin - self._instant
+        self._least_late = min(self._least_late, innovation)
+        S = p + _STAMP_SD_NS**2
+        # a late arrival says little: its innovation counts as three standard deviations at most
+        clipped = max(-_CLIP * S**0.5, min(_CLIP * S**0.5, innovation))
+        self._instant += p / S * clipped
+        self._tick += c / S * clipped
+        self._P = [p - p * p / S, c - c * p / S, q - c * c / S]
+
+    def _catch_up(self) -> int:
+        """Add wraps that went unseen: when for half a second no packet came near its time, whole wraps are missing."""
+        self._since_least += 1
+        if self._since_least < _LATE_PACKETS:
+            return 0
+        late, self._least_late, self._since_least = self._least_late, float("inf"), 0
+        if late < _LATE_NS:
+            return 0
+        wraps = max(1, round(late / (WRAP * self._tick)))
+        self._instant += wraps * WRAP * self._tick
+        return 0 if self._period is None else round(wraps * WRAP / self._period)
+
+    def _missing(self, step: float) -> int:
+        return 0 if not self._period else max(0, round(step / self._period) - 1)
+
+    def _emit(self, lost: int, *, by_host: bool) -> Stamp:
+        self._last = max(self._last + 1, self._origin + round(self._instant))
+        return Stamp(self._last, lost, by_host)

@@ -1,0 +1,142 @@
+"""The acquisition process: `python -m imutui.session`, with a plan on its stdin, answers on a Unix socket.
+
+Its first line on stdout says whether it runs, as JSON; started by `client.start`, in a session of its own.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from imutui.instrument.port import Port, PortError
+from imutui.session import connect, wire
+from imutui.session.connect import InstrumentError
+from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine, disk_message
+from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.wire import Taken
+
+_SWITCH_S = 0.0005
+_LINGER_S = 2.0
+_POWER_UP_BAUD = 38400
+EXIT_USAGE = 2
+
+
+def main() -> int:
+    """Run one acquisition; returns the exit code."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
+    sys.setswitchinterval(_SWITCH_S)
+    plan = Plan.loads(sys.stdin.readline())
+    try:
+        with _name(plan), _port(plan) as port:
+            return _acquire(plan, port)
+    except Taken:
+        name = "" if plan.name == "default" else f" --name {plan.name}"
+        return _refuse(
+            EXIT_INSTRUMENT,
+            f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
+            f" `imutui stop{name}` ends it; --name starts another beside it.",
+        )
+    except (PortError, InstrumentError) as error:
+        return _refuse(EXIT_INSTRUMENT, str(error))
+    except FileExistsError as error:
+        return _refuse(EXIT_USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
+    except OSError as error:
+        return _refuse(EXIT_DISK, disk_message(None, error))
+
+
+def _acquire(plan: Plan, port: Port) -> int:
+    identity = connect.open_dialogue(port, plan.baud, say=lambda text: None)
+    engine = Engine(plan, port, identity)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: engine.request_stop())
+    engine.start()
+    server = wire.Server(plan.name, lambda request: _answer(engine, request))
+    threading.Thread(target=server.serve_forever, name="viewers", daemon=True).start()
+    _say({"ok": True, "pid": os.getpid()})
+    while not engine.ended.wait(0.5):
+        pass
+    server.wait_idle(_LINGER_S)
+    server.shutdown()
+    wire.socket_path(plan.name).unlink(missing_ok=True)
+    if engine.error is not None:
+        print(engine.error, file=sys.stderr)
+    return engine.exit_code
+
+
+def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
+    match request["ask"]:
+        case "snapshot":
+            return {"snapshot": engine.call(lambda: engine.snapshot(int(request.get("since", 0))))}
+        case "mark":
+            engine.call(lambda: engine.mark(str(request["text"])))
+            return {}
+        case "record":
+            return {"path": engine.call(lambda: engine.record(str(request.get("note", ""))))}
+        case "stop_recording":
+            return {"result": engine.call(engine.stop_recording)}
+        case "stop":
+            engine.request_stop()
+            return _ending(engine)
+        case "wait":
+            return _ending(engine)
+    raise ValueError(f'no such request: "{request["ask"]}"')
+
+
+def _ending(engine: Engine) -> dict[str, Any]:
+    engine.ended.wait()
+    return {"result": engine.result, "error": engine.error, "exit_code": engine.exit_code}
+
+
+@contextlib.contextmanager
+def _name(plan: Plan) -> Iterator[None]:
+    descriptor = wire.lock(plan.name)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _port(plan: Plan) -> Iterator[Port]:
+    with contextlib.ExitStack() as stack:
+        name = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else plan.port
+        yield stack.enter_context(Port(name, _POWER_UP_BAUD))
+
+
+@contextlib.contextmanager
+def _virtual(plan: Plan) -> Iterator[str]:
+    """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes."""
+    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin", *plan.virtual]
+    unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert unit.stdin is not None
+    assert unit.stdout is not None
+    try:
+        path = unit.stdout.readline().strip()
+        if not path:
+            raise InstrumentError("the virtual instrument did not start; `imutui virtual` says why.")
+        yield path
+    finally:
+        unit.stdin.close()
+        unit.wait()
+
+
+def _refuse(code: int, message: str) -> int:
+    _say({"ok": False, "error": message, "exit_code": code})
+    print(message, file=sys.stderr)
+    return code
+
+
+def _say(message: dict[str, Any]) -> None:
+    # nobody may be there to hear it: whoever started us can have gone
+    with contextlib.suppress(OSError):
+        print(json.dumps(message), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

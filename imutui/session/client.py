@@ -1,0 +1,234 @@
+"""How viewers start an acquisition, find it again, and talk to it."""
+
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from imutui.session import wire
+from imutui.session.plan import Plan
+
+_REPLY_S = 5.0
+_STOP_S = 60.0
+
+
+class SessionError(Exception):
+    """What was asked of an acquisition did not work; the message is for the user.
+
+    Attributes
+    ----------
+    exit_code : int
+        Of a command that ends with this.
+    """
+
+    def __init__(self, message: str, exit_code: int = 4) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+class SessionGoneError(SessionError):
+    """The acquisition process has ended."""
+
+
+class Client:
+    """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply.
+
+    Parameters
+    ----------
+    name : str
+        Of the acquisition.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._lock = threading.Lock()
+        self._socket: socket.socket | None = None
+        self.pid = int(self.snapshot(since=2**62)["pid"])
+
+    def snapshot(self, since: int = 0) -> dict[str, Any]:
+        """State for a screen; `series` holds the packets from number `since` on."""
+        return dict(self._ask({"ask": "snapshot", "since": since})["snapshot"])
+
+    def mark(self, text: str) -> None:
+        """Put a mark into the recording."""
+        self._ask({"ask": "mark", "text": text})
+
+    def record(self, note: str = "") -> str:
+        """Start recording; returns the file's path. The filter starts anew with the file."""
+        return str(self._ask({"ask": "record", "note": note})["path"])
+
+    def stop_recording(self) -> dict[str, Any]:
+        """Finish the file; returns the result document."""
+        return dict(self._ask({"ask": "stop_recording"}, _STOP_S)["result"])
+
+    def stop(self) -> dict[str, Any] | None:
+        """End the acquisition; returns the result document of its last recording, if there was one.
+
+        Raises
+        ------
+        SessionError
+            If it ended with an error of its own.
+        """
+        return self._ending({"ask": "stop"}, _STOP_S)
+
+    def wait(self, timeout: float | None = None) -> dict[str, Any] | None:
+        """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
+        return self._ending({"ask": "wait"}, timeout)
+
+    def close(self) -> None:
+        """Leave; the acquisition goes on."""
+        with self._lock:
+            self._drop()
+
+    def _ending(self, request: dict[str, Any], timeout: float | None) -> dict[str, Any] | None:
+        connection = _connect(self.name)
+        try:
+            reply = _exchange(connection, request, timeout, self.name)
+        finally:
+            connection.close()
+        if reply["error"] is not None:
+            raise SessionError(str(reply["error"]), int(reply["exit_code"]))
+        return reply["result"] if reply["result"] is None else dict(reply["result"])
+
+    def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
+        with self._lock:
+            if self._socket is None:
+                self._socket = _connect(self.name)
+            try:
+                return _exchange(self._socket, request, timeout, self.name)
+            except TimeoutError as error:
+                self._drop()
+                raise SessionError(
+                    f'the acquisition "{self.name}" does not answer; it may be busy. Try again.'
+                ) from error
+            except SessionGoneError:
+                self._drop()
+                raise
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def running() -> list[str]:
+    """Names of this user's running acquisitions."""
+    return wire.names()
+
+
+def attach(name: str | None = None) -> Client:
+    """Client of a running acquisition: of that name, or of the only one.
+
+    Raises
+    ------
+    SessionError
+        If there is none, or several and no name.
+    """
+    names = running()
+    if name is None and len(names) > 1:
+        raise SessionError(f"several acquisitions are running: {', '.join(names)}. Say which with --name.", 2)
+    if not names or (name is not None and name not in names):
+        which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
+        others = f" Running: {', '.join(names)}." if names else ""
+        raise SessionError(
+            f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
+        )
+    return Client(name or names[0])
+
+
+def start(plan: Plan, timeout: float = 30.0) -> Client:
+    """Start an acquisition in a process and session of its own; returns when its first packet has come.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    timeout : float
+        s.
+
+    Raises
+    ------
+    SessionError
+        If it could not start; the message says why and what to do next.
+    """
+    with wire.log_path(plan.name).open("ab") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "imutui.session"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1"},
+        )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(plan.dumps().encode() + b"\n")
+    process.stdin.close()
+    answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
+    process.stdout.close()
+    # the process outlives this one by design; a thread takes its exit status so that no zombie stays
+    threading.Thread(target=process.wait, daemon=True).start()
+    if not answer.get("ok"):
+        raise SessionError(str(answer["error"]), int(answer["exit_code"]))
+    return Client(plan.name)
+
+
+def ports() -> list[tuple[str, str]]:
+    """Serial ports of this machine: name to connect with, description."""
+    from imutui.instrument.port import available
+
+    return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
+
+
+def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:
+    assert process.stdout is not None
+    deadline = time.monotonic() + timeout
+    text = b""
+    while not text.endswith(b"\n"):
+        ready, _, _ = select.select([process.stdout], [], [], max(0.0, deadline - time.monotonic()))
+        part = os.read(process.stdout.fileno(), 65536) if ready else b""
+        if not part:
+            process.kill()
+            why = "ended before it began" if ready else f"did not begin within {timeout:.0f} s"
+            return {"error": f"the acquisition process {why}; see {wire.folder()}.", "exit_code": 4}
+        text += part
+    return dict(json.loads(text))
+
+
+def _connect(name: str) -> socket.socket:
+    try:
+        return wire.connect(name, _REPLY_S)
+    except OSError as error:
+        raise SessionGoneError(_gone(name)) from error
+
+
+def _exchange(connection: socket.socket, request: dict[str, Any], timeout: float | None, name: str) -> dict[str, Any]:
+    try:
+        connection.settimeout(timeout)
+        connection.sendall(json.dumps(request).encode() + b"\n")
+        data = bytearray()
+        while not data.endswith(b"\n"):
+            part = connection.recv(1 << 16)
+            if not part:
+                raise SessionGoneError(_gone(name))
+            data += part
+    except TimeoutError:
+        raise
+    except OSError as error:
+        raise SessionGoneError(_gone(name)) from error
+    reply = json.loads(data)
+    if not reply["ok"]:
+        raise SessionError(str(reply["error"]))
+    return dict(reply)
+
+
+def _gone(name: str) -> str:
+    return (
+        f'the acquisition "{name}" has ended. What it recorded is on the disk up to the last second; `imutui replay FILE`'
+        " reads it, finished or not."
+    )

@@ -1,0 +1,441 @@
+"""The acquisition's threads: one reads the port, decodes and stamps, one records and filters; requests queue for it.
+
+A slow disk or a slow filter therefore never makes a stamp late, and nothing but the second thread touches a take.
+"""
+
+import contextlib
+import getpass
+import os
+import queue
+import re
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import imutui
+from filters.state import Site
+from imutui.instrument.clock import Clock, arrival_before
+from imutui.instrument.crossbow import (
+    BITS_PER_BYTE,
+    PACKET_BYTES,
+    Decoder,
+    Discarded,
+    GetPacket,
+    Mode,
+    Packet,
+    Scaling,
+    StartStream,
+    encode,
+)
+from imutui.instrument.port import Port, PortError
+from imutui.logbook.session import MEASURED, SIMULATED, UNKNOWN, SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session import connect
+from imutui.session.connect import Identity, InstrumentError
+from imutui.session.live import LiveView
+from imutui.session.plan import Plan
+from imutui.session.snapshot import snapshot
+from imutui.session.take import Take, Timebase
+
+EXIT_INSTRUMENT = 4
+EXIT_DISK = 5
+_FIRST_PACKET_S = 3.0
+_POLL_S = 0.3
+_CLOCK_STEP_NS = 100_000_000
+_EVENTS = 20
+STAMPS = (
+    "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
+    " instant, from the time counter fitted to arrival less the packet's time on the line (stream), or arrival less"
+    " that time (polled); of averaged samples the mean of their packets' instants."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A packet as the reader hands it on."""
+
+    packet: Packet
+    host_ns: int
+    contiguous: bool
+    bad_checksums: int
+    discarded_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """A poll that was not answered in time."""
+
+    host_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """The line went away; the reader has ended."""
+
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A request to be carried out between two packets."""
+
+    function: Callable[[], Any]
+    future: "Future[Any]"
+
+
+class Engine:
+    """One acquisition from its first packet to its last.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    port : Port
+        Open, the unit identified, in scaled mode, polled.
+    identity : Identity
+        What the unit said.
+    """
+
+    def __init__(self, plan: Plan, port: Port, identity: Identity) -> None:
+        self.plan = plan
+        self.info = session_info(plan, port, identity)
+        self.state = "connecting"
+        self.error: str | None = None
+        self.exit_code = 0
+        self.result: dict[str, Any] | None = None
+        self.started_ns = time.monotonic_ns()
+        self.live = LiveView()
+        self.events: deque[dict[str, str]] = deque(maxlen=_EVENTS)
+        self.last_packet_ns = self.started_ns
+        self.timebase = Timebase(time.time_ns() - time.monotonic_ns())
+        self.ended = threading.Event()
+        self.streaming = threading.Event()
+        self.take: Take
+        self._port = port
+        self._stop_reading = threading.Event()
+        self._queue: queue.SimpleQueue[Arrival | Missed | Gone | Call] = queue.SimpleQueue()
+        line_ns = PACKET_BYTES * BITS_PER_BYTE / port.baud * 1e9
+        self._clock = Clock(line_ns, polled=plan.sampling == "polled")
+        self._scaling = Scaling(plan.rate_range_dps, plan.accel_range_g)
+        self._base = (0, 0)
+        self._seen = (0, 0)
+        self._silent = False
+        self._stepped_ns = 0
+        self._threads = [
+            threading.Thread(target=self._read, name="reader", daemon=True),
+            threading.Thread(target=self._work, name="worker", daemon=True),
+        ]
+
+    def start(self) -> None:
+        """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
+        if self.plan.record:
+            self._begin(self.plan.note, Path(self.plan.output) if self.plan.output else None)
+        else:
+            self.take = Take(self.info, self.timebase, None)
+        for thread in self._threads:
+            thread.start()
+        limit = _FIRST_PACKET_S + (1.0 / self.plan.rate_hz if self.plan.sampling == "polled" else 0.0)
+        deadline = time.monotonic() + limit
+        while not self.streaming.wait(0.05) and not self.ended.is_set():
+            if time.monotonic() > deadline:
+                self.request_stop()
+                self.ended.wait(5.0)
+                raise InstrumentError(
+                    f"{self._port.name}: the unit answers commands but sends no packets. Power it off and on, then connect"
+                    " again."
+                )
+
+    def call(self, function: Callable[[], Any], timeout: float = 30.0) -> Any:
+        """Carry out a function in the worker, between two packets, and return what it returns."""
+        future: Future[Any] = Future()
+        self._queue.put(Call(function, future))
+        if self.ended.is_set():
+            self._turn_away()
+        return future.result(timeout)
+
+    def _turn_away(self) -> None:
+        """Answer requests that came too late for the worker."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                item = self._queue.get_nowait()
+                if isinstance(item, Call) and not item.future.done():
+                    item.future.set_exception(ValueError("the acquisition has ended"))
+
+    # -- requests; each runs in the worker through `call` ---------------------------------------------------------
+
+    def snapshot(self, since: int) -> dict[str, Any]:
+        """State for viewers."""
+        return snapshot(self, since)
+
+    def mark(self, text: str) -> None:
+        """Write the operator's mark."""
+        if self.take.writer is None:
+            raise ValueError(
+                "nothing is being recorded, so there is no file to put the mark into; start recording first"
+            )
+        self._event("mark", text)
+
+    def record(self, note: str) -> str:
+        """Begin a recording, and a new take with it; returns its path."""
+        if self.take.writer is not None:
+            raise ValueError(f"already recording to {self.take.writer.path}")
+        self._begin(note, None)
+        assert self.take.writer is not None
+        return str(self.take.writer.path)
+
+    def stop_recording(self) -> dict[str, Any]:
+        """Finish the file; the acquisition goes on without one."""
+        if self.take.writer is None:
+            raise ValueError("nothing is being recorded")
+        self.result = self.take.finish(time.monotonic_ns())
+        assert self.result is not None
+        self._new_take(None, self.info)
+        self._event("acquisition", f"finished {self.result['log']}")
+        return self.result
+
+    def request_stop(self) -> None:
+        """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal."""
+        self.state = "stopping" if self.state in ("connecting", "running") else self.state
+        self._stop_reading.set()
+
+    # -- reader ---------------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        try:
+            if self.plan.sampling == "polled":
+                self._poll()
+            else:
+                self._stream()
+            connect.stop_stream(self._port)
+        except PortError as error:
+            self._queue.put(Gone(str(error)))
+        finally:
+            self._stop_reading.set()
+
+    def _stream(self) -> None:
+        decoder = Decoder()
+        decoder.expect_packets(Mode.SCALED, streaming=True)
+        self._port.write(encode(StartStream()))
+        contiguous = False
+        while not self._stop_reading.is_set():
+            data = self._port.read(decoder.missing)
+            host_ns = time.monotonic_ns()
+            events = decoder.feed(data) if data else decoder.quiet()
+            # a packet that waited for the next one to vouch for it arrived before that one did
+            newest = next((event.ticks for event in reversed(events) if isinstance(event, Packet)), 0)
+            for event in events:
+                if isinstance(event, Packet):
+                    arrived = arrival_before(host_ns, event.ticks, newest)
+                    self._queue.put(Arrival(event, arrived, contiguous, decoder.bad_checksums, decoder.discarded_bytes))
+                    contiguous = True
+                elif isinstance(event, Discarded):
+                    contiguous = False
+
+    def _poll(self) -> None:
+        decoder = Decoder()
+        start = time.monotonic()
+        number = 0
+        while not self._stop_reading.wait(max(0.0, start + number / self.plan.rate_hz - time.monotonic())):
+            # a poll that took longer than a period is not made up for: the next one keeps to the grid
+            number = max(number + 1, int((time.monotonic() - start) * self.plan.rate_hz) + 1)
+            decoder.expect_packets(Mode.SCALED, streaming=False)
+            self._port.write(encode(GetPacket()))
+            packet, host_ns = self._await_packet(decoder)
+            if packet is None:
+                self._queue.put(Missed(host_ns))
+            else:
+                counters = decoder.bad_checksums, decoder.discarded_bytes
+                self._queue.put(Arrival(packet, host_ns, False, *counters))
+
+    def _await_packet(self, decoder: Decoder) -> tuple[Packet | None, int]:
+        deadline = time.monotonic() + _POLL_S
+        while time.monotonic() < deadline:
+            data = self._port.read(decoder.missing)
+            host_ns = time.monotonic_ns()
+            for event in decoder.feed(data):
+                if isinstance(event, Packet):
+                    return event, host_ns
+        return None, time.monotonic_ns()
+
+    # -- worker ---------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        try:
+            self._loop()
+        except OSError as error:
+            self._fail(EXIT_DISK, disk_message(self.take.writer, error))
+        try:
+            self._finish()
+        except OSError as error:
+            self._fail(EXIT_DISK, disk_message(self.take.writer, error))
+        finally:
+            self.state = "failed" if self.exit_code else "stopped"
+            self._stop_reading.set()
+            self._port.close()
+            self.ended.set()
+            self._turn_away()
+
+    def _loop(self) -> None:
+        next_second = time.monotonic() + 1.0
+        while not (self._stop_reading.is_set() and not self._threads[0].is_alive() and self._queue.empty()):
+            with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
+                self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
+            if time.monotonic() >= next_second:
+                self._every_second()
+                next_second = max(next_second + 1.0, time.monotonic())
+
+    def _handle(self, item: Arrival | Missed | Gone | Call) -> None:
+        match item:
+            case Arrival():
+                self._packet(item)
+            case Missed():
+                self.take.tally.lost_packets += 1
+            case Gone():
+                self._fail(EXIT_INSTRUMENT, item.message)
+            case Call():
+                self._carry_out(item)
+
+    def _carry_out(self, call: Call) -> None:
+        if call.future.done():
+            return
+        try:
+            call.future.set_result(call.function())
+        except (ValueError, OSError) as error:
+            call.future.set_exception(error)
+
+    def _packet(self, arrival: Arrival) -> None:
+        packet = arrival.packet
+        stamp = self._clock.stamp(packet.ticks, arrival.host_ns, contiguous=arrival.contiguous)
+        self.last_packet_ns = arrival.host_ns
+        self._seen = arrival.bad_checksums, arrival.discarded_bytes
+        self.take.tally.bad_checksums = self._seen[0] - self._base[0]
+        self.take.tally.discarded_bytes = self._seen[1] - self._base[1]
+        self.take.packet(packet, stamp, arrival.host_ns)
+        counts = (*packet.rates, *packet.accels, packet.temperature)
+        values = np.empty(7)
+        values[:3] = self._scaling.rates_dps(packet.rates)
+        values[3:6] = self._scaling.accels_g(packet.accels) * 1e3
+        values[6] = self._scaling.temperature_degc(packet.temperature)
+        self.live.add((stamp.monotonic_ns - self.started_ns) / 1e9, counts, values)
+        if not self.streaming.is_set():
+            self.streaming.set()
+            self.state = "running"
+        if stamp.lost:
+            self._event("acquisition", f"{stamp.lost} packets lost")
+        started, duration = self.take.started_ns, self.plan.duration_s
+        if duration is not None and started is not None and stamp.monotonic_ns - started >= duration * 1e9:
+            self.request_stop()
+
+    def _every_second(self) -> None:
+        now = time.monotonic_ns()
+        self.take.every_second(now)
+        silence = (now - self.last_packet_ns) / 1e9
+        period = 1.0 / self.plan.rate_hz if self.plan.sampling == "polled" else 0.0
+        silent = silence > max(1.0, 3.0 * period)
+        if silent != self._silent and self.streaming.is_set():
+            self._silent = silent
+            text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
+            self._event("acquisition", text, 30 if silent else 20)
+        step = time.time_ns() - now - self.timebase.utc_minus_monotonic_ns - self._stepped_ns
+        if abs(step) > _CLOCK_STEP_NS:
+            self._stepped_ns += step
+            self._event("acquisition", f"the system clock stepped by {step / 1e9:+.3f} s; stamps are not affected", 30)
+
+    def _event(self, name: str, text: str, level: int = 20) -> None:
+        now = time.monotonic_ns()
+        utc = time.strftime("%H:%M:%S", time.gmtime(self.timebase.utc_ns(now) / 1e9))
+        self.events.append({"utc": utc, "name": name, "text": text})
+        self.take.event(name, text, now, level)
+
+    def _begin(self, note: str, path: Path | None) -> None:
+        info = replace(self.info, note=note)
+        path = path or default_path(Path(self.plan.logs), info.serial_number, note)
+        writer = LogWriter(path, info, self.plan.configuration(), time.time_ns(), overwrite=self.plan.overwrite)
+        self._new_take(writer, info)
+
+    def _new_take(self, writer: LogWriter | None, info: SessionInfo) -> None:
+        self.take = Take(info, self.timebase, writer)
+        self._base = self._seen
+
+    def _fail(self, code: int, message: str) -> None:
+        if not self.exit_code:
+            self.exit_code, self.error = code, message
+        self._stop_reading.set()
+        if code == EXIT_INSTRUMENT:
+            self._event("acquisition", message, 40)
+
+    def _finish(self) -> None:
+        result = self.take.finish(time.monotonic_ns()) if self.exit_code != EXIT_DISK else None
+        self.result = result if result is not None else self.result
+
+
+def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
+    """Metadata of an acquisition."""
+    version = identity.version.upper()
+    # a virtual instrument says so itself; nothing simulated may pass for measured
+    kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
+    info = SessionInfo(
+        serial_number=identity.serial_number,
+        firmware=identity.version,
+        kind=kind,
+        accel_sign=plan.accel_sign,
+        mount=plan.mount,
+        gyro_sign=plan.gyro_sign,
+        g_unit=plan.g_unit,
+        rate_range_dps=plan.rate_range_dps,
+        accel_range_g=plan.accel_range_g,
+        sampling=plan.sampling,
+        rate_hz=plan.rate_hz,
+        port=plan.port if "://" in plan.port else port.name,
+        baud=port.baud,
+        host=socket.gethostname(),
+        operator=plan.operator or _user(),
+        note=plan.note,
+        reference=plan.reference,
+        filter=plan.filter,
+        measurements=plan.measurements,
+        seed=plan.seed,
+        kappa=plan.kappa,
+        software=f"imutui {imutui.__version__}, numpy {np.__version__}",
+        stamps=STAMPS,
+    )
+    latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
+    site = Site.at(latitude, longitude, height, plan.gravity)
+    return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
+
+
+def default_path(logs: Path, serial_number: str, note: str) -> Path:
+    """Name of a recording that does not exist yet: unit, UTC, note."""
+    slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
+    stem = "_".join(
+        part for part in ("imu400cd", serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
+    )
+    path, number = logs / f"{stem}.mcap", 2
+    while path.exists():
+        path, number = logs / f"{stem}_{number}.mcap", number + 1
+    return path
+
+
+def disk_message(writer: LogWriter | None, error: OSError) -> str:
+    """Words for a disk that does not take what is written."""
+    if writer is None:
+        return f"{error.filename or 'disk'}: {error.strerror or error}. Choose another folder or free some space."
+    return (
+        f"{writer.path}: {error.strerror or error}. The file holds everything up to its last flush"
+        f" ({writer.size} bytes) and `imutui replay` reads it. Free some space, then record again."
+    )
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user id without a name
+        return str(os.getuid())

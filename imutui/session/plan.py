@@ -1,0 +1,102 @@
+"""What is asked of an acquisition, as one record that travels to its process as JSON."""
+
+import json
+from dataclasses import asdict, dataclass
+
+from filters.imu import STANDARD_GRAVITY
+
+MIN_RATE_HZ = 0.1
+MAX_RATE_HZ = 133.0
+SAMPLINGS = ("stream", "polled")
+VIRTUAL_PORT = "virtual"
+"""Port name that starts a virtual instrument of the acquisition's own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One acquisition.
+
+    Attributes
+    ----------
+    port : str
+        Path, stable id, pyserial URL, or "virtual".
+    rate_hz : float
+        Output rate, 0.1 to 133 Hz.
+    sampling : str
+        "stream": full rate, averaged over each period. "polled": one request a period.
+    baud : int
+        Line speed.
+    duration_s : float or None
+        Ends by itself after so much data.
+    record : bool
+        Whether recording starts with the first packet, or when a viewer asks.
+    filter, reference : str
+        Names; filter "none" records only.
+    name : str
+        Of the acquisition; one of a name a user.
+    logs : str
+        Folder of recordings, absolute.
+    output, overwrite : str, bool
+        File of the first recording instead of a name made up in `logs`, and whether it may replace one.
+    note, operator : str
+        Go into the file.
+    virtual : tuple of str
+        Further arguments of `imutui virtual`, for port "virtual".
+    """
+
+    port: str
+    rate_hz: float = MAX_RATE_HZ
+    sampling: str = "stream"
+    baud: int = 38400
+    duration_s: float | None = None
+    record: bool = False
+    filter: str = "spkf"
+    reference: str = "level"
+    name: str = "default"
+    logs: str = "logs"
+    output: str = ""
+    overwrite: bool = False
+    note: str = ""
+    operator: str = ""
+    accel_sign: int = -1
+    mount: str = "x,y,z"
+    gyro_sign: str = "1,1,1"
+    g_unit: float = STANDARD_GRAVITY
+    rate_range_dps: float = 200.0
+    accel_range_g: float = 4.0
+    site: tuple[float, float, float] | None = None
+    gravity: float | None = None
+    measurements: str = "exact"
+    seed: int = 0
+    kappa: float = 0.0
+    virtual: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:
+            raise ValueError(f"`rate` is {self.rate_hz:g} Hz; the IMU400CD gives {MIN_RATE_HZ} to {MAX_RATE_HZ:g} Hz")
+        if self.sampling not in SAMPLINGS:
+            raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
+        if self.duration_s is not None and not self.duration_s > 0.0:
+            raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
+        if not self.name or "/" in self.name or self.name.startswith("."):
+            raise ValueError(f'`name` is "{self.name}"; it becomes a file name, so no slash and no leading dot')
+
+    def dumps(self) -> str:
+        """JSON text."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def loads(cls, text: str) -> "Plan":
+        """From JSON text."""
+        fields = json.loads(text)
+        fields["virtual"] = tuple(fields["virtual"])
+        fields["site"] = tuple(fields["site"]) if fields["site"] is not None else None
+        return cls(**fields)
+
+    def configuration(self) -> str:
+        """Effective configuration as TOML, kept in the log."""
+        lines = ["# effective configuration of the acquisition"]
+        for key, value in asdict(self).items():
+            if value is not None:
+                lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
+        return "\n".join(lines) + "\n"

@@ -1,0 +1,146 @@
+"""The state that viewers see: one JSON object, made between two packets."""
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from filters.runner import Estimator
+from imutui.logbook import results
+from imutui.session.live import STATISTICS_S
+from imutui.session.take import Take
+
+if TYPE_CHECKING:
+    from imutui.session.engine import Engine
+
+_NAMES = ("x", "y", "z")
+
+
+def snapshot(engine: "Engine", since: int) -> dict[str, Any]:
+    """Everything a screen shows.
+
+    Parameters
+    ----------
+    engine : Engine
+        Between two packets.
+    since : int
+        Number of the first packet wanted in `series`.
+    """
+    now = time.monotonic_ns()
+    info, take, plan = engine.info, engine.take, engine.plan
+    return {
+        "name": plan.name,
+        "pid": os.getpid(),
+        "state": engine.state,
+        "error": engine.error,
+        "instrument": info.instrument,
+        "serial_number": info.serial_number,
+        "firmware": info.firmware,
+        "kind": info.kind,
+        "port": info.port,
+        "baud": info.baud,
+        "rate_hz": info.rate_hz,
+        "sampling": info.sampling,
+        "measured_hz": take.rate.hz(),
+        "packet_hz": engine.live.rate_hz(),
+        "packets": take.tally.packets,
+        "lost_packets": take.tally.lost_packets,
+        "bad_checksums": take.tally.bad_checksums,
+        "discarded_bytes": take.tally.discarded_bytes,
+        "silent_s": (now - engine.last_packet_ns) / 1e9,
+        "since_start_s": (now - engine.started_ns) / 1e9,
+        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(engine.timebase.utc_ns(now) / 1e9)),
+        "recording": _recording(take, now),
+        "channels": engine.live.channels(),
+        "statistics_s": STATISTICS_S,
+        "filter": None if take.estimator is None else _filter(take, take.estimator),
+        "events": list(engine.events),
+        "series": engine.live.series(since),
+    }
+
+
+def _recording(take: Take, now: int) -> dict[str, Any] | None:
+    if take.writer is None:
+        return None
+    return {
+        "path": str(take.writer.path),
+        "bytes": take.writer.size,
+        "seconds": (now - take.started_ns) / 1e9 if take.started_ns is not None else 0.0,
+        "samples": take.samples,
+        "flush_age_s": (now - take.flushed_ns) / 1e9 if take.flushed_ns is not None else None,
+        "marks": take.marks,
+    }
+
+
+def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
+    latest = estimator.latest
+    out: dict[str, Any] = {
+        "name": take.info.filter,
+        "reference": take.info.reference,
+        "t": None if latest is None else latest.t,
+        "samples": estimator.samples,
+        "waiting": _waiting(take, estimator),
+        "converged": estimator.converged,
+        "biases": _biases(take, estimator),
+        "nis": results.nis_fields(estimator),
+        "state": None,
+        "state_sd": None,
+        "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
+    }
+    if latest is not None:
+        axes, g_unit = take.info.axes(), take.info.g_unit
+        seen = results.seen_axes(estimator, axes)
+        nav, P = latest.belief.nav, latest.belief.P
+        state = results.state_fields(nav, axes, g_unit, seen)
+        sd = results.sd_fields(P, nav, axes, g_unit, seen)
+        out["state"] = {key: state[key] for key in ("position_deg_m", "velocity_mps", "rpy_deg")}
+        out["state_sd"] = {key: sd[key] for key in ("position_m", "velocity_mps", "rpy_deg")}
+    return out
+
+
+def _waiting(take: Take, estimator: Estimator) -> str | None:
+    if estimator.reference is None:
+        return "finding level from gravity: keep the unit still for the first 10 s"
+    return "waiting for the first sample" if take.samples == 0 else None
+
+
+def _biases(take: Take, estimator: Estimator) -> list[dict[str, Any]]:
+    axes, g_unit = take.info.axes(), take.info.g_unit
+    spec = estimator.settings.spec
+    latest, convergence = estimator.latest, estimator.gauge.convergence()
+    seen = results.seen_axes(estimator, axes)
+    since = results.converged_since(estimator, axes)
+    rows: dict[str, dict[str, Any]] = {}
+    change = convergence.change if convergence.change is not None else np.full(6, np.nan)
+    changes = {
+        "gyro": np.rad2deg(axes.gyro_to_instrument(change[3:])),
+        "accel": axes.accel_to_instrument(change[:3]) / g_unit * 1e3,
+    }
+    if latest is not None:
+        nav = latest.belief.nav
+        values = results.state_fields(nav, axes, g_unit, seen)
+        sds = results.sd_fields(latest.belief.P, nav, axes, g_unit, seen)
+        rows = {"values": values, "sds": sds}
+    out = []
+    for kind, unit, limit in (
+        ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
+        ("accel", "mg", spec.accel_bias_limit / g_unit * 1e3),
+    ):
+        key = f"{kind}_bias_{'dps' if kind == 'gyro' else 'mg'}"
+        for i, axis in enumerate(_NAMES):
+            sd = rows["sds"][key][i] if rows else None
+            moved = changes[kind][i]
+            out.append(
+                {
+                    "name": f"{axis} {kind}",
+                    "value": rows["values"][key][i] if rows else None,
+                    "sd3": None if sd is None else 3.0 * sd,
+                    "unit": unit,
+                    "limit": limit,
+                    "change_10s": float(moved) if np.isfinite(moved) else None,
+                    "converged_s": since[f"{kind}_bias"][i],
+                    "observable": kind == "gyro" or bool(seen[i]),
+                }
+            )
+    return out

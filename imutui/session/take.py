@@ -1,0 +1,247 @@
+"""One take: a run of output samples, to the disk first and then through the filter.
+
+Starting to record starts a new take, so that the file holds every sample that its filter has seen and a replay
+gives the same estimates.
+"""
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from filters import runner
+from filters.runner import Estimate, Estimator
+from filters.spkf import DivergenceError
+from imutui.instrument.clock import Stamp
+from imutui.instrument.crossbow import Packet, Scaling
+from imutui.logbook import reader, results, schemas
+from imutui.logbook.results import Counters, Timings
+from imutui.logbook.session import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session.averaging import Averager, Sample
+
+_ESTIMATE_PERIOD_S = 0.1
+_LIMIT_COUNTS = (-32768, 32767)
+
+
+@dataclass(slots=True)
+class Tally:
+    """Line counters since the take began."""
+
+    packets: int = 0
+    lost_packets: int = 0
+    bad_checksums: int = 0
+    discarded_bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Timebase:
+    """UTC at start plus the monotonic clock: steps of the system's clock never reach a log."""
+
+    utc_minus_monotonic_ns: int
+
+    def utc_ns(self, monotonic_ns: int) -> int:
+        """UTC of a monotonic instant, ns."""
+        return monotonic_ns + self.utc_minus_monotonic_ns
+
+
+@dataclass(slots=True)
+class _Rate:
+    """Samples a second over the last 10 s (at least two samples)."""
+
+    stamps: list[int] = field(default_factory=list)
+
+    def add(self, stamp_ns: int) -> None:
+        """Take a sample's stamp."""
+        self.stamps.append(stamp_ns)
+        while len(self.stamps) > 3 and stamp_ns - self.stamps[1] > 10_000_000_000:
+            self.stamps.pop(0)
+
+    def hz(self) -> float | None:
+        """Rate, or None before there are three samples."""
+        if len(self.stamps) < 3:
+            return None
+        return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
+
+
+class Take:
+    """Samples, filter and, if recording, the file.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Of this take.
+    timebase : Timebase
+        Monotonic to UTC.
+    writer : LogWriter or None
+        None when not recording.
+    """
+
+    def __init__(self, info: SessionInfo, timebase: Timebase, writer: LogWriter | None) -> None:
+        self.info = info
+        self.writer = writer
+        self.tally = Tally()
+        self.samples = 0
+        self.marks = 0
+        self.rate = _Rate()
+        self.started_ns: int | None = None
+        self.flushed_ns: int | None = None
+        self.failure: str | None = None
+        self.estimator = Estimator(info.settings()) if info.filter != "none" else None
+        self._timebase = timebase
+        self._axes = info.axes()
+        self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
+        self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
+        self._first_ns: int | None = None
+        self._next_estimate = 0.0
+        self._filter_s = 0.0
+        self._stamps: list[int] = []
+
+    def packet(self, packet: Packet, stamp: Stamp, host_ns: int) -> None:
+        """Take a packet; raises OSError if the disk does not take it."""
+        counts = (*packet.rates, *packet.accels)
+        if self.started_ns is None:
+            self.started_ns = stamp.monotonic_ns
+        if self.writer is not None:
+            self._write_raw(packet, counts, stamp, host_ns)
+        self.tally.packets += 1
+        self.tally.lost_packets += stamp.lost
+        if self._averager is None:
+            values = np.array(counts, float)
+            self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns)
+        else:
+            sample = self._averager.add(stamp.monotonic_ns, counts, packet.temperature)
+            if sample is not None:
+                self._sample(sample, host_ns)
+
+    def _write_raw(self, packet: Packet, counts: tuple[int, ...], stamp: Stamp, host_ns: int) -> None:
+        assert self.writer is not None
+        a, b, c, d, e, f = counts
+        flags = schemas.FLAG_LOST_BEFORE if stamp.lost else 0
+        flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
+        flags |= schemas.FLAG_LIMIT if any(n in _LIMIT_COUNTS for n in counts) else 0
+        raw = schemas.RawPacket(
+            self.tally.packets, host_ns, (a, b, c, d, e, f), packet.temperature, packet.ticks, 0, flags
+        )
+        self.writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
+
+    def _sample(self, sample: Sample, host_ns: int) -> None:
+        stamp_ns = self._timebase.utc_ns(sample.stamp_ns)
+        gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
+        accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
+        self.samples += 1
+        self.rate.add(sample.stamp_ns)
+        if self.writer is not None:
+            log_ns = self._timebase.utc_ns(host_ns)
+            degc = float(self._scaling.temperature_degc(sample.temperature))
+            self.writer.imu(log_ns, stamp_ns, gyro, accel)
+            self.writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
+        self._filter(stamp_ns, gyro, accel, host_ns)
+
+    def _filter(self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, host_ns: int) -> None:
+        if self.estimator is None or self.failure is not None:
+            return
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+        self._stamps.append(stamp_ns)
+        started = time.perf_counter()
+        try:
+            estimates = runner.step(self.estimator, reader.seconds_since(stamp_ns, self._first_ns), gyro, accel)
+        except (DivergenceError, ValueError) as error:
+            self.failure = f"the filter stopped, recording goes on: {error}"
+            return
+        self._filter_s += time.perf_counter() - started
+        self._write_estimates(estimates, host_ns)
+
+    def _write_estimates(self, estimates: list[Estimate], host_ns: int) -> None:
+        for estimate in estimates:
+            stamp_ns = self._stamps.pop(0)
+            if self.writer is not None and self.estimator is not None and estimate.t >= self._next_estimate - 1e-9:
+                message = results.estimate_message(estimate, self.estimator, self.info, stamp_ns)
+                self.writer.message(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
+                self._next_estimate = max(self._next_estimate + _ESTIMATE_PERIOD_S, estimate.t)
+
+    def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:
+        """Write a mark or an event, if recording."""
+        self.marks += name == "mark"
+        if self.writer is not None:
+            utc = self._timebase.utc_ns(now_ns)
+            self.writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
+
+    def every_second(self, now_ns: int) -> None:
+        """Reference, diagnostics, and everything onto the disk."""
+        if self.writer is None:
+            return
+        utc = self._timebase.utc_ns(now_ns)
+        angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
+        reference = schemas.table_reference(utc, self.info.reference, angles, np.zeros(3))
+        self.writer.message(schemas.REFERENCE, reference, utc, utc)
+        level = 1 if self.tally.lost_packets or self.tally.bad_checksums else 0
+        text = "packets were lost or damaged" if level else "ok"
+        values = self._diagnostics(now_ns)
+        self.writer.message(schemas.DIAGNOSTICS, schemas.diagnostics(utc, level, text, values), utc, utc)
+        self.writer.flush()
+        self.flushed_ns = time.monotonic_ns()
+
+    def _diagnostics(self, now_ns: int) -> dict[str, str]:
+        age = (now_ns - self.flushed_ns) / 1e9 if self.flushed_ns is not None else 0.0
+        hz = self.rate.hz()
+        return {
+            "serial_number": self.info.serial_number,
+            "rate_asked_hz": repr(self.info.rate_hz),
+            "rate_measured_hz": "" if hz is None else f"{hz:.4f}",
+            "packets": str(self.tally.packets),
+            "samples": str(self.samples),
+            "lost_packets": str(self.tally.lost_packets),
+            "bad_checksums": str(self.tally.bad_checksums),
+            "resynchronised_bytes": str(self.tally.discarded_bytes),
+            "flush_age_s": f"{age:.3f}",
+        }
+
+    def finish(self, now_ns: int) -> dict[str, Any] | None:
+        """Use what still waits, close the file and return the result document; None when not recording.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take the end; the file then ends with its last flush.
+        """
+        if self.writer is None:
+            return None
+        if self.estimator is not None and self.failure is None:
+            try:
+                self._write_estimates(runner.finish(self.estimator), now_ns)
+            except (DivergenceError, ValueError) as error:
+                self.failure = str(error)
+        self.every_second(now_ns)
+        summary = self._document(None)
+        self.writer.finish(summary, self._timebase.utc_ns(now_ns))
+        return self._document(reader.sha256(self.writer.path))
+
+    def _document(self, sha256: str | None) -> dict[str, Any]:
+        assert self.writer is not None
+        counters = Counters(self.tally.lost_packets, self.tally.bad_checksums)
+        timings = Timings(self._filter_s, 0.0)
+        path: Path = self.writer.path
+        if self.estimator is None or self.estimator.latest is None:
+            return {
+                "version": results.VERSION,
+                "log": str(path.resolve()),
+                "kind": self.info.kind,
+                "filter": self.info.filter,
+                "samples": self.samples,
+                "finished": True,
+                "lost_packets": counters.lost_packets,
+                "bad_checksums": counters.bad_checksums,
+                "alarms": [] if self.failure is None else [self.failure],
+                "log_sha256": sha256,
+            }
+        document = results.document(
+            self.estimator, self.info, path, finished=True, counters=counters, timings=timings, log_sha256=sha256 or ""
+        )
+        document["log_sha256"] = sha256
+        if self.failure is not None:
+            document["alarms"].append(self.failure)
+        return document
