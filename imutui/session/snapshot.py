@@ -2,28 +2,47 @@
 
 import os
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any, Protocol
 
 import numpy as np
 
 from filters.runner import Estimator
 from imutui.logbook import results
-from imutui.session.live import STATISTICS_S
-from imutui.session.take import Take
-
-if TYPE_CHECKING:
-    from imutui.session.engine import Engine
+from imutui.logbook.session import SessionInfo
+from imutui.session.live import STATISTICS_S, LiveView
+from imutui.session.plan import Plan
+from imutui.session.take import Take, Timebase
 
 _NAMES = ("x", "y", "z")
 
 
-def snapshot(engine: "Engine", since: int) -> dict[str, Any]:
+class Acquisition(Protocol):
+    """What a snapshot is taken of: the engine, between two packets."""
+
+    plan: Plan
+    info: SessionInfo
+    state: str
+    error: str | None
+    take: Take
+    live: LiveView
+    timebase: Timebase
+    started_ns: int
+    last_packet_ns: int
+
+    @property
+    def events(self) -> Iterable[dict[str, str]]:
+        """The last events."""
+        ...
+
+
+def snapshot(engine: Acquisition, since: int) -> dict[str, Any]:
     """Everything a screen shows.
 
     Parameters
     ----------
-    engine : Engine
-        Between two packets.
+    engine : Acquisition
+        The running one.
     since : int
         Number of the first packet wanted in `series`.
     """
