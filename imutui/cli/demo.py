@@ -8,6 +8,8 @@ import typer
 
 from imutui.cli.options import Json, Rate
 
+_RATE_HZ = 20.0
+
 
 def command(
     headless: Annotated[
@@ -33,7 +35,7 @@ def command(
 
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
     plan = plan_from(
-        config.load().with_flags({"acquisition.rate_hz": rate}),
+        config.load().with_flags({"acquisition.rate_hz": rate or _RATE_HZ}),
         None,
         port="virtual",
         record=True,

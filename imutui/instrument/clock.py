@@ -1,7 +1,8 @@
 """From the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
 
-The counter steps precisely but wraps every 52 ms and its tick is known to 0.6 % only; the host's stamps are absolute but
-late by whatever the operating system felt like. A two-state Kalman filter (instant, tick) takes the best of both.
+The counter steps precisely but wraps every 52 ms and its tick is known to 0.6 % only; the host's stamps are absolute
+but late by whatever the operating system felt like. A two-state Kalman filter (instant, tick) takes the best of both:
+it is fed the least late arrival of every half second, since no packet arrives early.
 """
 
 from dataclasses import dataclass
@@ -10,10 +11,10 @@ NOMINAL_TICK_NS = 790.0
 WRAP = 1 << 16
 _TICK_SD = 0.006 * NOMINAL_TICK_NS
 _TICK_WALK = 1e-8 * NOMINAL_TICK_NS
-_STAMP_SD_NS = 1.0e6
-_CLIP = 3.0
+_ANCHOR_SD_NS = 10.0e6
+_LEAST_LATE_SD_NS = 0.3e6
 _LATE_NS = 20.0e6
-_LATE_PACKETS = 64
+_BLOCK = 64
 _AMBIGUOUS_NS = 25.0e6
 
 
@@ -54,6 +55,22 @@ def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
     return host_ns - round((ticks - last_ticks) % WRAP * NOMINAL_TICK_NS)
 
 
+class _Least:
+    """The least late arrival of a block of packets."""
+
+    def __init__(self) -> None:
+        self.innovation = float("inf")
+        self.ticks_since = 0
+        self.count = 0
+
+    def add(self, innovation: float, step: int) -> None:
+        """Take a packet, `step` ticks after the one before."""
+        self.count += 1
+        self.ticks_since += step
+        if innovation < self.innovation:
+            self.innovation, self.ticks_since = innovation, 0
+
+
 class Clock:
     """Stamps the packets of a stream, in order.
 
@@ -76,8 +93,9 @@ class Clock:
         self._P = [0.0, 0.0, 0.0]
         self._period: float | None = None
         self._last = 0
-        self._least_late = float("inf")
-        self._since_least = 0
+        self._step = 0
+        self._block = 1
+        self._least = _Least()
 
     @property
     def tick_ns(self) -> float:
@@ -113,38 +131,43 @@ class Clock:
         elif self._period is None or step:
             self._period = step if self._period is None else self._period + (step - self._period) / 16.0
         lost = 0 if contiguous else self._missing(step)
-        self._advance(step, arrival)
-        lost += self._catch_up()
+        lost += self._advance(step, arrival)
         return self._emit(lost, by_host=False)
 
     def _anchor(self, ticks: int, host_ns: int, arrival: float) -> None:
         self._ticks, self._host_ns = ticks, host_ns
         self._origin = int(arrival)
         self._instant = arrival - self._origin
-        self._P = [_STAMP_SD_NS**2, 0.0, _TICK_SD**2 if self._P[2] == 0.0 else self._P[2]]
-        self._least_late, self._since_least = float("inf"), 0
+        self._P = [_ANCHOR_SD_NS**2, 0.0, _TICK_SD**2 if self._P[2] == 0.0 else self._P[2]]
+        self._step, self._block, self._least = 0, 1, _Least()
 
-    def _advance(self, step: int, arrival: float) -> None:
+    def _advance(self, step: int, arrival: float) -> int:
+        """Go on by so many ticks; returns packets found missing."""
         p, c, q = self._P
+        self._step = step
         self._instant += step * self._tick
-        p, c, q = p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2
-        innovation = arrival - self._origin - self._instant
-        self._least_late = min(self._least_late, innovation)
-        S = p + _STAMP_SD_NS**2
-        # a late arrival says little: its innovation counts as three standard deviations at most
-        clipped = max(-_CLIP * S**0.5, min(_CLIP * S**0.5, innovation))
-        self._instant += p / S * clipped
-        self._tick += c / S * clipped
-        self._P = [p - p * p / S, c - c * p / S, q - c * c / S]
+        self._P = [p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2]
+        self._least.add(arrival - self._origin - self._instant, step)
+        if self._least.count < self._block:
+            return 0
+        # the first blocks are short, so that a late first packet is put right at once
+        least, self._least, self._block = self._least, _Least(), min(2 * self._block, _BLOCK)
+        if least.count == _BLOCK and least.innovation > _LATE_NS:
+            return self._catch_up(least.innovation)
+        self._update(least.innovation, least.ticks_since)
+        return 0
 
-    def _catch_up(self) -> int:
+    def _update(self, innovation: float, ticks_since: int) -> None:
+        p, c, q = self._P
+        # it was seen some ticks ago: H = (1, -ticks_since)
+        a, b = p - ticks_since * c, c - ticks_since * q
+        S = a - ticks_since * b + _LEAST_LATE_SD_NS**2
+        self._instant += a / S * innovation
+        self._tick += b / S * innovation
+        self._P = [p - a * a / S, c - a * b / S, q - b * b / S]
+
+    def _catch_up(self, late: float) -> int:
         """Add wraps that went unseen: when for half a second no packet came near its time, whole wraps are missing."""
-        self._since_least += 1
-        if self._since_least < _LATE_PACKETS:
-            return 0
-        late, self._least_late, self._since_least = self._least_late, float("inf"), 0
-        if late < _LATE_NS:
-            return 0
         wraps = max(1, round(late / (WRAP * self._tick)))
         self._instant += wraps * WRAP * self._tick
         return 0 if self._period is None else round(wraps * WRAP / self._period)
@@ -153,5 +176,7 @@ class Clock:
         return 0 if not self._period else max(0, round(step / self._period) - 1)
 
     def _emit(self, lost: int, *, by_host: bool) -> Stamp:
-        self._last = max(self._last + 1, self._origin + round(self._instant))
+        # a correction backwards must not stop time: the stamp goes on by a quarter of its step at least
+        least = self._last + max(1, round(0.25 * self._step * self._tick))
+        self._last = max(least, self._origin + round(self._instant))
         return Stamp(self._last, lost, by_host)

@@ -15,6 +15,7 @@ from imutui.session.plan import Plan
 
 _REPLY_S = 5.0
 _STOP_S = 60.0
+_EXIT_S = 5.0
 
 
 class SessionError(Exception):
@@ -91,9 +92,16 @@ class Client:
             reply = _exchange(connection, request, timeout, self.name)
         finally:
             connection.close()
+        self._await_exit()
         if reply["error"] is not None:
             raise SessionError(str(reply["error"]), int(reply["exit_code"]))
         return reply["result"] if reply["result"] is None else dict(reply["result"])
+
+    def _await_exit(self) -> None:
+        """Wait until the name is free again, so that what is done next does not meet the process on its way out."""
+        deadline = time.monotonic() + _EXIT_S
+        while self.name in wire.names() and time.monotonic() < deadline:
+            time.sleep(0.01)
 
     def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
         with self._lock:

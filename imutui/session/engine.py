@@ -308,7 +308,7 @@ class Engine:
             return
         try:
             call.future.set_result(call.function())
-        except (ValueError, OSError) as error:
+        except Exception as error:  # noqa: BLE001 - a bad request is its sender's trouble, not the recording's
             call.future.set_exception(error)
 
     def _packet(self, arrival: Arrival) -> None:

@@ -1,0 +1,118 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from filters.imu import AxisMap, parse_mount
+from imutui.logbook import SessionInfo, importer, reader
+from imutui.logbook.importer import ImportDataError
+
+N = 40
+
+
+def arrays(**changes: np.ndarray) -> dict[str, np.ndarray]:
+    """A still, level recording with the Crossbow's sign."""
+    rng = np.random.default_rng(1)
+    base = {
+        "t": np.arange(N) / 20.0,
+        "gyro": rng.normal(size=(N, 3)) * 0.1,
+        "accel": rng.normal(size=(N, 3)) * 1e-3 + [0.0, 0.0, 0.998],
+        "temp": np.full(N, 25.0),
+    }
+    return base | changes
+
+
+def saved(path: Path, **changes: np.ndarray) -> Path:
+    np.savez(path, **arrays(**changes))
+    return path
+
+
+def test_what_is_imported_is_what_the_recording_holds(tmp_path: Path) -> None:
+    """deg/s and g become rad/s and m/s² in body axes, time and temperature stay."""
+    source = saved(tmp_path / "a.npz")
+    info = SessionInfo(accel_sign=1, mount="x,-y,-z")
+    importer.write(importer.load(source), info, source, tmp_path / "a.mcap", overwrite=False)
+    log = reader.read(tmp_path / "a.mcap")
+    held, axes = arrays(), AxisMap(parse_mount("x,-y,-z"), 1)
+    assert np.allclose(log.seconds(), held["t"], atol=1e-9)
+    assert np.allclose(np.rad2deg(axes.gyro_to_instrument(log.gyro)), held["gyro"], atol=1e-12)
+    assert np.allclose(axes.accel_to_instrument(log.accel) / 9.80665, held["accel"], atol=1e-12)
+    assert np.allclose(log.temperature_degc, 25.0)
+    assert log.info.sampling == "imported"
+    assert log.info.rate_hz == pytest.approx(20.0)
+    assert log.finished
+
+
+def test_a_csv_says_the_same_as_an_npz(tmp_path: Path) -> None:
+    """Vectors are columns gyro_x … accel_z."""
+    a = arrays()
+    table = np.column_stack([a["t"], a["gyro"], a["accel"], a["temp"]])
+    names = "t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=names, comments="", fmt="%.17g")
+    from_csv, from_npz = importer.load(tmp_path / "a.csv"), importer.load(saved(tmp_path / "a.npz"))
+    assert np.array_equal(from_csv.gyro_dps, from_npz.gyro_dps)
+    assert np.array_equal(from_csv.accel_g, from_npz.accel_g)
+    assert np.array_equal(from_csv.t, from_npz.t)
+
+
+BAD = {
+    "unequal lengths": (dict(gyro=np.zeros((N - 3, 3))), r"lengths differ.*from row 37"),
+    "not a number": (dict(accel=np.where(np.arange(3 * N).reshape(N, 3) == 31, np.nan, 1.0)), r"`accel`.*row 10"),
+    "time standing still": (dict(t=np.r_[np.arange(20), 19, np.arange(21, N)] / 20.0), r"increase at row 20"),
+    "time going back": (dict(t=np.r_[np.arange(20), 5.0, np.arange(21, N)]), r"increase at row 20"),
+    "wrong shape": (dict(accel=np.zeros((N, 2))), r"`accel` has shape"),
+    "text": (dict(gyro=np.full((N, 3), "a")), r"`gyro` has shape"),
+    "one sample": ({k: v[:1] for k, v in arrays().items()}, r"at least two"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_data_that_cannot_be_imported_are_named_with_their_row(tmp_path: Path, case: str) -> None:
+    """The error says file, array and row."""
+    changes, words = BAD[case]
+    with pytest.raises(ImportDataError, match=words) as caught:
+        importer.load(saved(tmp_path / "bad.npz", **changes))
+    assert "bad.npz" in str(caught.value)
+
+
+def test_a_misspelt_name_is_an_error_that_lists_what_is_there(tmp_path: Path) -> None:
+    """`gyr` is not `gyro`."""
+    a = arrays()
+    a["gyr"] = a.pop("gyro")
+    np.savez(tmp_path / "a.npz", **a)
+    with pytest.raises(ImportDataError, match=r"no `gyro`.*accel, gyr, t"):
+        importer.load(tmp_path / "a.npz")
+
+
+def test_other_arrays_are_named_and_left(tmp_path: Path) -> None:
+    """What is not imported is said."""
+    assert importer.load(saved(tmp_path / "a.npz", counts=np.zeros(3))).not_imported == ("counts",)
+
+
+def test_a_level_unit_upside_down_is_an_error_that_names_both_cures(tmp_path: Path) -> None:
+    """+1 g on Z with sign +1 would be upside down: sign or mounting, and a still log can't tell."""
+    r = importer.load(saved(tmp_path / "a.npz"))
+    with pytest.raises(ImportDataError) as caught:
+        importer.check_gravity(r, SessionInfo(accel_sign=1))
+    text = str(caught.value)
+    assert "Z reads +0.998 g" in text
+    assert "--accel-sign -1" in text
+    assert "--mount x,-y,-z" in text
+    assert importer.check_gravity(r, SessionInfo(accel_sign=-1)) is None
+    assert importer.check_gravity(r, SessionInfo(accel_sign=1, reference="gravity")) is None
+
+
+def test_a_magnitude_that_is_off_is_a_warning_that_names_tilt_bias_and_scale(tmp_path: Path) -> None:
+    """1.05 g is more than 12 mg + 1 % from gravity."""
+    a = arrays()["accel"] * 1.05
+    warning = importer.check_gravity(importer.load(saved(tmp_path / "a.npz", accel=a)), SessionInfo())
+    assert warning is not None
+    assert all(word in warning for word in ("tilt", "bias", "scale"))
+
+
+def test_a_part_starts_and_ends_where_it_was_asked(tmp_path: Path) -> None:
+    """--start and --end count from the first sample, both ends included."""
+    r = importer.load(saved(tmp_path / "a.npz", t=100.0 + np.arange(N) / 20.0), 0.5, 1.0)
+    assert (r.t[0], r.t[-1]) == (100.5, 101.0)
+    with pytest.raises(ImportDataError, match="fewer than two"):
+        importer.load(saved(tmp_path / "b.npz"), start=100.0)

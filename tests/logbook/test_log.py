@@ -1,0 +1,201 @@
+import os
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from imutui.logbook import SessionInfo, reader, schemas
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.schemas import RawPacket
+from imutui.logbook.writer import LogWriter
+
+START = 1_795_257_000_000_000_000
+counts = st.integers(-32768, 32767)
+packets = st.builds(
+    RawPacket,
+    st.integers(0, 2**64 - 1),
+    st.integers(-(2**63), 2**63 - 1),
+    st.tuples(counts, counts, counts, counts, counts, counts),
+    st.integers(0, 65535),
+    st.integers(0, 65535),
+    st.integers(0, 1),
+    st.integers(0, 255),
+)
+
+
+def write(path: Path, seconds: int = 3, *, finish: bool = True, rate: int = 20) -> LogWriter:
+    """A log of a few seconds with one of every message, flushed each second."""
+    log = LogWriter(path, SessionInfo(serial_number="42", rate_hz=rate, kind="simulated"), "x = 1\n", START)
+    rng = np.random.default_rng(1)
+    for k in range(seconds * rate):
+        stamp = START + k * 1_000_000_000 // rate
+        log.raw(RawPacket(k, k, (1, 2, 3, 4, 5, 6), 1587, 65535 - k), stamp, stamp)
+        log.imu(stamp, stamp, rng.normal(size=3), rng.normal(size=3))
+        if k % rate == rate - 1:
+            reference = schemas.table_reference(stamp, "level", np.zeros(3), np.zeros(3))
+            log.message(schemas.REFERENCE, reference, stamp, stamp)
+            log.message(schemas.TEMPERATURE, schemas.temperature(stamp, 24.5), stamp, stamp)
+            log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "ok", {"lost_packets": "3"}), stamp, stamp)
+            log.message(schemas.EVENTS, schemas.event(stamp, "mark", "here"), stamp, stamp)
+            log.flush()
+    if finish:
+        log.finish({"samples": seconds * rate}, START)
+    return log
+
+
+@given(packets)
+def test_a_raw_packet_is_what_rosbags_makes_of_it(packet: RawPacket) -> None:
+    """Our fixed-size bytes and the definition's, decoded by an independent library, say the same."""
+    data = schemas.encode_raw(packet)
+    assert schemas.decode_raw(data) == packet
+    m = schemas.decode(schemas.TYPES[schemas.RAW], data)
+    assert (m.sequence, m.host_monotonic_ns, tuple(m.counts)) == (packet.sequence, packet.host_monotonic_ns, packet.counts)
+    assert (m.temperature, m.ticks, m.mode, m.flags) == (packet.temperature, packet.ticks, packet.mode, packet.flags)
+    assert bytes(schemas.typestore().serialize_cdr(m, schemas.TYPES[schemas.RAW])) == data
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    """Samples, packets, marks, diagnostics, metadata and attachments come back, to the last bit."""
+    write(tmp_path / "a.mcap")
+    log = reader.read(tmp_path / "a.mcap", raw=True)
+    rng = np.random.default_rng(1)
+    expected = rng.normal(size=(60, 6))
+    assert log.finished
+    assert log.damage == ""
+    assert np.array_equal(np.hstack([log.gyro, log.accel]), expected)
+    assert log.stamp_ns[0] == START
+    assert np.allclose(np.diff(log.seconds()), 0.05)
+    assert [p.sequence for p in log.raw] == list(range(60))
+    assert log.info.serial_number == "42"
+    assert log.reference == "level"
+    assert log.diagnostics == {"lost_packets": "3"}
+    assert {event.text for event in log.events} == {"here"}
+    assert set(log.attachments) == {"configuration.toml", "summary.json"}
+
+
+def test_metadata_survives_with_every_digit() -> None:
+    """SessionInfo → strings → SessionInfo is the identity."""
+    info = replace(SessionInfo(), gravity_mps2=9.7863716970205, seed=7, mount="x,-y,-z", note='a "b", c')
+    assert SessionInfo.from_strings(info.strings()) == info
+    with pytest.raises(ValueError, match="rate_hz"):
+        SessionInfo.from_strings({"rate_hz": "fast"})
+
+
+def test_other_libraries_open_the_file(tmp_path: Path) -> None:
+    """rosbags decodes Imu and our own message; mcap's indexed reader sees every channel, profile ros2."""
+    write(tmp_path / "a.mcap")
+    with AnyReader([tmp_path / "a.mcap"]) as bag:
+        imu = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.IMU]
+        raw = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.RAW]
+    assert len(imu) == 60
+    assert imu[0].orientation_covariance[0] == -1.0
+    assert list(raw[5].counts) == [1, 2, 3, 4, 5, 6]
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+        header = make_reader(stream).get_header()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert {c.topic for c in summary.channels.values()} == set(schemas.TYPES)
+    assert {(c.message_encoding, summary.schemas[c.schema_id].encoding) for c in summary.channels.values()} == {("cdr", "ros2msg")}
+    assert header.profile == "ros2"
+    assert header.library.startswith("imutui ")
+
+
+def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
+    """Whatever was flushed is there; the log says that it is not finished."""
+    writer = write(tmp_path / "a.mcap", finish=False)
+    log = reader.read(tmp_path / "a.mcap")
+    assert log.stamp_ns.size == 60
+    assert not log.finished
+    assert "ends in the middle" in log.damage
+    writer.finish({}, START)
+
+
+def test_no_cut_makes_the_reader_fail_or_lie(tmp_path: Path) -> None:
+    """Cut at every byte: either an error in words, or a true prefix of the samples marked unfinished."""
+    write(tmp_path / "a.mcap", seconds=2, rate=3)
+    whole = (tmp_path / "a.mcap").read_bytes()
+    gyro = reader.read(tmp_path / "a.mcap").gyro
+    cut = tmp_path / "cut.mcap"
+    sizes = set()
+    for size in range(len(whole)):
+        cut.write_bytes(whole[:size])
+        try:
+            log = reader.read(cut)
+        except UnreadableLogError as error:
+            assert str(cut) in str(error)
+            sizes.add(0)
+            continue
+        assert log.damage or not log.finished
+        assert np.array_equal(log.gyro, gyro[: len(log.gyro)])
+        sizes.add(len(log.gyro))
+    assert sizes == {0, 3, 6}
+
+
+def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path) -> None:
+    """The checksum tells; what came before is used."""
+    write(tmp_path / "a.mcap")
+    data = bytearray((tmp_path / "a.mcap").read_bytes())
+    chunks = [i for i in range(len(data) - 9) if data[i] == 6 and 1000 < struct.unpack_from("<Q", data, i + 1)[0] < 6000]
+    data[chunks[1] + 400] ^= 0x40
+    (tmp_path / "b.mcap").write_bytes(data)
+    log = reader.read(tmp_path / "b.mcap")
+    assert log.damage
+    assert log.stamp_ns.size < 60
+
+
+def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
+    """A second writer of the same name is refused and the first file stays as it is."""
+    write(tmp_path / "a.mcap")
+    before = (tmp_path / "a.mcap").read_bytes()
+    with pytest.raises(FileExistsError):
+        write(tmp_path / "a.mcap")
+    assert (tmp_path / "a.mcap").read_bytes() == before
+
+
+def test_a_full_disk_leaves_the_last_good_flush(tmp_path: Path) -> None:
+    """When writing fails, the file is cut back to its last flush, finish() does nothing, and all before is read."""
+    import resource
+
+    path = tmp_path / "a.mcap"
+    read_end, write_end = os.pipe()
+    child = os.fork()
+    if child == 0:  # a limit on file size stands in for a full disk: the kernel refuses the write either way
+        try:
+            import signal
+
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+            log = LogWriter(path, SessionInfo(rate_hz=20), "", START)
+            try:
+                for k in range(100_000):
+                    stamp = START + k * 50_000_000
+                    log.imu(stamp, stamp, np.random.default_rng(k).normal(size=3), np.zeros(3))
+                    if k % 20 == 19:
+                        log.flush()
+            except OSError:
+                log.finish({}, START)
+                os.write(write_end, str(log.size).encode())
+        finally:
+            os._exit(0)
+    os.close(write_end)
+    os.waitpid(child, 0)
+    good = int(os.read(read_end, 100))
+    os.close(read_end)
+    assert path.stat().st_size == good
+    log = reader.read(path)
+    assert log.stamp_ns.size % 20 == 0
+    assert log.stamp_ns.size >= 20
+
+
+def test_an_own_log_without_samples_says_so(tmp_path: Path) -> None:
+    """A recording that ended before its first sample is an error in words."""
+    write(tmp_path / "a.mcap", seconds=0)
+    with pytest.raises(UnreadableLogError, match="no samples"):
+        reader.read(tmp_path / "a.mcap")

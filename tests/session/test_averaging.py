@@ -1,0 +1,49 @@
+from collections.abc import Collection
+
+import numpy as np
+import pytest
+
+from imutui.session.averaging import Averager, Sample
+
+PERIOD_NS = 7_500_000
+
+
+def feed(averager: Averager, n: int, drop: Collection[int] = ()) -> list[Sample]:
+    """Packets at 133.3 Hz whose counts are their number."""
+    out = []
+    for k in range(n):
+        if k not in drop:
+            sample = averager.add(k * PERIOD_NS, (k, k, k, k, k, k), 1000 + k)
+            if sample is not None:
+                out.append(sample)
+    return out
+
+
+@pytest.mark.parametrize("rate", [0.1, 1.0, 20.0, 50.0, 100.0, 120.0])
+def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> None:
+    """Over 40 s the samples come at the asked rate, and hold all packets but those of the open period."""
+    n = int(40e9 / PERIOD_NS)
+    samples = feed(Averager(rate), n)
+    assert abs(len(samples) - 40 * rate) <= 2
+    assert n - sum(s.packets for s in samples) <= 134 / rate
+
+
+def test_at_full_rate_every_packet_is_a_sample() -> None:
+    """133 Hz asked of a unit that gives 133.3: nothing is merged."""
+    samples = feed(Averager(133.0), 1000)
+    assert len(samples) == 1000
+    assert all(s.packets == 1 for s in samples)
+
+
+def test_a_sample_is_the_mean_of_its_packets_at_their_mean_instant() -> None:
+    """A ramp stays a ramp: value and instant belong together."""
+    for sample in feed(Averager(20.0), 500):
+        assert np.allclose(sample.counts, sample.stamp_ns / PERIOD_NS)
+        assert sample.temperature == pytest.approx(1000 + sample.stamp_ns / PERIOD_NS)
+
+
+def test_a_period_without_packets_gives_no_sample() -> None:
+    """A hole stays a hole, and the grid of periods goes on behind it."""
+    whole, holed = feed(Averager(20.0), 200), feed(Averager(20.0), 200, drop=set(range(40, 80)))
+    assert len(whole) - len(holed) == 6
+    assert whole[-1].stamp_ns == holed[-1].stamp_ns

@@ -1,0 +1,87 @@
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from imutui.instrument.crossbow import Mode
+from imutui.instrument.port import Port
+from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
+from imutui.session import connect
+from imutui.session.connect import InstrumentError
+
+
+class Still:
+    """Readings of a unit at rest."""
+
+    def reading(self, k: int) -> Reading:
+        return Reading((0.1, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
+
+
+@contextmanager
+def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
+    """A virtual unit on a pseudo-terminal."""
+    made = VirtualUnit(Still(), options)
+    ready: list[str] = []
+    up, stop = threading.Event(), threading.Event()
+
+    def on_ready(path: str) -> None:
+        ready.append(path)
+        up.set()
+
+    def log(text: str) -> None:
+        del text
+
+    run: Callable[[], None] = lambda: serve(made, link=None, tap=None, on_ready=on_ready, log=log, stop=stop)  # noqa: E731
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        assert up.wait(10.0)
+        yield ready[0], made
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("ping", ["keeps", "stops", "resets"])
+def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
+    """Ping only, ping that stops, ping that resets: afterwards the unit is identified, scaled and polled."""
+    with unit(UnitOptions(ping=ping, version="IMU400CD-200 1.07")) as (path, made), Port(path, 38400) as port:  # type: ignore[arg-type]
+        identity = connect.open_dialogue(port, 38400, say=lambda text: None)
+        assert identity.serial_number == "9911750"
+        assert identity.version == "IMU400CD-200 1.07"
+        assert made.mode is Mode.SCALED
+        assert not made.streaming
+
+
+def test_a_unit_left_streaming_is_stopped_first() -> None:
+    """Stale packets, FF-rich as they are, are not taken for replies."""
+    with unit(UnitOptions()) as (path, made), Port(path, 38400) as port:
+        connect.open_dialogue(port, 38400, say=lambda text: None)
+        port.write(b"C")
+        port.read(100)
+        assert made.streaming
+        assert connect.open_dialogue(port, 38400, say=lambda text: None).serial_number == "9911750"
+        assert not made.streaming
+
+
+def test_the_line_is_moved_to_the_asked_speed_and_found_there_again() -> None:
+    """Auto-baud to 57600; a later host that starts at 38400 finds the unit and moves it back."""
+    with unit(UnitOptions()) as (path, made):
+        with Port(path, 38400) as port:
+            connect.open_dialogue(port, 57600, say=lambda text: None)
+            assert made.baud == port.baud == 57600
+        with Port(path, 38400) as port:
+            connect.open_dialogue(port, 38400, say=lambda text: None)
+            assert made.baud == port.baud == 38400
+
+
+@pytest.mark.parametrize("version", ["AHRS400CC-100 v2", "VG700MB", "IMU300CC-100", "IMU440CA-200", "IMU400CC-200", "DMU-6X"])
+def test_another_model_is_refused_by_name(version: str) -> None:
+    """Its ranges and packets differ; the error quotes what it said."""
+    with (
+        unit(UnitOptions(version=version)) as (path, _),
+        Port(path, 38400) as port,
+        pytest.raises(InstrumentError, match=version.split()[0]),
+    ):
+        connect.open_dialogue(port, 38400, say=lambda text: None)
