@@ -12,8 +12,8 @@ Frames
 
 Signs
     Specific force f = a - g: a still, level unit has f_n = (0, 0, -gamma), gamma being local normal gravity (WGS-84,
-    or what the user gives). f_b = s · M · reading, with s the accelerometer sign (-1 for a unit that reads +1 g on Z when
-    level, Z down) and M the mounting, a signed permutation from instrument to body axes; rates are M · reading.
+    or what the user gives). f_b = s · M · reading, with s the accelerometer sign (-1 for a unit that reads +1 g on Z
+    when level, Z down) and M the mounting, a signed permutation from instrument to body axes; rates are M · reading.
     Corrected reading = reading - bias, in the instrument's axes: b_reading = s · Mᵀ · b_f.
     Angular rate follows the right-hand rule: seen from above, clockwise is positive about z (down).
 
@@ -41,7 +41,7 @@ Where things are
     noise, convergence · `runner` one step and the loop over it · `simulation` a still unit with known truth.
 
 Source: H. K. Kuga, R. V. F. Lopes, W. Einwoegerer, "Experimental static calibration of an IMU based on MEMS", whose
-equation numbers (1)-(15) and tables 1-3 the docstrings cite. Misprints corrected: Q_d is added in (15), sigma points are
-columns of the lower Cholesky factor in (11), differences to the centre point are averaged in (14), (13) integrates from
-t_k to t_{k+1} with the measured input.
+equation numbers (1)-(15) and tables 1-3 the docstrings cite. Misprints corrected: P in (10) is (I - KH) P, here in
+Joseph's form; Q_d is added in (15); sigma points are columns of the lower Cholesky factor in (11); differences to the
+centre point are averaged in (14); (13) integrates from t_k to t_{k+1} with the measured input.
 """

@@ -1,9 +1,10 @@
 """Is the filter to be believed: NIS and its band, the log's own noise, and when a bias has converged.
 
 Convergence, after 10 s during which all of this held: the standard deviation is below tolerance; the estimate is within
-tolerance of its own mean over 10 s; the 10 s mean of (raw residual - estimated bias) lies inside 5 √(σ_w²/10 s + σ_b²),
-σ_w being the white noise measured on the log. It is lost after 10 s during which the last of these did not hold. Raw residual: reading minus what a perfect unit
-would measure at the reference. The first two alone are met by any filter left running; the third compares with data.
+tolerance of its own mean over 10 s; the 10 s mean of (raw residual - estimated bias) lies inside
+5 √(σ_w²/10 s + σ_b²), σ_w being the white noise measured on the log. It is lost after 10 s during which the last of
+these did not hold. Raw residual: reading minus what a perfect unit would measure at the reference. The first two alone
+are met by any filter left running; the third compares with data.
 """
 
 from collections import deque

@@ -107,7 +107,8 @@ def gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> Reference:
     norm = float(np.linalg.norm(mean_force_b))
     if not 0.9 < norm / site.gravity < 1.1:
         raise ValueError(
-            f"`mean_force_b` has magnitude {norm:.3f} m/s², not gravity's {site.gravity:.3f}: not at rest, or wrong units"
+            f"`mean_force_b` has magnitude {norm:.3f} m/s², not gravity's {site.gravity:.3f}:"
+            " not at rest, or wrong units"
         )
     roll = np.arctan2(-mean_force_b[1], -mean_force_b[2])
     pitch = np.arctan2(mean_force_b[0], np.hypot(mean_force_b[1], mean_force_b[2]))

@@ -11,7 +11,7 @@ from filters.consistency import Convergence, Gauge
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec
 from filters.reference import Reference
 from filters.spkf import Belief, Innovation
-from filters.state import PAPER_SITE, NavState, Site
+from filters.state import PAPER_SITE, Site
 from filters.types import Array
 
 FILTERS = {"spkf": spkf}

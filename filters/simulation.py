@@ -1,7 +1,7 @@
 """A still unit with known truth, for the virtual instrument and for tests; nothing from here is ever called measured.
 
-Truth first (`draw`), then readings: reference plus bias plus white noise of the specification's density, band-limited by
-a first-order filter at the specification's bandwidth. Quantisation is the instrument's (counts), not done here.
+Truth first (`draw`), then readings: reference plus bias plus white noise of the specification's density, band-limited
+by a first-order filter at the specification's bandwidth. Quantisation is the instrument's (counts), not done here.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import signal
 
 from filters import reference as references
-from filters.imu import IMU400CD_200, AxisMap, ImuSpec, Samples
+from filters.imu import IMU400CD_200, ImuSpec, Samples
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
 
@@ -81,7 +81,7 @@ class StillUnit:
         self._block = self._next_block()
 
     def reading(self, k: int) -> tuple[Array, Array]:
-        """Rate (rad/s) and specific force (m/s²) of reading k, body axes, each shape (3,); k must not go back a block."""
+        """Rate (rad/s) and specific force (m/s²) of reading k, body axes, shape (3,); k must not go back a block."""
         if k < self._start:
             raise ValueError(f"`k` is {k}: readings before {self._start} are gone")
         while k >= self._start + _BLOCK:

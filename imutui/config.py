@@ -1,4 +1,4 @@
-"""Configuration: flags > environment `IMUTUI_*` > ./imutui.toml > the user's file > defaults, each value with its source.
+"""Configuration: flags > environment `IMUTUI_*` > ./imutui.toml > the user's file > defaults, with the source of each.
 
 A key such as `paths.logs` is `[paths] logs = …` in a file and `IMUTUI_PATHS_LOGS` in the environment.
 """

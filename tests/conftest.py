@@ -72,7 +72,9 @@ def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
 def imutui(*arguments: str, check: int | None = 0, timeout: float = 120.0) -> "subprocess.CompletedProcess[str]":
     """Run a command of imutui; its exit code must be `check` unless that is None."""
     command = [sys.executable, "-m", "imutui", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL, check=False)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL, check=False
+    )
     if check is not None:
         assert done.returncode == check, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr

@@ -4,6 +4,7 @@
 130 interrupted. Each command imports what it needs when it runs, so that help is instant.
 """
 
+import os
 from collections.abc import Callable
 from typing import Annotated
 
@@ -65,4 +66,6 @@ def _root(
 
 def main() -> None:
     """Entry point of the `imutui` program."""
+    # a filter step works on 15×15 matrices: threads of the linear algebra library only get in each other's way
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _app(prog_name="imutui")

@@ -23,7 +23,8 @@ def _headline(d: dict[str, Any]) -> str:
     verdict = "converged" if d["converged"] else "NOT converged"
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     kind = {"simulated": "SIMULATED readings", "measured": "measured"}.get(d["kind"], "origin of readings not stated")
-    return f"{verdict}: {d['log']}\n{d['samples']} samples, {d['duration_s']:.1f} s at {rate}, {kind}, {d['filter']}, {d['reference']}"
+    size = f"{d['samples']} samples, {d['duration_s']:.1f} s at {rate}"
+    return f"{verdict}: {d['log']}\n{size}, {kind}, filter {d['filter']}, reference {d['reference']}"
 
 
 def _biases(d: dict[str, Any]) -> Table:

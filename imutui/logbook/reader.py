@@ -224,8 +224,8 @@ def _records(path: Path, log: Log) -> Iterator[McapRecord]:
         except InvalidMagic as error:
             if stream.tell() <= 8:
                 raise UnreadableLogError(
-                    f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP files with"
-                    " sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
+                    f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP"
+                    " files with sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
                 ) from error
             log.damage = "the file's end is damaged"
         except EndOfFile:

@@ -237,6 +237,6 @@ def _exchange(connection: socket.socket, request: dict[str, Any], timeout: float
 
 def _gone(name: str) -> str:
     return (
-        f'the acquisition "{name}" has ended. What it recorded is on the disk up to the last second; `imutui replay FILE`'
-        " reads it, finished or not."
+        f'the acquisition "{name}" has ended. What it recorded is on the disk up to the last second;'
+        " `imutui replay FILE` reads it, finished or not."
     )

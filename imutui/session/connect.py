@@ -167,12 +167,12 @@ def _no_answer(port: Port, heard: bytes) -> str:
     if heard:
         start = heard[:8].hex(" ").upper()
         return (
-            f"{port.name}: something answers, but not as a Crossbow IMU: {len(heard)} bytes, starting {start} ({tried})."
-            " Is it another device, or another cable? Name the unit's own port."
+            f"{port.name}: something answers, but not as a Crossbow IMU: {len(heard)} bytes, starting {start}"
+            f" ({tried}). Is it another device, or another cable? Name the unit's own port."
         )
     return (
-        f"{port.name} is silent: no answer to a ping ({tried}). Check that the unit has power (9 to 30 V), that transmit and"
-        " receive are not swapped, and that this is its port."
+        f"{port.name} is silent: no answer to a ping ({tried}). Check that the unit has power (9 to 30 V), that"
+        " transmit and receive are not swapped, and that this is its port."
     )
 
 
@@ -195,6 +195,6 @@ def _check_model(port: Port, identity: Identity) -> None:
     other = _OTHERS.search(identity.version)
     if other:
         raise InstrumentError(
-            f'{port.name}: the unit says it is "{identity.version}", not an IMU400CD-200. Its ranges and packets differ, so'
-            " its readings would be wrong. Connect the IMU400CD, or name its port."
+            f'{port.name}: the unit says it is "{identity.version}", not an IMU400CD-200. Its ranges and packets'
+            " differ, so its readings would be wrong. Connect the IMU400CD, or name its port."
         )

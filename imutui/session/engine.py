@@ -148,10 +148,16 @@ class Engine:
             if time.monotonic() > deadline:
                 self.request_stop()
                 self.ended.wait(5.0)
+                self._remove_empty()
                 raise InstrumentError(
-                    f"{self._port.name}: the unit answers commands but sends no packets. Power it off and on, then connect"
-                    " again."
+                    f"{self._port.name}: the unit answers commands but sends no packets. Power it off and on, then"
+                    " connect again."
                 )
+
+    def _remove_empty(self) -> None:
+        writer = self.take.writer
+        if writer is not None and not self.take.tally.packets:
+            writer.path.unlink(missing_ok=True)
 
     def call(self, function: Callable[[], Any], timeout: float = 30.0) -> Any:
         """Carry out a function in the worker, between two packets, and return what it returns."""

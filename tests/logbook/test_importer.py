@@ -56,12 +56,12 @@ def test_a_csv_says_the_same_as_an_npz(tmp_path: Path) -> None:
 
 
 BAD = {
-    "unequal lengths": (dict(gyro=np.zeros((N - 3, 3))), r"lengths differ.*from row 37"),
-    "not a number": (dict(accel=np.where(np.arange(3 * N).reshape(N, 3) == 31, np.nan, 1.0)), r"`accel`.*row 10"),
-    "time standing still": (dict(t=np.r_[np.arange(20), 19, np.arange(21, N)] / 20.0), r"increase at row 20"),
-    "time going back": (dict(t=np.r_[np.arange(20), 5.0, np.arange(21, N)]), r"increase at row 20"),
-    "wrong shape": (dict(accel=np.zeros((N, 2))), r"`accel` has shape"),
-    "text": (dict(gyro=np.full((N, 3), "a")), r"`gyro` has shape"),
+    "unequal lengths": ({"gyro": np.zeros((N - 3, 3))}, r"lengths differ.*from row 37"),
+    "not a number": ({"accel": np.where(np.arange(3 * N).reshape(N, 3) == 31, np.nan, 1.0)}, r"`accel`.*row 10"),
+    "time standing still": ({"t": np.r_[np.arange(20), 19, np.arange(21, N)] / 20.0}, r"increase at row 20"),
+    "time going back": ({"t": np.r_[np.arange(20), 5.0, np.arange(21, N)]}, r"increase at row 20"),
+    "wrong shape": ({"accel": np.zeros((N, 2))}, r"`accel` has shape"),
+    "text": ({"gyro": np.full((N, 3), "a")}, r"`gyro` has shape"),
     "one sample": ({k: v[:1] for k, v in arrays().items()}, r"at least two"),
 }
 

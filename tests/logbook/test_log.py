@@ -55,7 +55,11 @@ def test_a_raw_packet_is_what_rosbags_makes_of_it(packet: RawPacket) -> None:
     data = schemas.encode_raw(packet)
     assert schemas.decode_raw(data) == packet
     m = schemas.decode(schemas.TYPES[schemas.RAW], data)
-    assert (m.sequence, m.host_monotonic_ns, tuple(m.counts)) == (packet.sequence, packet.host_monotonic_ns, packet.counts)
+    assert (m.sequence, m.host_monotonic_ns, tuple(m.counts)) == (
+        packet.sequence,
+        packet.host_monotonic_ns,
+        packet.counts,
+    )
     assert (m.temperature, m.ticks, m.mode, m.flags) == (packet.temperature, packet.ticks, packet.mode, packet.flags)
     assert bytes(schemas.typestore().serialize_cdr(m, schemas.TYPES[schemas.RAW])) == data
 
@@ -102,7 +106,9 @@ def test_other_libraries_open_the_file(tmp_path: Path) -> None:
     assert summary is not None
     assert summary.statistics is not None
     assert {c.topic for c in summary.channels.values()} == set(schemas.TYPES)
-    assert {(c.message_encoding, summary.schemas[c.schema_id].encoding) for c in summary.channels.values()} == {("cdr", "ros2msg")}
+    assert {(c.message_encoding, summary.schemas[c.schema_id].encoding) for c in summary.channels.values()} == {
+        ("cdr", "ros2msg")
+    }
     assert header.profile == "ros2"
     assert header.library.startswith("imutui ")
 
@@ -142,7 +148,9 @@ def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path)
     """The checksum tells; what came before is used."""
     write(tmp_path / "a.mcap")
     data = bytearray((tmp_path / "a.mcap").read_bytes())
-    chunks = [i for i in range(len(data) - 9) if data[i] == 6 and 1000 < struct.unpack_from("<Q", data, i + 1)[0] < 6000]
+    chunks = [
+        i for i in range(len(data) - 9) if data[i] == 6 and 1000 < struct.unpack_from("<Q", data, i + 1)[0] < 6000
+    ]
     data[chunks[1] + 400] ^= 0x40
     (tmp_path / "b.mcap").write_bytes(data)
     log = reader.read(tmp_path / "b.mcap")

@@ -1,4 +1,4 @@
-"""The acquisition process itself, on a virtual instrument's pseudo-terminal: real processes, real signals, real files."""
+"""The acquisition process on a virtual instrument's pseudo-terminal: real processes, real signals, real files."""
 
 import json
 import os
@@ -50,7 +50,8 @@ def without_timings(document: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("rate", "sampling", "seconds"), [(133.0, "stream", 4.0), (20.0, "stream", 4.0), (20.0, "polled", 4.0), (1.0, "polled", 6.0)]
+    ("rate", "sampling", "seconds"),
+    [(133.0, "stream", 4.0), (20.0, "stream", 4.0), (20.0, "polled", 4.0), (1.0, "polled", 6.0)],
 )
 def test_live_and_replayed_results_are_equal(home: Path, rate: float, sampling: str, seconds: float) -> None:
     """Every field but the timings, at every way of sampling; the measured rate is the asked one."""
@@ -109,7 +110,14 @@ def test_kill_nine_loses_a_second_at_most(home: Path) -> None:
     assert not result["finished"]
     assert result["samples"] >= state["recording"]["samples"] - 2 * 133
     assert result["duration_s"] > state["recording"]["seconds"] - 2.0
-    wait_until(lambda: not any(Path(f"/proc/{child}/cmdline").exists() and Path(f"/proc/{child}/cmdline").read_text() for child in children))
+    wait_until(
+        lambda: (
+            not any(
+                Path(f"/proc/{child}/cmdline").exists() and Path(f"/proc/{child}/cmdline").read_text()
+                for child in children
+            )
+        )
+    )
     assert client.running() == []
 
 
@@ -125,7 +133,9 @@ def test_a_demo_recovers_known_biases(home: Path) -> None:
     assert result["truth"].keys() == result["final"].keys()
     assert result["kind"] == "simulated"
     assert reader.read(Path(result["log"])).finished
-    assert without_timings(replayed(result["log"])) == {k: v for k, v in without_timings(result).items() if k != "truth"}
+    assert without_timings(replayed(result["log"])) == {
+        k: v for k, v in without_timings(result).items() if k != "truth"
+    }
 
 
 def test_a_recording_is_started_marked_and_finished_from_outside(home: Path) -> None:
@@ -217,7 +227,13 @@ def test_a_folder_with_a_long_path_holds_a_socket_too(home: Path, monkeypatch: p
 def test_a_viewer_that_sends_nonsense_harms_nobody(home: Path) -> None:
     """Bytes that are no request get an error for an answer; the acquisition and other viewers go on."""
     connection = client.start(plan(home, rate_hz=20.0))
-    for nonsense in (b"\xff\x00 nonsense\n", b"[]\n", b'{"ask": "explode"}\n', b'{"ask": "mark"}\n', b'{"ask":"snapshot","since":"x"}\n'):
+    for nonsense in (
+        b"\xff\x00 nonsense\n",
+        b"[]\n",
+        b'{"ask": "explode"}\n',
+        b'{"ask": "mark"}\n',
+        b'{"ask":"snapshot","since":"x"}\n',
+    ):
         with wire.connect("default", 5.0) as other:
             other.sendall(nonsense)
             assert not json.loads(other.makefile().readline())["ok"]

@@ -76,7 +76,9 @@ def test_the_line_is_moved_to_the_asked_speed_and_found_there_again() -> None:
             assert made.baud == port.baud == 38400
 
 
-@pytest.mark.parametrize("version", ["AHRS400CC-100 v2", "VG700MB", "IMU300CC-100", "IMU440CA-200", "IMU400CC-200", "DMU-6X"])
+@pytest.mark.parametrize(
+    "version", ["AHRS400CC-100 v2", "VG700MB", "IMU300CC-100", "IMU440CA-200", "IMU400CC-200", "DMU-6X"]
+)
 def test_another_model_is_refused_by_name(version: str) -> None:
     """Its ranges and packets differ; the error quotes what it said."""
     with (
