@@ -1,6 +1,10 @@
 """What tests share: where measured recordings lie, and acquisitions that cannot meet each other."""
 
 import os
+
+# threads of the linear algebra library only get in each other's way on 15×15 matrices; read when numpy is imported
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import signal
 import subprocess
 import sys

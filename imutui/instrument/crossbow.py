@@ -2,43 +2,94 @@
 
 The module does no input or output, reads no clock, and raises nothing for noise: bytes that mean nothing become a
 `Discarded` event and a counter. It knows both ends of the line. `Decoder` is the host's side (packets and replies),
-`CommandDecoder` the unit's side, and `encode` writes anything either of them reads. `Scaling` turns counts into
-degrees per second, g and degrees Celsius, in the instrument's own axes and signs.
-
-It leaves out what other members of the family add: magnetometer words and angle mode (AHRS, VG), and built-in test.
+`CommandDecoder` the unit's side, and `encode` writes anything either of them reads; messages stand in `messages`, units
+in `scaling`, and all names can be had from here.
 """
 
-import enum
-import struct
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from imutui.instrument.messages import (
+    BITS_PER_BYTE,
+    COMMAND_OF_BYTE,
+    COUNTER_SPAN,
+    HEADER,
+    PACKET_BYTES,
+    POWER_UP_BAUD,
+    REPLY_LETTERS,
+    SERIAL_BYTES,
+    SERIAL_WORD,
+    TICK_S,
+    ZERO_LETTER,
+    AskSerialNumber,
+    AskVersion,
+    BaudReady,
+    BaudSet,
+    Command,
+    Discarded,
+    Event,
+    GetPacket,
+    MeasureBaud,
+    Mode,
+    ModeSet,
+    Packet,
+    Ping,
+    Pong,
+    RatesZeroed,
+    Reply,
+    RequestBaud,
+    SerialNumber,
+    SetMode,
+    StartStream,
+    StopStream,
+    UnknownCommand,
+    Version,
+    ZeroRateSensors,
+    checksum,
+    encode,
+    packet_of,
+)
+from imutui.instrument.scaling import Scaling
 
-# "38400 baud at power-up; 8 data bits, 1 start bit, 1 stop bit, no parity": ten bit times a byte.
-POWER_UP_BAUD = 38400
-BITS_PER_BYTE = 10
-
-# "Header 0xFF, eight 16-bit words, MSB first, checksum": 18 bytes in scaled and in voltage mode.
-HEADER = 0xFF
-PACKET_BYTES = 18
-
-# "Scaled data is two's complement; temperature and time are unsigned." Voltage words are all unsigned.
-_SCALED_WORDS = struct.Struct(">6h2H")
-_VOLTAGE_WORDS = struct.Struct(">8H")
-
-# "Header 0xFF, four bytes of serial number, MSB first, checksum."
-_SERIAL_BYTES = 6
-_SERIAL_WORD = struct.Struct(">I")
+__all__ = [
+    "BITS_PER_BYTE",
+    "COUNTER_SPAN",
+    "HEADER",
+    "PACKET_BYTES",
+    "POWER_UP_BAUD",
+    "TICK_S",
+    "AskSerialNumber",
+    "AskVersion",
+    "BaudReady",
+    "BaudSet",
+    "Command",
+    "CommandDecoder",
+    "Decoder",
+    "Discarded",
+    "Event",
+    "GetPacket",
+    "MeasureBaud",
+    "Mode",
+    "ModeSet",
+    "Packet",
+    "Ping",
+    "Pong",
+    "RatesZeroed",
+    "Reply",
+    "RequestBaud",
+    "Scaling",
+    "SerialNumber",
+    "SetMode",
+    "StartStream",
+    "StopStream",
+    "UnknownCommand",
+    "Version",
+    "ZeroRateSensors",
+    "checksum",
+    "encode",
+]
 
 # The manual says "ASCII string"; units send 0xFF, text, checksum, and drivers read at most 32 bytes.
 _VERSION_BYTES = 32
-
-# "The time counter counts down from 65535 to 0, and wraps"; "one tick is 0.79 microseconds".
-COUNTER_SPAN = 65536
-TICK_S = 0.79e-6
 
 # "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back tell another.
 NOMINAL_PERIOD_S = 7.5e-3
@@ -52,292 +103,6 @@ _MOST_PERIODS = 6
 
 # How far, in bytes, an accepted packet can vouch for a later one: the six packets above, and two of noise.
 _REACH_BYTES = (_MOST_PERIODS + 2) * PACKET_BYTES
-
-# "Rate, deg/s: data · RR · 1.5 / 2^15. Acceleration, g: data · GR · 1.5 / 2^15."
-_FULL_SCALE_RATIO = 1.5
-_SCALED_COUNTS = 2**15
-
-# "Voltage: data · 5 / 4096", a 12-bit word.
-_VOLTS_SPAN = 5.0
-_VOLTAGE_COUNTS = 4096
-
-# "Temperature, degC: 44.4 · (V - 1.375)". The manual's appendix has 44.44; 0.02 degC at room temperature.
-_DEGC_PER_VOLT = 44.4
-_VOLTS_AT_0_DEGC = 1.375
-
-
-class Mode(enum.Enum):
-    """Measurement mode: what the words of a packet mean."""
-
-    SCALED = "scaled"
-    VOLTAGE = "voltage"
-
-
-# ---------------------------------------------------------------------------------------------- commands, host to unit
-
-
-@dataclass(frozen=True, slots=True)
-class Ping:
-    """Ask for a sign of life. Some units reset themselves on it, so set the mode again afterwards."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetMode:
-    """Choose scaled or voltage mode."""
-
-    mode: Mode
-
-
-@dataclass(frozen=True, slots=True)
-class StopStream:
-    """Return to polled mode. There is no reply, and the packet already begun still arrives."""
-
-
-@dataclass(frozen=True, slots=True)
-class StartStream:
-    """Send packets continuously. There is no reply but the packets."""
-
-
-@dataclass(frozen=True, slots=True)
-class GetPacket:
-    """Ask for one packet. Sent during a stream it also returns the unit to polled mode."""
-
-
-@dataclass(frozen=True, slots=True)
-class AskSerialNumber:
-    """Ask for the serial number."""
-
-
-@dataclass(frozen=True, slots=True)
-class AskVersion:
-    """Ask for the version text."""
-
-
-@dataclass(frozen=True, slots=True)
-class ZeroRateSensors:
-    """Average the rate sensors, unit still, and subtract the mean from then on.
-
-    Attributes
-    ----------
-    argument : int
-        Length of the average in a unit that the sources dispute, 0 to 255; 0 erases the stored zero.
-    """
-
-    argument: int
-
-
-@dataclass(frozen=True, slots=True)
-class RequestBaud:
-    """Announce a change of baud rate, at the present one."""
-
-
-@dataclass(frozen=True, slots=True)
-class MeasureBaud:
-    """Let the unit measure the new baud rate from this byte. Outside a change a plain IMU ignores it."""
-
-
-@dataclass(frozen=True, slots=True)
-class UnknownCommand:
-    """A byte that commands nothing; units keep silent on it."""
-
-    byte: int
-
-
-# ------------------------------------------------------------------------------------ packets and replies, unit to host
-
-
-@dataclass(frozen=True, slots=True)
-class Packet:
-    """One data packet, in counts.
-
-    Attributes
-    ----------
-    mode : Mode
-        The mode the host believed in; the packet itself does not say.
-    rates, accels : tuple of int
-        X, Y, Z; signed in scaled mode, unsigned sensor voltages in voltage mode.
-    temperature : int
-        Voltage of the temperature sensor.
-    ticks : int
-        Time counter when the sensors were sampled; it counts down.
-    """
-
-    mode: Mode
-    rates: tuple[int, int, int]
-    accels: tuple[int, int, int]
-    temperature: int
-    ticks: int
-
-
-@dataclass(frozen=True, slots=True)
-class Pong:
-    """The reply to `Ping`."""
-
-
-@dataclass(frozen=True, slots=True)
-class ModeSet:
-    """The reply to `SetMode`."""
-
-    mode: Mode
-
-
-@dataclass(frozen=True, slots=True)
-class SerialNumber:
-    """The reply to `AskSerialNumber`."""
-
-    number: int
-
-
-@dataclass(frozen=True, slots=True)
-class Version:
-    """The reply to `AskVersion`."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class RatesZeroed:
-    """The reply to `ZeroRateSensors`, sent when the average is done."""
-
-
-@dataclass(frozen=True, slots=True)
-class BaudReady:
-    """The reply to `RequestBaud`, at the old baud rate."""
-
-
-@dataclass(frozen=True, slots=True)
-class BaudSet:
-    """The reply to `MeasureBaud`, at the new baud rate."""
-
-
-@dataclass(frozen=True, slots=True)
-class Discarded:
-    """Bytes dropped while looking for the next packet or reply.
-
-    Attributes
-    ----------
-    data : bytes
-        The bytes, so that a log can hold everything that was on the line.
-    bad_checksum : bool
-        Whether a packet or reply was due among them, began rightly and had a wrong sum.
-    """
-
-    data: bytes
-    bad_checksum: bool
-
-
-Command: TypeAlias = (
-    Ping
-    | SetMode
-    | StopStream
-    | StartStream
-    | GetPacket
-    | AskSerialNumber
-    | AskVersion
-    | ZeroRateSensors
-    | RequestBaud
-    | MeasureBaud
-    | UnknownCommand
-)
-Reply: TypeAlias = Pong | ModeSet | SerialNumber | Version | RatesZeroed | BaudReady | BaudSet
-Event: TypeAlias = Packet | Reply | Discarded
-
-# "Commands are single ASCII bytes, case sensitive, without line end." `z` alone has a second byte, binary.
-_COMMAND_LETTERS: dict[Command, bytes] = {
-    Ping(): b"R",
-    SetMode(Mode.SCALED): b"c",
-    SetMode(Mode.VOLTAGE): b"r",
-    StopStream(): b"P",
-    StartStream(): b"C",
-    GetPacket(): b"G",
-    AskSerialNumber(): b"S",
-    AskVersion(): b"v",
-    RequestBaud(): b"b",
-    MeasureBaud(): b"a",
-}
-_COMMAND_OF_BYTE = {letter[0]: command for command, letter in _COMMAND_LETTERS.items()}
-_ZERO_LETTER = b"z"
-
-_REPLY_LETTERS: dict[Reply, bytes] = {
-    Pong(): b"H",
-    ModeSet(Mode.SCALED): b"C",
-    ModeSet(Mode.VOLTAGE): b"R",
-    RatesZeroed(): b"Z",
-    BaudReady(): b"B",
-    BaudSet(): b"A",
-}
-
-
-def checksum(payload: Iterable[int]) -> int:
-    """Sum of the bytes between header and checksum, modulo 256.
-
-    One manual prints 255 in one place; every driver that has met hardware uses 256.
-    """
-    return sum(payload) & 0xFF
-
-
-def encode(message: Command | Packet | Reply) -> bytes:
-    """Write a command, a packet or a reply as it goes over the line.
-
-    Parameters
-    ----------
-    message : Command, Packet or Reply
-        Anything that either decoder returns, but `Discarded`.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    ValueError
-        If a field does not fit its place on the line.
-    """
-    match message:
-        case Packet():
-            return _framed(_packed_words(message))
-        case SerialNumber(number):
-            if not 0 <= number < 2**32:
-                raise ValueError(f"`number` must fit 32 bits, not {number}")
-            return _framed(_SERIAL_WORD.pack(number))
-        case Version(text):
-            if not text.isascii():
-                raise ValueError(f"`text` must be ASCII, not {text!r}")
-            return _framed(text.encode("ascii"))
-        case ZeroRateSensors(argument):
-            return _ZERO_LETTER + _one_byte("argument", argument)
-        case UnknownCommand(byte):
-            return _one_byte("byte", byte)
-        case Pong() | ModeSet() | RatesZeroed() | BaudReady() | BaudSet():
-            return _REPLY_LETTERS[message]
-        case _:
-            return _COMMAND_LETTERS[message]
-
-
-def _framed(payload: bytes) -> bytes:
-    return bytes([HEADER, *payload, checksum(payload)])
-
-
-def _one_byte(name: str, value: int) -> bytes:
-    if not 0 <= value <= 0xFF:
-        raise ValueError(f"`{name}` must fit one byte, not {value}")
-    return bytes([value])
-
-
-def _words_of(mode: Mode) -> struct.Struct:
-    return _SCALED_WORDS if mode is Mode.SCALED else _VOLTAGE_WORDS
-
-
-def _packed_words(packet: Packet) -> bytes:
-    try:
-        return _words_of(packet.mode).pack(*packet.rates, *packet.accels, packet.temperature, packet.ticks)
-    except struct.error as error:
-        raise ValueError(f"`packet` must hold 16-bit words, not {packet}") from error
-
-
-def _packet_of(mode: Mode, frame: bytes) -> Packet:
-    gx, gy, gz, ax, ay, az, temperature, ticks = _words_of(mode).unpack_from(frame, 1)
-    return Packet(mode, (gx, gy, gz), (ax, ay, az), temperature, ticks)
 
 
 # ----------------------------------------------------------------------------------------------------- the host's side
@@ -447,7 +212,7 @@ class _LetterSearch:
 
     def __init__(self, reply: Reply) -> None:
         self._reply = reply
-        self._letter = _REPLY_LETTERS[reply][0]
+        self._letter = REPLY_LETTERS[reply][0]
         self.done = False
 
     def scan(self, inbox: _Inbox) -> list[Event]:
@@ -474,14 +239,14 @@ class _SerialNumberSearch:
 
     def scan(self, inbox: _Inbox) -> list[Event]:
         while inbox.seek(HEADER):
-            if inbox.unjudged < _SERIAL_BYTES:
+            if inbox.unjudged < SERIAL_BYTES:
                 return inbox.drop(inbox.scan)
-            frame = inbox.peek(inbox.scan, _SERIAL_BYTES)
+            frame = inbox.peek(inbox.scan, SERIAL_BYTES)
             if checksum(frame[1:-1]) == frame[-1]:
                 self.done = True
                 events = inbox.drop(inbox.scan)
-                inbox.take(_SERIAL_BYTES)
-                return [*events, SerialNumber(_SERIAL_WORD.unpack(frame[1:-1])[0])]
+                inbox.take(SERIAL_BYTES)
+                return [*events, SerialNumber(SERIAL_WORD.unpack(frame[1:-1])[0])]
             if inbox.scan == self._due:
                 inbox.mark_damaged()
             inbox.scan += 1
@@ -492,7 +257,7 @@ class _SerialNumberSearch:
         return []
 
     def missing(self, inbox: _Inbox) -> int:
-        return _SERIAL_BYTES - inbox.unjudged
+        return SERIAL_BYTES - inbox.unjudged
 
 
 class _VersionSearch:
@@ -656,7 +421,7 @@ class _PacketSearch:
 
     def _accept(self, inbox: _Inbox, position: int) -> list[Event]:
         noise = inbox.drop(position)
-        packet = _packet_of(self._mode, inbox.take(PACKET_BYTES))
+        packet = packet_of(self._mode, inbox.take(PACKET_BYTES))
         self._due = inbox.start
         self._last_ticks = packet.ticks
         self._set_aside.clear()
@@ -811,74 +576,8 @@ class CommandDecoder:
             if self._wants_argument:
                 self._wants_argument = False
                 commands.append(ZeroRateSensors(byte))
-            elif byte == _ZERO_LETTER[0]:
+            elif byte == ZERO_LETTER[0]:
                 self._wants_argument = True
             else:
-                commands.append(_COMMAND_OF_BYTE.get(byte) or UnknownCommand(byte))
+                commands.append(COMMAND_OF_BYTE.get(byte) or UnknownCommand(byte))
         return commands
-
-
-# --------------------------------------------------------------------------------------------------- counts and units
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """Counts to units and back, in the instrument's own axes and signs.
-
-    Each method takes an int, a tuple or an array of any shape, and returns a numpy scalar or array of that shape.
-    The ranges follow from the model's suffix and are not in the packets.
-
-    Attributes
-    ----------
-    rate_range_dps : float
-        RR, 200 deg/s for the IMU400CD-200. Words reach 1.5 times as far.
-    accel_range_g : float
-        GR, 4 g for the IMU400CD-200. Words reach 1.5 times as far.
-    """
-
-    rate_range_dps: float = 200.0
-    accel_range_g: float = 4.0
-
-    def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Angular rate, deg/s, of scaled counts: data · RR · 1.5 / 2^15."""
-        return np.asarray(counts, np.float64) * self._rate_lsb_dps
-
-    def accels_g(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Acceleration as the unit reads it, g, of scaled counts: data · GR · 1.5 / 2^15."""
-        return np.asarray(counts, np.float64) * self._accel_lsb_g
-
-    def temperature_degc(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Temperature inside the case, degC, in either mode: 44.4 · (V - 1.375)."""
-        return _DEGC_PER_VOLT * (self.volts(counts) - _VOLTS_AT_0_DEGC)
-
-    def volts(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Sensor voltage, V, of a word in voltage mode: data · 5 / 4096."""
-        return np.asarray(counts, np.float64) * (_VOLTS_SPAN / _VOLTAGE_COUNTS)
-
-    def rate_counts(self, rates_dps: ArrayLike) -> NDArray[np.int64]:
-        """Nearest scaled counts of an angular rate in deg/s, clipped to 16 bits with sign."""
-        return _nearest(rates_dps, self._rate_lsb_dps, -_SCALED_COUNTS, _SCALED_COUNTS - 1)
-
-    def accel_counts(self, accels_g: ArrayLike) -> NDArray[np.int64]:
-        """Nearest scaled counts of an acceleration in g, clipped to 16 bits with sign."""
-        return _nearest(accels_g, self._accel_lsb_g, -_SCALED_COUNTS, _SCALED_COUNTS - 1)
-
-    def temperature_counts(self, temperature_degc: ArrayLike) -> NDArray[np.int64]:
-        """Nearest counts of a temperature in degC, clipped to 12 bits."""
-        return self.volts_counts(np.asarray(temperature_degc, np.float64) / _DEGC_PER_VOLT + _VOLTS_AT_0_DEGC)
-
-    def volts_counts(self, volts: ArrayLike) -> NDArray[np.int64]:
-        """Nearest counts of a sensor voltage, clipped to 12 bits."""
-        return _nearest(volts, _VOLTS_SPAN / _VOLTAGE_COUNTS, 0, _VOLTAGE_COUNTS - 1)
-
-    @property
-    def _rate_lsb_dps(self) -> float:
-        return self.rate_range_dps * _FULL_SCALE_RATIO / _SCALED_COUNTS
-
-    @property
-    def _accel_lsb_g(self) -> float:
-        return self.accel_range_g * _FULL_SCALE_RATIO / _SCALED_COUNTS
-
-
-def _nearest(values: ArrayLike, lsb: float, lowest: int, highest: int) -> NDArray[np.int64]:
-    return np.clip(np.rint(np.asarray(values, np.float64) / lsb), lowest, highest).astype(np.int64)

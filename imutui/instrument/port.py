@@ -163,14 +163,14 @@ def _explain(name: str, device: str, error: BaseException) -> str:
     virtual = "`imutui demo` needs none; `imutui virtual` makes a virtual instrument's."
     if "://" in device:
         return f"{name} cannot be reached: {error}. Check host, port number and the terminal server."
-    if number == errno.ENOENT or not Path(device).exists():
-        return f"{name}: there is no such port. {ports} {virtual}"
     if number in (errno.EACCES, errno.EPERM):
         group = _group(device)
         return (
-            f"{name}: no permission to open it. It belongs to group {group}: `sudo usermod -aG {group} $USER`, then log in"
-            " again; or add a udev rule that gives you the adapter."
+            f"{name}: no permission to open it. It belongs to group {group}: `sudo usermod -aG {group} $USER`, then log"
+            " in again; or add a udev rule that gives you the adapter."
         )
+    if number == errno.ENOENT or not Path(device).exists():
+        return f"{name}: there is no such port. {ports} {virtual}"
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "exclusively lock" in str(error):
         holder = _holder(device)
         return (

@@ -205,8 +205,8 @@ def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
     turned = {"x,y,z": "x,-y,-z", "x,-y,-z": "x,y,z"}.get(info.mount, "a mounting with two axes reversed")
     return (
         f"{'XYZ'[vertical]} reads {mean_g[vertical]:+.3f} g, so the unit would be upside down on a level table with"
-        f" --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one:"
-        f" --accel-sign {flipped:+d}; or it is mounted the other way up: --mount {turned}. A still log can't tell which; look at"
+        f" --accel-sign {info.accel_sign:+d} and --mount {info.mount}. Either its sign is the other one: --accel-sign"
+        f" {flipped:+d}; or it is mounted the other way up: --mount {turned}. A still log can't tell which; look at"
         " the unit or its manual. (--reference gravity takes any attitude.)"
     )
 

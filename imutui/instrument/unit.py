@@ -1,0 +1,489 @@
+"""The IMU400CD as a state machine: loop, words, counter, commands and line, without a clock and without I/O.
+
+`VirtualUnit` is told what arrived and when, and tells which bytes have left the line by then, so that tests run it on
+a time of their own. What it measures comes from a `Source`; the errors of the sensors are the source's affair. Where
+public documents disagree or are silent (`UnitOptions`), the default is the likeliest reading. What nobody documents
+and is made up here: a packet starts at the instant it was sampled, without the unknown computing time; the unit is
+deaf while it zeroes its rate sensors; voltage words are centred on 2.5 V and reach 1.5 times the range.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imutui.instrument.crossbow import (
+    BITS_PER_BYTE,
+    COUNTER_SPAN,
+    PACKET_BYTES,
+    POWER_UP_BAUD,
+    TICK_S,
+    AskSerialNumber,
+    AskVersion,
+    BaudReady,
+    BaudSet,
+    Command,
+    CommandDecoder,
+    GetPacket,
+    MeasureBaud,
+    Mode,
+    ModeSet,
+    Packet,
+    Ping,
+    Pong,
+    RatesZeroed,
+    Reply,
+    RequestBaud,
+    Scaling,
+    SerialNumber,
+    SetMode,
+    StartStream,
+    StopStream,
+    UnknownCommand,
+    Version,
+    ZeroRateSensors,
+    encode,
+)
+
+# "Up to 133 Hz" in scaled mode: 7.5 ms.
+LOOP_HZ = 400 / 3
+
+# A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
+_BAUD_TOLERANCE = 0.03
+
+# The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
+_BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
+_BAUD_PATIENCE_S = 10.0
+
+# Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
+_SAME_INSTANT_S = 1e-9
+
+# What a receiver makes of bytes at a wrong speed: garbage, here the same garbage each time, and never the right byte.
+_SCRAMBLE = 0b1011_0110
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round.
+
+    Attributes
+    ----------
+    rates_dps : tuple of float
+        Angular rate about X, Y, Z, deg/s.
+    accels_g : tuple of float
+        Acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g.
+    temperature_degc : float
+        Inside the case, degC.
+    """
+
+    rates_dps: tuple[float, float, float]
+    accels_g: tuple[float, float, float]
+    temperature_degc: float
+
+
+class Source(Protocol):
+    """What the virtual unit measures."""
+
+    def reading(self, k: int) -> Reading | None:
+        """Return what the unit's own loop reads at its instant `k`, or None once there is no more.
+
+        Instants are counted at `UnitOptions.loop_hz` from the first command that needs a reading. `k` never decreases;
+        it repeats when the host polls faster than the loop, and skips what the line was too slow for.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class UnitOptions:
+    """What may differ from unit to unit, or is disputed between documents.
+
+    Attributes
+    ----------
+    serial_number : int
+        The answer to `S`.
+    version : str
+        The answer to `v`, at most 30 characters; 24 on the units that others have seen.
+    ping : {"keeps", "stops", "resets"}
+        What `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
+        hardware); it returns to power-up, voltage mode and polled (AHRS400 manual).
+    power_up_mode : Mode
+        Mode at power-up, and after an `R` that resets. The unit is polled then.
+    loop_hz, loop_hz_voltage : float
+        Rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
+    zero_samples_per_unit : int
+        Samples averaged for each unit of the argument of `z`; 10 or 100 by different sources.
+    scaling : Scaling
+        Ranges of the model.
+    """
+
+    serial_number: int = 9911750
+    version: str = "IMU400CD-200 VIRTUAL 1.0"
+    ping: Literal["keeps", "stops", "resets"] = "stops"
+    power_up_mode: Mode = Mode.VOLTAGE
+    loop_hz: float = LOOP_HZ
+    loop_hz_voltage: float = 213.3
+    zero_samples_per_unit: int = 10
+    scaling: Scaling = field(default_factory=Scaling)
+
+
+def same_speed(baud: int, other_baud: int) -> bool:
+    """Whether a receiver at one speed understands a sender at the other."""
+    return abs(baud - other_baud) <= _BAUD_TOLERANCE * baud
+
+
+def transfer_s(length: int, baud: int) -> float:
+    """Time that `length` bytes take on the line, s."""
+    return length * BITS_PER_BYTE / baud
+
+
+class _Transmitter:
+    """The sending half of the unit's UART: one byte after the other, ten bit times each."""
+
+    def __init__(self) -> None:
+        self._sendings: deque[tuple[float, int, bytes]] = deque()  # start, baud, bytes
+        self._taken = 0  # bytes of the first sending that have been taken
+        self.free_at = -math.inf
+
+    def send(self, data: bytes, start: float, baud: int) -> None:
+        """Send `data` at `start`, or when what is on the line has left."""
+        start = max(start, self.free_at)
+        self._sendings.append((start, baud, data))
+        self.free_at = start + transfer_s(len(data), baud)
+
+    def take(self, now: float) -> Iterator[tuple[int, bytes]]:
+        """Yield the speed and the bytes of all that has left by `now` and was not taken before."""
+        while self._sendings:
+            start, baud, data = self._sendings[0]
+            left = min(len(data), math.floor((now - start + _SAME_INSTANT_S) / transfer_s(1, baud)))
+            if left > self._taken:
+                yield baud, data[self._taken : left]
+                self._taken = left
+            if self._taken < len(data):
+                return
+            self._sendings.popleft()
+            self._taken = 0
+
+    def next_end(self) -> float | None:
+        """Return when the first message on the line will have left."""
+        if not self._sendings:
+            return None
+        start, baud, data = self._sendings[0]
+        return start + transfer_s(len(data), baud)
+
+
+@dataclass(slots=True)
+class _Zeroing:
+    """An average of the rate sensors under way."""
+
+    next_sample: int
+    remaining: int
+    total_dps: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    count: int = 0
+
+
+class VirtualUnit:
+    """An IMU400CD that has just been switched on.
+
+    Times are seconds on any one scale that never goes back; the unit's own loop runs on it. Speeds of the host are
+    passed with each call, since a real host changes its own without asking.
+
+    Parameters
+    ----------
+    source : Source
+        What there is to measure.
+    options : UnitOptions
+        Which unit this is.
+    seed : int, optional
+        Where the time counter starts is drawn from it; without a seed it starts at 0.
+    """
+
+    def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
+        self.options = options or UnitOptions()
+        self._source = source
+        self._line = _Transmitter()
+        self._commands = CommandDecoder()
+        self._baud = POWER_UP_BAUD
+        self._measuring_until = -math.inf
+        self._mode = self.options.power_up_mode
+        self._streaming = False
+        self._loop_start = math.inf  # not started
+        self._last_sample = -1
+        self._zeroing: _Zeroing | None = None
+        self._zero_dps = np.zeros(3)
+        self._ended = False
+        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(COUNTER_SPAN))
+
+    @property
+    def baud(self) -> int:
+        """The unit's present speed."""
+        return self._baud
+
+    @property
+    def mode(self) -> Mode:
+        """The unit's present measurement mode."""
+        return self._mode
+
+    @property
+    def streaming(self) -> bool:
+        """Whether the unit is in continuous mode."""
+        return self._streaming
+
+    @property
+    def ended(self) -> bool:
+        """Whether the source has run out: the unit sends no more packets, but still answers."""
+        return self._ended
+
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[Command]:
+        """Let bytes from the host arrive.
+
+        Parameters
+        ----------
+        data : bytes
+            The bytes, all of which have arrived by `now`.
+        now : float
+            Time, s.
+        host_baud : int
+            The speed the host sent them at.
+
+        Returns
+        -------
+        list of Command
+            What the unit understood, for a log.
+        """
+        commands: list[Command] = []
+        for byte in data:
+            self._advance(now)
+            commands += self._receive_byte(bytes([byte]), now, host_baud)
+        return commands
+
+    def transmit(self, now: float, host_baud: int) -> bytes:
+        """Return the bytes whose last bit has left the unit by `now`, as a host at `host_baud` gets them.
+
+        Parameters
+        ----------
+        now : float
+            Time, s.
+        host_baud : int
+            The speed the host listens at.
+
+        Returns
+        -------
+        bytes
+            Each byte is returned once. At a wrong speed they are garbage.
+        """
+        self._advance(now)
+        return b"".join(
+            data if same_speed(baud, host_baud) else bytes(byte ^ _SCRAMBLE for byte in data)
+            for baud, data in self._line.take(now)
+        )
+
+    def next_event(self, now: float) -> float | None:
+        """Return when a packet or reply will next have left, so that `transmit` is worth calling.
+
+        Parameters
+        ----------
+        now : float
+            Time, s.
+
+        Returns
+        -------
+        float or None
+            None if nothing will leave until the next command.
+        """
+        self._advance(now)
+        sending = self._line.next_end()
+        if sending is not None:
+            return sending
+        if self._zeroing is not None:
+            return self._instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
+        if self._streaming and not self._ended:
+            return self._next_packet()[1] + transfer_s(PACKET_BYTES, self._baud)
+        return None
+
+    # ------------------------------------------------------------------------------------------------------- commands
+
+    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[Command]:
+        if self._zeroing is not None:
+            return []
+        measures = now <= self._measuring_until and byte == encode(MeasureBaud())
+        if not measures and not same_speed(self._baud, host_baud):
+            return []
+        commands = self._commands.feed(byte)
+        for command in commands:
+            self._obey(command, now, host_baud)
+        return commands
+
+    def _obey(self, command: Command, now: float, host_baud: int) -> None:
+        match command:
+            case Ping():
+                self._answer(Pong(), now)
+                self._ping(now)
+            case SetMode(mode):
+                self._answer(ModeSet(mode), now)
+                self._set_mode(mode, now)
+            case StopStream():
+                self._streaming = False
+            case StartStream():
+                self._start_stream(now)
+            case GetPacket():
+                self._streaming = False
+                self._send_newest(now)
+            case AskSerialNumber():
+                self._answer(SerialNumber(self.options.serial_number), now)
+            case AskVersion():
+                self._answer(Version(self.options.version), now)
+            case ZeroRateSensors(argument):
+                self._zero(argument, now)
+            case RequestBaud():
+                self._answer(BaudReady(), now)
+                self._measuring_until = now + _BAUD_PATIENCE_S
+            case MeasureBaud():
+                self._measure_baud(now, host_baud)
+            case UnknownCommand():
+                pass  # "reply to an unknown byte: open; silence"
+
+    def _answer(self, reply: Reply, now: float) -> None:
+        self._line.send(encode(reply), now, self._baud)
+
+    def _ping(self, now: float) -> None:
+        if self.options.ping != "keeps":
+            self._streaming = False
+        if self.options.ping == "resets":
+            self._set_mode(self.options.power_up_mode, now)
+
+    def _set_mode(self, mode: Mode, now: float) -> None:
+        if mode is self._mode:
+            return
+        self._mode = mode
+        if self._streaming:
+            self._pass_by(now)  # each mode has a loop rate, hence a count of samples, of its own
+
+    def _measure_baud(self, now: float, host_baud: int) -> None:
+        if now > self._measuring_until:
+            return  # a stray `a`: angle mode on other units, nothing on this one
+        measured = next((baud for baud in _BAUDS if same_speed(baud, host_baud)), None)
+        if measured is not None:
+            self._measuring_until = -math.inf
+            self._baud = measured
+            self._answer(BaudSet(), now)
+
+    def _start_stream(self, now: float) -> None:
+        if self._streaming:
+            return
+        self._streaming = True
+        self._start_loop(now)
+        self._pass_by(now)
+
+    def _send_newest(self, now: float) -> None:
+        self._start_loop(now)
+        packet = self._packet(self._sample_at(now))
+        if packet is not None:
+            self._line.send(encode(packet), now, self._baud)
+
+    def _zero(self, argument: int, now: float) -> None:
+        if argument == 0:
+            self._zero_dps = np.zeros(3)
+            self._answer(RatesZeroed(), now)
+            return
+        self._start_loop(now)
+        self._pass_by(now)
+        self._zeroing = _Zeroing(self._last_sample + 1, argument * self.options.zero_samples_per_unit)
+
+    # ----------------------------------------------------------------------------------------------------------- loop
+
+    @property
+    def _loop_hz(self) -> float:
+        return self.options.loop_hz if self._mode is Mode.SCALED else self.options.loop_hz_voltage
+
+    def _start_loop(self, now: float) -> None:
+        self._loop_start = min(self._loop_start, now)
+
+    def _instant(self, sample: int) -> float:
+        """When the present mode's loop takes `sample`: a product, so that no rounding piles up."""
+        return self._loop_start + sample / self._loop_hz
+
+    def _sample_at(self, instant: float) -> int:
+        """Newest sample that the loop has taken at `instant`."""
+        return math.floor((instant - self._loop_start + _SAME_INSTANT_S) * self._loop_hz)
+
+    def _pass_by(self, now: float) -> None:
+        """Leave out the samples before `now`: what follows begins with the loop's next."""
+        newest = self._sample_at(now)
+        self._last_sample = newest - 1 if self._instant(newest) >= now - _SAME_INSTANT_S else newest
+
+    def _advance(self, now: float) -> None:
+        """Do all that falls due by `now`."""
+        if self._zeroing is not None:
+            self._advance_zeroing(self._zeroing, now)
+        while self._streaming and self._zeroing is None and not self._ended:
+            sample, start = self._next_packet()
+            if start > now:
+                return
+            self._last_sample = sample
+            packet = self._packet(sample)
+            if packet is not None:
+                self._line.send(encode(packet), start, self._baud)
+
+    def _next_packet(self) -> tuple[int, float]:
+        """Sample and start of the stream's next packet: the newest sample when the line is free, or else the next."""
+        newest = -1 if self._line.free_at == -math.inf else self._sample_at(self._line.free_at)
+        sample = max(newest, self._last_sample + 1)
+        return sample, max(self._instant(sample), self._line.free_at)
+
+    def _advance_zeroing(self, zeroing: _Zeroing, now: float) -> None:
+        while zeroing.remaining and self._instant(zeroing.next_sample) <= now:
+            reading = self._read(zeroing.next_sample)
+            if reading is None:
+                self._zeroing = None
+                return
+            zeroing.total_dps += reading.rates_dps
+            zeroing.count += 1
+            zeroing.remaining -= 1
+            zeroing.next_sample += 1
+        if zeroing.remaining == 0:
+            self._zero_dps = zeroing.total_dps / zeroing.count
+            self._last_sample = zeroing.next_sample - 1
+            self._zeroing = None
+            self._answer(RatesZeroed(), self._instant(self._last_sample))
+
+    def _read(self, sample: int) -> Reading | None:
+        """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
+        k = sample
+        if self._mode is Mode.VOLTAGE:
+            k = math.floor((sample / self.options.loop_hz_voltage + _SAME_INSTANT_S) * self.options.loop_hz)
+        reading = None if self._ended else self._source.reading(k)
+        self._ended = reading is None
+        return reading
+
+    # ---------------------------------------------------------------------------------------------------------- words
+
+    def _packet(self, sample: int) -> Packet | None:
+        reading = self._read(sample)
+        if reading is None:
+            return None
+        scaling = self.options.scaling
+        if self._mode is Mode.SCALED:
+            rates = scaling.rate_counts(reading.rates_dps - self._zero_dps)
+            accels = scaling.accel_counts(reading.accels_g)
+        else:
+            rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_range_dps)
+            accels = _sensor_words(scaling, reading.accels_g, scaling.accel_range_g)
+        temperature = int(scaling.temperature_counts(reading.temperature_degc))
+        return Packet(self._mode, _triple(rates), _triple(accels), temperature, self._ticks(self._instant(sample)))
+
+    def _ticks(self, instant: float) -> int:
+        return (self._first_ticks - math.floor(instant / TICK_S)) % COUNTER_SPAN
+
+
+def _sensor_words(scaling: Scaling, values: ArrayLike, full_range: float) -> np.ndarray:
+    """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at 1.5 times the range."""
+    return scaling.volts_counts(2.5 + np.asarray(values, np.float64) * (2.5 / (1.5 * full_range)))
+
+
+def _triple(words: np.ndarray) -> tuple[int, int, int]:
+    x, y, z = words.tolist()
+    return x, y, z
