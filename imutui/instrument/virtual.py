@@ -27,7 +27,7 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.unit import LOOP_HZ, Reading, Source, UnitOptions, VirtualUnit, transfer_s
+from imutui.instrument.unit import LOOP_HZ, Reading, Source, UnitOptions, VirtualUnit, same_speed, transfer_s
 
 __all__ = ["LOOP_HZ", "Reading", "Source", "UnitOptions", "VirtualUnit", "in_words", "serve", "transfer_s"]
 
