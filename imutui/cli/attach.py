@@ -28,6 +28,7 @@ def _show(connection: "object | None") -> None:
 
     from imutui import config
     from imutui.cli.outcome import USAGE, fail
+    from imutui.cli.session_options import plan_from
     from imutui.session.client import Client
     from imutui.tui import app
 
@@ -36,4 +37,4 @@ def _show(connection: "object | None") -> None:
             USAGE, "the terminal UI needs a terminal. Without one: `imutui record`, `imutui status`, `imutui --help`."
         )
     assert connection is None or isinstance(connection, Client)
-    raise typer.Exit(app.run(connection, logs=config.load().text("paths.logs")))
+    raise typer.Exit(app.run(connection, defaults=plan_from(config.load(), None, port="virtual")))

@@ -79,7 +79,7 @@ class _Pty:
 
     @property
     def name(self) -> str:
-        return self._device if self._link is None else str(self._link)
+        return self._device
 
     def fileno(self) -> int:
         return self._master

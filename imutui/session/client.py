@@ -64,8 +64,12 @@ class Client:
         return str(self._ask({"ask": "record", "note": note})["path"])
 
     def stop_recording(self) -> dict[str, Any]:
-        """Finish the file; returns the result document."""
-        return dict(self._ask({"ask": "stop_recording"}, _STOP_S)["result"])
+        """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
+        connection = _connect(self.name)
+        try:
+            return dict(_exchange(connection, {"ask": "stop_recording"}, _STOP_S, self.name)["result"])
+        finally:
+            connection.close()
 
     def stop(self) -> dict[str, Any] | None:
         """End the acquisition; returns the result document of its last recording, if there was one.
@@ -103,12 +107,12 @@ class Client:
         while self.name in wire.names() and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         with self._lock:
             if self._socket is None:
                 self._socket = _connect(self.name)
             try:
-                return _exchange(self._socket, request, timeout, self.name)
+                return _exchange(self._socket, request, _REPLY_S, self.name)
             except TimeoutError as error:
                 self._drop()
                 raise SessionError(

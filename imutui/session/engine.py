@@ -198,12 +198,12 @@ class Engine:
         return str(self.take.writer.path)
 
     def stop_recording(self) -> dict[str, Any]:
-        """Finish the file; the acquisition goes on without one."""
+        """Finish the file; the acquisition, its filter included, goes on without one."""
         if self.take.writer is None:
             raise ValueError("nothing is being recorded")
         self.result = self.take.finish(time.monotonic_ns())
         assert self.result is not None
-        self._new_take(None, self.info)
+        self.take.writer = None
         self._event("acquisition", f"finished {self.result['log']}")
         return self.result
 
@@ -334,6 +334,7 @@ class Engine:
         if not self.streaming.is_set():
             self.streaming.set()
             self.state = "running"
+            self._event("acquisition", f"connected to {self.info.port}, first packet")
         if stamp.lost:
             self._event("acquisition", f"{stamp.lost} packets lost")
         started, duration = self.take.started_ns, self.plan.duration_s
@@ -366,6 +367,7 @@ class Engine:
         path = path or default_path(Path(self.plan.logs), info.serial_number, note)
         writer = LogWriter(path, info, self.plan.configuration(), time.time_ns(), overwrite=self.plan.overwrite)
         self._new_take(writer, info)
+        self._event("acquisition", f"recording to {path.name}")
 
     def _new_take(self, writer: LogWriter | None, info: SessionInfo) -> None:
         self.take = Take(info, self.timebase, writer)

@@ -1,0 +1,409 @@
+"""The application: pages, keys, and what they ask of the acquisition.
+
+Calls to the acquisition run in threads; the event loop only takes their results. So a slow instrument never
+freezes the screen, and a frozen terminal never delays the acquisition.
+"""
+
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from textual import work
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.screen import ModalScreen, Screen
+
+from imutui.session import client as session
+from imutui.session.client import Client, SessionError
+from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.tui import glyphs, palette, words
+from imutui.tui.attempt import Attempt
+from imutui.tui.background import in_thread
+from imutui.tui.feed import Feed
+from imutui.tui.link import Link
+from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page
+from imutui.tui.screens.help import HelpDialog
+from imutui.tui.screens.mark import MarkDialog
+from imutui.tui.screens.quit import ended_dialog, quit_dialog, stop_dialog
+
+_OVER = ("stopped", "failed")
+_GIVE_UP_S = 40.0
+FAULTS = (SessionError, OSError)
+"""What a call to the acquisition may raise: its own refusals, and a socket that does not answer."""
+
+
+class ImutuiApp(App[int]):
+    """The terminal UI.
+
+    Parameters
+    ----------
+    client : Client or None
+        Acquisition to look at.
+    plan : Plan or None
+        Acquisition to start at once.
+    logs : str
+        Folder of recordings of acquisitions that are started from here.
+    defaults : Plan or None
+        What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
+        Its own `logs` counts.
+    """
+
+    TITLE = "imutui"
+    CSS_PATH = "app.tcss"
+    MODES: ClassVar[dict[str, Any]] = dict(SCREENS)
+    DEFAULT_MODE = "connect"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(
+            Binding(key, f"page('{name}')", title, show=False)
+            for (key, title), name in zip(PAGES, SCREENS, strict=True)
+        ),
+        Binding("r", "record", "record", tooltip="Start or finish a recording"),
+        Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
+        Binding("d", "detach", "detach", tooltip="Leave the screen, the acquisition goes on"),
+        Binding("question_mark", "help", "help", key_display="?", tooltip="Help in plain language"),
+        Binding("f1", "help", "help", show=False),
+        Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
+        Binding("ctrl+q", "quit", "quit", show=False, priority=True),
+        Binding("ctrl+z", "suspend_process", "suspend", show=False),
+    ]
+
+    def __init__(
+        self,
+        client: Client | None = None,
+        *,
+        plan: Plan | None = None,
+        logs: str = "logs",
+        defaults: Plan | None = None,
+    ) -> None:
+        super().__init__()
+        if client is not None:
+            self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
+        self.farewell: list[str] = []
+        """Lines for the terminal after the UI has gone."""
+        self._first_client = client
+        self._first_plan = plan
+        # a plan that failed is mended in the form: what the form does not ask stays as it was
+        self._defaults = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
+        self._link = Link()
+        self._attempt: Attempt | None = None
+        self._given_up: list[Attempt] = []
+        self._exit_code = 0
+        self.animation_level = "none"
+        self.set_class(glyphs.choose().name == "ascii", "-ascii")
+        if os.environ.get("TERM") == "linux":
+            self.theme = "ansi-dark"  # the console has sixteen colours; approximating a theme's to them loses contrast
+
+    def on_mount(self) -> None:
+        """Begin with the acquisition that was given, if any."""
+        if self._first_client is not None:
+            self._look_at(self._first_client)
+            return
+        form = self._defaults
+        self._connect_page().fill(form.port, form.rate_hz, form.sampling)
+        if self._first_plan is not None:
+            self._start(self._first_plan)
+
+    @property
+    def page(self) -> Page | None:
+        """The page in front, also under a dialog."""
+        return next((screen for screen in reversed(self.screen_stack) if isinstance(screen, Page)), None)
+
+    def _redraw(self) -> None:
+        if self.page is not None and self.page.is_mounted:
+            self.page.show(self._link.view())
+
+    def _say(self, said: str, level: str = "none") -> None:
+        self._link.say(said, level)
+        self._redraw()
+
+    # connecting
+
+    def on_connect_page_chosen(self, message: ConnectPage.Chosen) -> None:
+        """Start an acquisition."""
+        try:
+            plan = replace(self._defaults, port=message.port, rate_hz=message.rate_hz, sampling=message.sampling)
+        except ValueError as error:
+            self._connect_page().ready(str(error))
+            return
+        self._start(plan)
+
+    def on_connect_page_resumed(self, message: ConnectPage.Resumed) -> None:
+        """Look at a running acquisition."""
+        self._begin(Attempt(lambda: session.attach(message.name), stops=False), f'acquisition "{message.name}"')
+
+    def on_connect_page_cancelled(self) -> None:
+        """Give up connecting."""
+        self._give_up()
+        self._connect_page().ready()
+
+    def _start(self, plan: Plan) -> None:
+        target = "the virtual instrument" if plan.port == VIRTUAL_PORT else plan.port
+        self._begin(Attempt(lambda: session.start(plan)), target, plan)
+
+    @work
+    async def _begin(self, attempt: Attempt, target: str, plan: Plan | None = None) -> None:
+        self._attempt = attempt
+        await self.switch_mode("connect")
+        if plan is not None:
+            self._connect_page().fill(plan.port, plan.rate_hz, plan.sampling)
+        self._connect_page().waiting(target)
+        try:
+            await in_thread(attempt.run)
+        except FAULTS as error:
+            if self._attempt is attempt:
+                self._failed(error)
+            return
+        client = attempt.take()
+        if client is not None and self._attempt is attempt:
+            self._attempt = None
+            self._connect_page().ready()
+            self._look_at(client)
+
+    def _failed(self, error: Exception) -> None:
+        self._attempt = None
+        self._exit_code = getattr(error, "exit_code", 4)
+        self._connect_page().ready(words.fault(error))
+
+    def _give_up(self) -> None:
+        if self._attempt is not None:
+            self._attempt.give_up()
+            self._given_up.append(self._attempt)
+            self._attempt = None
+
+    def _connect_page(self) -> ConnectPage:
+        page = self._screen_stacks["connect"][0]
+        assert isinstance(page, ConnectPage)
+        return page
+
+    def _look_at(self, client: Client) -> None:
+        self._exit_code = 0
+        self._link.attach(client, self.post_message)
+        self.switch_mode("live")
+        self.screen.refresh_bindings()
+
+    # what comes from the acquisition
+
+    def on_feed_arrived(self, message: Feed.Arrived) -> None:
+        """A snapshot has come; only the page in front draws it."""
+        if self._link.owns(message.feed):
+            self._link.take(message.snapshot)
+            self._redraw()
+            if message.snapshot["state"] in _OVER:
+                self._ended(None)
+        message.feed.taken()
+
+    def on_feed_lost(self, message: Feed.Lost) -> None:
+        """The acquisition does not answer."""
+        if self._link.owns(message.feed):
+            self._ended(message.error)
+
+    def _ended(self, error: str | None) -> None:
+        """Say that the acquisition is over, and offer to connect again."""
+        reason = words.ended(self._link.newest, error)
+        self._release()
+        self._link.over()
+        self._close_dialogs()
+        self._link.say("the acquisition has ended; 1 connects again", "bad")
+        self._redraw()
+        self.push_screen(ended_dialog(reason), self._after_end)
+
+    def _after_end(self, answer: str | None) -> None:
+        if answer == "connect":
+            self.action_page("connect")
+
+    def _close_dialogs(self) -> None:
+        while isinstance(self.screen, ModalScreen):
+            self.pop_screen()
+
+    def _release(self) -> None:
+        """Let go of the client without waiting for it."""
+        client = self._link.leave()
+        if client is not None:
+            in_thread(client.close)
+
+    def on_page_wanted(self, message: Page.Wanted) -> None:
+        """A page has come to the front."""
+        if message.page.is_mounted:
+            message.page.show(self._link.view())
+
+    # keys
+
+    def action_page(self, name: str) -> None:
+        """Go to a page."""
+        if self._attempt is None:
+            self.switch_mode(name)
+
+    def action_live(self) -> None:
+        """To the live page, unless there is nothing to see."""
+        if self._link.newest is not None:
+            self.action_page("live")
+
+    def action_freeze(self) -> None:
+        """Let the view stand still, or follow again."""
+        if self._link.newest is not None:
+            self._link.freeze(not self._link.frozen)
+            self._redraw()
+
+    def action_follow(self) -> None:
+        """Follow again, if frozen."""
+        if self._link.frozen:
+            self.action_freeze()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer what needs an acquisition only with one; its key still says what is missing."""
+        return action not in ("record", "mark", "detach") or self._link.client is not None
+
+    def action_record(self) -> None:
+        """Start a recording, or finish it."""
+        if self._connected("record"):
+            self._toggle_recording()
+
+    @work(exclusive=True, group="record")
+    async def _toggle_recording(self) -> None:
+        client, recording = self._link.client, self._recording()
+        if client is None:
+            return
+        try:
+            if recording is None:
+                path = await in_thread(client.record)
+                self._say(f"recording to {path}", "good")
+            else:
+                self._say("finishing the file", "wait")
+                result = await in_thread(client.stop_recording)
+                self._say(words.finished(recording, result), "good")
+        except FAULTS as error:
+            self._say(words.fault(error), "bad")
+
+    def _recording(self) -> dict[str, Any] | None:
+        newest = self._link.newest
+        return newest.get("recording") if newest is not None else None
+
+    def _connected(self, purpose: str) -> bool:
+        if self._link.client is None:
+            self._say(f"nothing to {purpose}: no acquisition is connected (1 connects)", "wait")
+        return self._link.client is not None
+
+    def action_mark(self) -> None:
+        """Ask for a mark's text."""
+        if not self._connected("mark"):
+            return
+        if self._recording() is None:
+            self._say("not recording, so there is nothing to mark: r starts a recording", "wait")
+            return
+        self.push_screen(MarkDialog(), self._mark)
+
+    def _mark(self, said: str | None) -> None:
+        if said is not None and self._link.client is not None:
+            self._set_mark(self._link.client, said)
+
+    # Dialogs' callbacks run in the app's own message queue: whatever takes a while must be a worker.
+
+    @work
+    async def _set_mark(self, client: Client, said: str) -> None:
+        try:
+            await in_thread(lambda: client.mark(said))
+            self._say(f"marked: {said}", "good")
+        except FAULTS as error:
+            self._say(words.fault(error), "bad")
+
+    def action_help(self) -> None:
+        """Help in plain language."""
+        self.push_screen(HelpDialog())
+
+    # leaving
+
+    def action_detach(self) -> None:
+        """Leave the screen; the acquisition goes on."""
+        if not self._connected("detach from"):
+            return
+        self.farewell += words.left(self._link.newest)
+        self._release()
+        self.exit(0)
+
+    async def action_quit(self) -> None:
+        """Quit, after asking what becomes of the acquisition; in a dialog, close that."""
+        if isinstance(self.screen, ModalScreen):
+            self.screen.dismiss(None)
+        elif self._link.client is not None:
+            self.push_screen(quit_dialog(self._link.newest), self._after_quit)
+        else:
+            if self._attempt is not None:
+                self.farewell.append("The acquisition that was being started is stopped.")
+            self.exit(self._exit_code)
+
+    def action_help_quit(self) -> None:
+        """Ctrl+C asks as q does."""
+        self.call_later(self.action_quit)
+
+    def _after_quit(self, answer: str | None) -> None:
+        if answer == "leave":
+            self.action_detach()
+        elif answer == "stop":
+            self._stop_and_quit()
+
+    @work
+    async def _stop_and_quit(self) -> None:
+        error = await self._stop_acquisition()
+        self.farewell.append(error or self._link.notice_text())
+        self.exit(0 if error is None else 4)
+
+    def on_connect_page_stop_asked(self) -> None:
+        """Ask before stopping."""
+        if self._link.client is not None:
+            self.push_screen(stop_dialog(self._link.newest), self._after_stop)
+
+    def _after_stop(self, answer: str | None) -> None:
+        if answer == "stop":
+            self._stop_only()
+
+    @work
+    async def _stop_only(self) -> None:
+        error = await self._stop_acquisition()
+        if error is not None:
+            self._say(error, "bad")
+
+    async def _stop_acquisition(self) -> str | None:
+        """Stop it and say so; the error if it ended with one."""
+        client, recording = self._link.client, self._recording()
+        if client is None:
+            return None
+        self._link.pause()
+        self._say("stopping: finishing the file" if recording else "stopping the acquisition", "wait")
+        try:
+            result = await in_thread(client.stop)
+        except FAULTS as error:
+            return words.fault(error)
+        finally:
+            self._release()
+            self._link.over()
+        done = [words.finished(recording, result)] if recording else []
+        self._say("\n".join([*done, "the acquisition is stopped"]), "good")
+        return None
+
+    def finish(self) -> None:
+        """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
+        self._give_up()
+        for attempt in self._given_up:
+            attempt.wait(_GIVE_UP_S)
+
+    # palette
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """Every action, with its key, and Textual's own."""
+        yield from palette.commands(self, self.page, self.action_page)
+        yield from super().get_system_commands(screen)
+
+
+def run(
+    client: Client | None = None, plan: Plan | None = None, logs: str = "logs", defaults: Plan | None = None
+) -> int:
+    """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code."""
+    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults)
+    code = app.run()
+    app.finish()
+    for line in app.farewell:
+        print(line, file=sys.stderr)
+    return app.return_code or 0 if code is None else code

@@ -1,0 +1,37 @@
+"""The command palette: every action of the page in front and of the application, with its key."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from textual.app import App, SystemCommand
+from textual.binding import Binding
+
+from imutui.tui.screens import PAGES, SCREENS, Page
+
+
+def commands(app: App[Any], page: Page | None, go: Callable[[str], None]) -> Iterable[SystemCommand]:
+    """Pages, then the page's actions, then the application's.
+
+    Parameters
+    ----------
+    app : App
+        Runs its own actions.
+    page : Page or None
+        The page in front, which runs its own.
+    go : callable
+        Goes to a page by name.
+    """
+    for (key, title), name in zip(PAGES, SCREENS, strict=True):
+        yield SystemCommand(f"{title} page", f"key {key}", lambda name=name: go(name))
+    for namespace in (page, app):
+        for binding in namespace.BINDINGS if namespace is not None else ():
+            if isinstance(binding, Binding) and binding.show:
+                yield _command(app, namespace, binding)
+
+
+def _command(app: App[Any], namespace: Page | App[Any] | None, binding: Binding) -> SystemCommand:
+    tip = binding.tooltip
+    title = binding.description.capitalize() + (f": {tip[0].lower()}{tip[1:]}" if tip else "")
+    return SystemCommand(
+        title, f"key {binding.key_display or binding.key}", lambda: app.run_action(binding.action, namespace)
+    )

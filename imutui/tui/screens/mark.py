@@ -1,0 +1,31 @@
+"""Asks for the text of a mark."""
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Input, Static
+
+
+class MarkDialog(ModalScreen[str | None]):
+    """Returns the text, None for Esc. The mark is set at Enter."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,ctrl+c", "cancel", "cancel", priority=True)]
+
+    def compose(self) -> ComposeResult:
+        """Title, input, hint."""
+        with Vertical(classes="dialog"):
+            yield Static(Content.styled("Mark in the recording", "bold"), classes="title")
+            yield Input(placeholder="what happens now, for example: table to 90 deg", compact=True)
+            yield Static(Content("Enter sets it with the time of Enter. Esc cancels."), classes="text")
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Done."""
+        self.dismiss(event.value.strip() or "mark")
+
+    def action_cancel(self) -> None:
+        """Close without a mark."""
+        self.dismiss(None)

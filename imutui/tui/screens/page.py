@@ -1,0 +1,83 @@
+"""What all pages share: header, notice, footer, and the message for a terminal that is too small."""
+
+from collections.abc import Iterable
+
+from textual import events
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.message import Message
+from textual.screen import Screen
+from textual.widget import Widget
+from textual.widgets import Footer
+
+from imutui.tui.link import View
+from imutui.tui.widgets.header import StatusHeader
+from imutui.tui.widgets.lines import Lines
+from imutui.tui.widgets.notice import Notice
+from imutui.tui.widgets.small import NEEDED, TooSmall
+
+PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Filter")]
+"""Keys and titles; Record, Table and Logs will follow."""
+WIDE = 112
+TALL = 34
+
+
+class Page(Screen[None]):
+    """Base of pages; subclasses give `TITLE` and `body`."""
+
+    class Wanted(Message):
+        """A page wants the newest view."""
+
+        def __init__(self, page: "Page") -> None:
+            super().__init__()
+            self.page = page
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.view: View | None = None
+        self._fitted: tuple[int, int] | None = None
+
+    def compose(self) -> ComposeResult:
+        """Header, the page's own widgets, notice, footer."""
+        yield TooSmall()
+        with Vertical(id="page"):
+            yield StatusHeader(PAGES, self.TITLE or "")
+            yield from self.body()
+            yield Notice()
+        yield Footer(compact=True, show_command_palette=False)
+
+    def body(self) -> Iterable[Widget]:
+        """Widgets between header and notice."""
+        raise NotImplementedError
+
+    def show(self, view: View) -> None:
+        """Show a view; subclasses add what is not lines of text."""
+        self.view = view
+        for widget in self.query(Lines):
+            widget.show(view)
+
+    def on_mount(self) -> None:
+        """Fit, and ask for what there is to show."""
+        self._fit()
+        self.post_message(self.Wanted(self))
+
+    def on_resize(self, _: events.Resize) -> None:
+        """Fit another size."""
+        self._fit()
+
+    def on_screen_resume(self) -> None:
+        """Fit a size that changed while another page was on, and show the newest data."""
+        self._fit()
+        self.post_message(self.Wanted(self))
+
+    def _fit(self) -> None:
+        size = self.app.size
+        if size == self._fitted:
+            return
+        self._fitted = size
+        small = size.width < NEEDED[0] or size.height < NEEDED[1]
+        self.set_class(small, "-small")
+        self.set_class(size.width >= WIDE, "-wide")
+        self.set_class(size.height >= TALL, "-tall")
+        self.query_one(TooSmall).refresh()
+        self.refresh_bindings()  # some keys are only offered where they do something

@@ -1,0 +1,37 @@
+"""Questions before something ends."""
+
+from pathlib import PurePath
+
+from imutui.tui.link import Snapshot
+from imutui.tui.screens.choice import Answer, ChoiceDialog
+
+
+def _recording(snapshot: Snapshot | None) -> str | None:
+    recording = (snapshot or {}).get("recording")
+    return PurePath(recording["path"]).name if recording else None
+
+
+def quit_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
+    """Ask whether the acquisition goes on without a screen."""
+    name = _recording(snapshot)
+    if name is None:
+        body = "It is not recording."
+        leave, stop = "leave it running (come back with: imutui attach)", "stop the acquisition and quit"
+    else:
+        body = f"It is recording {name}."
+        leave = "leave it: recording continues in the background"
+        stop = "finish the file, stop the acquisition and quit"
+    return ChoiceDialog("An acquisition is running", body, [Answer("l", "leave", leave), Answer("s", "stop", stop)])
+
+
+def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
+    """Ask before an acquisition is stopped to connect to something else."""
+    name = _recording(snapshot)
+    body = f"Its recording {name} will be finished." if name else "It is not recording."
+    return ChoiceDialog("Stop this acquisition?", body, [Answer("s", "stop", "stop it")])
+
+
+def ended_dialog(reason: str) -> ChoiceDialog:
+    """Say that the acquisition is over."""
+    answers = [Answer("c", "connect", "connect again"), Answer("v", "view", "look at the last data")]
+    return ChoiceDialog("The acquisition has ended", reason, answers)

@@ -1,0 +1,92 @@
+"""Numbers and names as text of fixed width, so that digits do not dance. Pure functions."""
+
+import math
+
+NOTHING = "–"
+"""Stands for a number that is not known."""
+
+DECIMALS = {"deg/s": 3, "mg": 3, "degC": 2}
+MEAN_DECIMALS = {"deg/s": 4, "mg": 3, "degC": 3}
+BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
+
+
+def number(value: float | None, width: int, decimals: int, *, sign: bool = False) -> str:
+    """Fixed decimals, right-aligned; a dash if unknown; never "-0.00"."""
+    if value is None or not math.isfinite(value):
+        return NOTHING.rjust(width)
+    return f"{value:{'+' if sign else ''}z{width}.{decimals}f}"
+
+
+def aligned(value: float | None, width: int, decimals: int, most: int, *, sign: bool = False) -> str:
+    """As `number`, with the decimal point where a number of `most` decimals has it."""
+    pad = most - decimals
+    return number(value, width - pad, decimals, sign=sign) + " " * pad
+
+
+def plain(value: float | None, digits: int = 4) -> str:
+    """Shortest form for running text."""
+    return NOTHING if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def unit_name(unit: str) -> str:
+    """Unit as shown."""
+    return "°C" if unit == "degC" else unit
+
+
+def clock(seconds: float | None) -> str:
+    """h:mm:ss."""
+    if seconds is None or not math.isfinite(seconds):
+        return "–:––:––"
+    whole = max(int(seconds), 0)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def minutes(seconds: float) -> str:
+    """Age in words: "40 s", "3 min", "2 h 05 min"."""
+    if seconds < 60:
+        return f"{int(seconds)} s"
+    if seconds < 3600:
+        return f"{int(seconds // 60)} min"
+    return f"{int(seconds // 3600)} h {int(seconds // 60 % 60):02d} min"
+
+
+def size(count: float | None) -> str:
+    """Bytes with a decimal prefix."""
+    if count is None:
+        return NOTHING
+    for unit in ("B", "kB", "MB"):
+        if count < 999.5:
+            return f"{count:.0f} {unit}" if unit != "MB" else f"{count:.1f} MB"
+        count /= 1000.0
+    return f"{count:.2f} GB"
+
+
+def utc_time(utc: str | None) -> str:
+    """Time of day of an ISO stamp."""
+    if not utc:
+        return "––:––:––"
+    return utc.partition("T")[2].removesuffix("Z")[:8] if "T" in utc else utc[:8]
+
+
+def shorten(text: str, width: int) -> str:
+    """At most `width` characters, the middle left out: both ends of a port name tell devices apart."""
+    if len(text) <= width:
+        return text
+    if width < 4:
+        return text[:width]
+    head = (width - 1) // 2
+    return text[:head] + "…" + text[len(text) - (width - 1 - head) :]
+
+
+def port_name(port: str | None, width: int = 40) -> str:
+    """Port without the folders that say nothing."""
+    if not port:
+        return NOTHING
+    for folder in ("/dev/serial/by-id/", "/dev/serial/by-path/", "/dev/"):
+        port = port.removeprefix(folder)
+    return shorten(port, width)
+
+
+def plural(count: int, noun: str) -> str:
+    """Count and noun."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,1 @@
+"""Widgets, one a module. Values come down through `show`, messages go up."""

@@ -1,0 +1,80 @@
+"""Who is connected, whether it records, which page this is: the two lines at the top of every page."""
+
+from textual.content import Content
+
+from imutui import __version__
+from imutui.tui import text, words
+from imutui.tui.glyphs import Glyphs
+from imutui.tui.link import Snapshot, View
+from imutui.tui.widgets.lines import Lines
+
+
+class StatusHeader(Lines):
+    """Two lines.
+
+    Parameters
+    ----------
+    pages : sequence of (key, title)
+        All pages.
+    current : str
+        Title of this one.
+    """
+
+    DEFAULT_CSS = "StatusHeader { height: 2; background: $panel; }"
+
+    def __init__(self, pages: list[tuple[str, str]], current: str, glyphs: Glyphs | None = None) -> None:
+        super().__init__(glyphs)
+        self._pages = pages
+        self._current = current
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Identity and time; pages, filter and recording."""
+        now = view.now
+        return [
+            self._first(now, width),
+            self.spread(self._tabs(), self.line(*self._filter(now), *self._recording(now), " "), width),
+        ]
+
+    def _first(self, now: Snapshot | None, width: int) -> Content:
+        right = self.line("  ", self._time(now), " ")
+        left = self._identity(now)
+        if now is not None:
+            room = width - left.cell_length - right.cell_length
+            left = left.append(self.glyphs.text(text.port_name(now.get("port"), max(room, 0))))
+        return self.spread(left, right, width)
+
+    def _identity(self, now: Snapshot | None) -> Content:
+        if now is None:
+            return self.line(" ", ("imutui", "bold"), f" {__version__}  not connected")
+        simulated = now.get("kind") == "simulated"
+        return self.line(
+            " ",
+            ("imutui", "bold"),
+            f"  {now['instrument']} #{now['serial_number']}  ",
+            (" SIMULATED ", "bold reverse") if simulated else "",
+            "  " if simulated else "",
+        )
+
+    def _time(self, now: Snapshot | None) -> str:
+        if now is None:
+            return ""
+        state = "" if now["state"] == "running" else f"{now['state'].upper()}  "
+        return f"{state}{text.utc_time(now.get('utc'))} UTC"
+
+    def _tabs(self) -> Content:
+        parts = []
+        for key, title in self._pages:
+            style = "bold reverse" if title == self._current else ""
+            parts.append(Content.assemble(" ", (f"{key} {title}", style)))
+        return Content(" ").join(parts)
+
+    def _filter(self, now: Snapshot | None) -> tuple[str, ...]:
+        return (words.filter_badge(now.get("filter")), "   ") if now is not None else ()
+
+    def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
+        if now is None:
+            return ()
+        recording = now.get("recording")
+        if recording is None:
+            return ("not recording" if now["state"] == "running" else "",)
+        return ((f"● REC {text.clock(recording['seconds'])}", "bold $text-error"),)

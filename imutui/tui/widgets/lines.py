@@ -1,0 +1,62 @@
+"""Base of widgets that are lines of text made from a view."""
+
+from textual.content import Content
+from textual.widget import Widget
+
+from imutui.tui.glyphs import Glyphs, choose
+from imutui.tui.link import View
+
+Part = str | Content | tuple[str, str]
+LEVEL_STYLES = {"good": "bold $text-success", "wait": "bold $text-warning", "bad": "bold $text-error", "none": "bold"}
+
+
+class Lines(Widget):
+    """Lines of text that fill the width; subclasses say which, in `lines`."""
+
+    DEFAULT_CSS = "Lines { width: 1fr; height: auto; }"
+
+    def __init__(self, glyphs: Glyphs | None = None, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id)
+        self.glyphs = glyphs or choose()
+        self.view: View | None = None
+        self._made: Content | None = None
+
+    def show(self, view: View) -> None:
+        """Take a view; drawn only if it reads differently, as no state is said by colour alone."""
+        self.view = view
+        before = self._made
+        self._made = self._make()
+        if before is None or before.plain != self._made.plain:
+            self.refresh()
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """The lines, at most `width` wide."""
+        raise NotImplementedError
+
+    def render(self) -> Content:
+        """All lines."""
+        self._made = self._make()
+        return self._made
+
+    def _make(self) -> Content:
+        if self.view is None:
+            return Content("")
+        return Content("\n").join(self.lines(self.view, self.content_size.width or self.app.size.width))
+
+    def line(self, *parts: Part) -> Content:
+        """Text and styled parts, in signs that the terminal has."""
+        text = self.glyphs.text
+        return Content.assemble(
+            *(p if isinstance(p, Content) else text(p) if isinstance(p, str) else (text(p[0]), p[1]) for p in parts)
+        )
+
+    def spread(self, left: Content, right: Content, width: int) -> Content:
+        """One part at each end of a line; the left one gives way."""
+        room = max(width - right.cell_length, 0)
+        return Content.assemble(left.truncate(room, ellipsis=False, pad=True), right)
+
+    def rule(self, title: str, width: int, right: str = "") -> Content:
+        """A line with a title in it."""
+        start, end = self.glyphs.text(f"── {title} "), self.glyphs.text(f" {right} ──" if right else "")
+        middle = self.glyphs.text("─") * max(width - len(start) - len(end), 0)
+        return Content.assemble((start, ""), (middle, "dim"), (end, ""))

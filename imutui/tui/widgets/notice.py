@@ -1,0 +1,46 @@
+"""What there is to say just now: an alarm, the answer to a key, a frozen view, or the last event."""
+
+from textual.content import Content
+
+from imutui.tui import text, words
+from imutui.tui.link import View
+from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
+
+
+class Notice(Lines):
+    """One line, more for a long message."""
+
+    DEFAULT_CSS = "Notice { height: auto; min-height: 1; max-height: 5; background: $surface; padding: 0 1; }"
+
+    def show(self, view: View) -> None:
+        """Take a view; a longer message makes room for itself."""
+        before = self._made
+        super().show(view)
+        if before is None or self._made is None or before.plain != self._made.plain:
+            self.refresh(layout=True)
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """The most urgent message."""
+        level, said = _chosen(view)
+        return [self.line((said, "" if level == "event" else LEVEL_STYLES[level]))]
+
+
+def _chosen(view: View) -> tuple[str, str]:
+    now = view.now
+    silent = words.silence(now) if now is not None else None
+    if silent is not None:
+        return "bad", silent
+    if now is not None and now["state"] == "running" and now.get("error"):
+        return "bad", str(now["error"])
+    if view.notice[1]:
+        return view.notice
+    if view.frozen:
+        return "wait", "FROZEN view: the acquisition goes on. space follows it again."
+    events = (now or {}).get("events") or []
+    return "event", event_text(events[-1]) if events else ""
+
+
+def event_text(event: dict[str, str]) -> str:
+    """Time, kind and text of an event."""
+    kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
+    return f"{text.utc_time(event['utc'])}  {kind}{event['text']}"

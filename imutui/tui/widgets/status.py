@@ -1,0 +1,70 @@
+"""The link in one line, and the recording in another."""
+
+from pathlib import PurePath
+
+from textual.content import Content
+
+from imutui.tui import text, words
+from imutui.tui.link import Snapshot, View
+from imutui.tui.widgets.lines import Lines
+
+_TEMPERATURE = 6
+_ROOM_FOR_MARKS = 90
+
+
+class LinkLine(Lines):
+    """Rates, what was lost, how warm."""
+
+    DEFAULT_CSS = "LinkLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """One line."""
+        now = view.now
+        if now is None:
+            return [Content("")]
+        lost, bad = now["lost_packets"], now["bad_checksums"]
+        slope = view.series.slope_per_minute(_TEMPERATURE)
+        left = self.line(
+            f" {_rates(now)}  ",
+            (f"lost {lost}", "bold $text-warning" if lost else ""),
+            "  ",
+            (f"bad sums {bad}", "bold $text-warning" if bad else ""),
+        )
+        warmth = words.warmth(now.get("since_start_s"), slope)
+        if left.cell_length + len(warmth) + 3 > width:  # what was lost matters more than the trend
+            warmth = words.warmth(now.get("since_start_s"), None)
+        return [self.spread(left, self.line("  ", warmth, " "), width)]
+
+
+def _rates(now: Snapshot) -> str:
+    measured = now.get("measured_hz")
+    asked = f"{now['rate_hz']:g}"
+    return f"asked {asked} measured {text.NOTHING if measured is None else f'{measured:.2f}'} Hz"
+
+
+class RecordingLine(Lines):
+    """File, size and age of the last flush; or how to start."""
+
+    DEFAULT_CSS = "RecordingLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """One line."""
+        now = view.now
+        recording = now.get("recording") if now is not None else None
+        if recording is None:
+            running = now is not None and now["state"] == "running"
+            hint = " not recording: r writes every packet to a file, from then on" if running else ""
+            return [self.line((hint, "dim"))]
+        flushed = recording.get("flush_age_s")
+        marks = [text.plural(recording["marks"], "mark")] if width >= _ROOM_FOR_MARKS else []
+        facts = "  ".join(
+            (
+                text.size(recording["bytes"]),
+                text.plural(recording["samples"], "sample"),
+                *marks,
+                "not flushed yet" if flushed is None else f"flush {flushed:.1f} s ago",
+            )
+        )
+        name = text.shorten(PurePath(recording["path"]).name, max(width - len(facts) - 4, 12))
+        stale = flushed is not None and flushed > 3.0
+        return [self.line(" ", (name, "bold"), (f"  {facts}", "bold $text-error" if stale else ""))]

@@ -1,0 +1,188 @@
+"""The commands, run as a user runs them."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import serial
+from conftest import imutui
+from rosbags.highlevel import AnyReader
+
+from imutui.cli import COMMANDS
+from imutui.logbook import schemas
+
+ACEINNA = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
+ADIS = ("--accel-sign", "+1", "--reference", "gravity")
+
+
+def replayed(log: Path, *arguments: str, check: int = 0) -> Any:
+    return json.loads(imutui("replay", str(log), *arguments, "--json", check=check).stdout)
+
+
+def still(path: Path, seconds: float = 30.0) -> Path:
+    """A simulated still recording at 20 Hz with the Crossbow's sign."""
+    rng = np.random.default_rng(4)
+    n = int(seconds * 20)
+    gyro = rng.normal(size=(n, 3)) * 0.075 * np.sqrt(20) + [0.5, -0.3, 0.1]
+    accel = rng.normal(size=(n, 3)) / 60 * np.sqrt(20) / 9.80665 + [0.004, -0.002, 0.99793 + 0.006]
+    np.savez(path, t=np.arange(n) / 20.0, gyro=gyro, accel=accel)
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str) -> None:
+    """A user who asks is shown how it is called."""
+    text = imutui(command, "--help").stdout
+    assert f"Example: imutui {command}" in " ".join(text.split())
+
+
+def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
+    """Measured, 50 s still: gyro biases are the means of the readings, horizontals are said to be unobservable."""
+    source = recording("aceinna_imu381_s1_static.npz")
+    done = imutui("import", str(source), "-o", "a.mcap", *ACEINNA, "--kind", "measured")
+    assert "temps" in done.stderr, "an array that was not imported is named"
+    result = replayed(home / "a.mcap")
+    with np.load(source) as measured:
+        gyro, accel = measured["gyro"].mean(axis=0), measured["accel"].mean(axis=0)
+    assert np.allclose(result["final"]["gyro_bias_dps"], gyro, atol=0.015)
+    assert result["final"]["accel_bias_mg"][:2] == [None, None]
+    vertical = (np.linalg.norm(accel) - 0.99793) * 1e3
+    assert result["final"]["accel_bias_mg"][2] == pytest.approx(vertical, abs=0.5)
+    assert result["unobservable"] == ["accel_bias_x", "accel_bias_y"]
+    assert result["converged_s"]["gyro_bias"] == [20.0, 20.0, 20.0]
+    assert result["nis"]["dof"] == 7
+    assert not result["nis"]["is_test"]
+    assert result["gaps"] == []
+    assert result["kind"] == "measured"
+
+
+def test_an_adis_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
+    """Measured: ten minutes imported, the first two replayed; biases are the means, noise is below Table 1."""
+    source = recording("adis16405_static_a.npz")
+    imutui("import", str(source), "-o", "a.mcap", "--end", "600", *ADIS)
+    result = replayed(home / "a.mcap", "--end", "60")
+    with np.load(source) as measured:
+        gyro = measured["gyro"][:6001].mean(axis=0)
+    assert result["samples"] == 6001
+    assert np.allclose(result["final"]["gyro_bias_dps"], gyro, atol=0.02)
+    assert -25.0 < result["final"]["accel_bias_mg"][2] < -15.0
+    assert result["converged"]
+    assert all(1.0 < n < 4.5 for n in result["noise"]["gyro_arw_deg_sqrt_h"])
+
+
+def test_the_wrong_sign_of_a_level_recording_is_refused_with_both_cures(home: Path) -> None:
+    """Nothing is written; the exit code is that of unreadable input."""
+    source = still(home / "a.npz", 5.0)
+    done = imutui("import", str(source), "-o", "a.mcap", "--accel-sign", "+1", check=3)
+    assert "--accel-sign -1" in done.stderr
+    assert "--mount x,-y,-z" in done.stderr
+    assert not (home / "a.mcap").exists()
+
+
+def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
+    """-o makes a log of estimates at 10 Hz that rosbags decodes; the last one is the result's final state."""
+    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
+    result = replayed(home / "a.mcap", "-o", "est.mcap")
+    with AnyReader([home / "est.mcap"]) as bag:
+        estimates = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.ESTIMATE]
+    assert len(estimates) == pytest.approx(300, abs=2)
+    assert np.allclose(estimates[-1].gyro_bias_dps, result["final"]["gyro_bias_dps"], atol=0.002)
+    assert list(estimates[-1].converged) == [True] * 6
+
+
+def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None:
+    """kappa, measurements and gravity by --set; the hash tells runs apart, the log's hash stays."""
+    imutui("import", str(still(home / "a.npz", 25.0)), "-o", "a.mcap")
+    plain = replayed(home / "a.mcap")
+    paper = replayed(home / "a.mcap", "--set", "filter.kappa=-12")
+    drawn = replayed(home / "a.mcap", "--set", "filter.measurements=drawn", "--set", "filter.seed=3")
+    assert plain["log_sha256"] == paper["log_sha256"]
+    assert len({r["config_sha256"] for r in (plain, paper, drawn)}) == 3
+    assert np.allclose(plain["final"]["gyro_bias_dps"], paper["final"]["gyro_bias_dps"], atol=1e-4)
+    assert drawn["nis"]["is_test"]
+    assert drawn["seed"] == 3
+    low, high = drawn["nis"]["band95"]
+    assert low - 1.0 < drawn["nis"]["mean"] < high + 1.0
+
+
+def test_several_logs_give_a_list(home: Path) -> None:
+    """One document each, in the order named."""
+    for name in ("a", "b"):
+        imutui("import", str(still(home / f"{name}.npz", 3.0)), "-o", f"{name}.mcap")
+    results = json.loads(imutui("replay", "a.mcap", "b.mcap", "--json", check=1).stdout)
+    assert [Path(r["log"]).name for r in results] == ["a.mcap", "b.mcap"]
+
+
+def test_a_table_for_people_says_the_verdict_first(home: Path) -> None:
+    """Without --json: converged or not, six biases with bands and units."""
+    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap", "--kind", "simulated")
+    text = imutui("replay", "a.mcap").stdout
+    assert text.startswith("converged: ")
+    assert "SIMULATED" in text
+    assert all(f"{axis} {kind}" in text for axis in "xyz" for kind in ("gyro", "accel"))
+
+
+def test_configuration_says_where_each_value_comes_from(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Environment over file over default; an unknown key in a file is a warning."""
+    (home / "imutui.toml").write_text('[paths]\nlogs = "from-file"\n[acquisition]\nrate_hz = 20\nnonsense = 1\n')
+    monkeypatch.setenv("IMUTUI_ACQUISITION_RATE_HZ", "50")
+    done = imutui("config", "--show", "--json")
+    settings = json.loads(done.stdout)
+    assert settings["acquisition.rate_hz"] == {"value": 50.0, "source": "IMUTUI_ACQUISITION_RATE_HZ"}
+    assert settings["paths.logs"]["value"] == "from-file"
+    assert settings["filter.name"]["source"] == "default"
+    assert "nonsense" in done.stderr
+
+
+@contextmanager
+def virtual(*arguments: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """A virtual instrument in a process of its own: its port, and the process, which is ended at the end."""
+    command = [sys.executable, "-m", "imutui", "virtual", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as unit:
+        assert unit.stdout is not None
+        try:
+            yield unit.stdout.readline().strip(), unit
+        finally:
+            unit.kill()
+
+
+def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home: Path) -> None:
+    """Port on the first line, a symbolic link beside it, commands on stderr, the link gone at the end."""
+    with virtual("--link", "imu", "--serial-number", "42") as (port, unit):
+        assert os.path.realpath(home / "imu") == port
+        with serial.Serial(str(home / "imu"), 38400, timeout=5.0) as line:
+            line.write(b"R")
+            assert line.read(1) == b"H"
+            line.write(b"S")
+            assert line.read(6) == bytes([0xFF, 0, 0, 0, 42, 42])
+            line.write(b"c")
+            assert line.read(1) == b"C"
+            line.write(b"G")
+            packet = line.read(18)
+        unit.terminate()
+        _, heard = unit.communicate(timeout=30)
+    assert packet[0] == 0xFF
+    assert sum(packet[1:17]) % 256 == packet[17]
+    assert [text.split(":")[0] for text in heard.splitlines()] == ["R", "S", "c", "G"]
+    assert not (home / "imu").is_symlink()
+
+
+def test_a_played_recording_is_silent_after_its_end(home: Path) -> None:
+    """No reading is made up: after the last one the unit answers but sends no packets."""
+    still(home / "a.npz", 1.0)
+    with virtual("--from", "a.npz") as (port, _), serial.Serial(port, 38400, timeout=3.0) as line:
+        line.write(b"c")
+        assert line.read(1) == b"C"
+        line.write(b"C")
+        stream = line.read(100_000)
+        line.write(b"R")
+        assert line.read(1) == b"H"
+    assert len(stream) % 18 == 0
+    assert len(stream) // 18 == pytest.approx(0.95 * 400 / 3, abs=2)

@@ -1,0 +1,137 @@
+"""An acquisition that is not there: canned snapshots, a moving series, and a diary of what was asked."""
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from imutui.session.client import SessionError
+
+RATE_HZ = 133.0
+MEANS = np.array([0.3461, -0.4702, -0.2688, -6.112, -0.402, 1000.981, 24.96])
+SDS = np.array([0.1492, 0.1507, 0.1485, 1.931, 1.928, 1.934, 0.018])
+UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
+NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
+PATH = "/data/logs/imu400cd_9911750_20261121T104307Z.mcap"
+
+
+def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> dict[str, Any]:
+    """One row of the filter's biases."""
+    gyro = name.endswith("gyro")
+    row = {
+        "name": name, "value": value, "sd3": sd3, "unit": "deg/s" if gyro else "mg", "limit": 1.0 if gyro else 12.0,
+        "change_10s": 0.0004 if gyro else -0.02, "converged_s": 9.8, "observable": True,
+    }  # fmt: skip
+    return {**row, **changes}
+
+
+def estimates(**changes: Any) -> dict[str, Any]:
+    """A filter that waits for one bias only."""
+    biases = [
+        bias("x gyro", 0.3461, 0.0291),
+        bias("y gyro", -0.4702, 0.0291, change_10s=-0.0011),
+        bias("z gyro", -0.2688, 0.21, converged_s=None, change_10s=None),
+        bias("x accel", -6.11, 0.67),
+        bias("y accel", -0.40, 0.67, change_10s=0.01),
+        bias("z accel", 3.05, 0.67),
+    ]
+    found: dict[str, Any] = {
+        "name": "spkf", "reference": "level", "t": 12.3, "samples": 246, "waiting": None, "converged": False,
+        "biases": biases,
+        "nis": {"mean": 0.24, "first": 0.001, "dof": 9, "band95": [8.9, 9.1], "is_test": False,
+                "why": "the reference is fed exact, not drawn from R: "
+                       "NIS is far below its degrees of freedom by construction"},
+        "state": {"position_deg_m": [-23.211323, -45.859176, 641.2], "velocity_mps": [0.0, 0.001, -0.0002],
+                  "rpy_deg": [0.002, -0.001, 0.003]},
+        "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
+                     "rpy_deg": [0.0057, 0.0057, 0.0127]},
+        "alarms": [],
+    }  # fmt: skip
+    return {**found, **changes}
+
+
+class FakeClient:
+    """Has the methods of `imutui.session.client.Client`; its clock is the host's, sped up by nothing."""
+
+    def __init__(self, name: str = "default", kind: str = "simulated", history_s: float = 20.0) -> None:
+        self.name = name
+        self.pid = 4711
+        self.asked: list[str] = []
+        self.recording = False
+        self.closed = False
+        self.polls = 0
+        self.changes: dict[str, Any] = {"kind": kind}
+        """Fields of the snapshot that a test wants otherwise."""
+        self.gone: str | None = None
+        self._born = time.monotonic() - history_s
+        self._sent = 0
+        self._noise = np.random.default_rng(1).standard_normal((4096, 7))
+        self._lock = threading.Lock()
+
+    def snapshot(self, since: int = 0) -> dict[str, Any]:
+        """The state now."""
+        with self._lock:
+            if self.gone is not None:
+                raise SessionError(self.gone)
+            self.polls += 1
+            return {**self._snapshot(since), **self.changes}
+
+    def _snapshot(self, since: int) -> dict[str, Any]:
+        seconds = time.monotonic() - self._born
+        count = int(seconds * RATE_HZ)
+        numbers = np.arange(max(since, count - 4000, 0), count)
+        values = MEANS + SDS * self._noise[numbers % 4096]
+        return {
+            "name": self.name, "pid": self.pid, "state": "running", "error": None, "instrument": "IMU400CD-200",
+            "serial_number": "9911750", "firmware": "IMU400CD 1.2", "kind": "simulated",
+            "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "baud": 38400, "rate_hz": 20.0,
+            "sampling": "stream", "measured_hz": 20.001, "packet_hz": 133.31, "packets": count, "lost_packets": 0,
+            "bad_checksums": 0, "discarded_bytes": 0, "silent_s": 0.005, "since_start_s": 192.0 + seconds,
+            "utc": "2026-11-21T10:43:07Z",
+            "recording": self._recording(seconds) if self.recording else None,
+            "channels": [
+                {"name": n, "counts": int(38 * (i + 1)), "value": float(values[-1][i]) if count else None, "unit": u,
+                 "mean": float(MEANS[i]), "sd": float(SDS[i])}
+                for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True)) if len(values)
+            ],
+            "statistics_s": 10.0, "filter": estimates(t=seconds),
+            "events": [{"utc": "10:42:00", "name": "acquisition", "text": "started at 20 Hz"}],
+            "series": {"next": count, "t": (numbers / RATE_HZ).tolist(), "values": values.tolist()},
+        }  # fmt: skip
+
+    def _recording(self, seconds: float) -> dict[str, Any]:
+        return {
+            "path": PATH,
+            "bytes": 123456,
+            "seconds": 761.0 + seconds,
+            "samples": 15246,
+            "flush_age_s": 0.4,
+            "marks": 1,
+        }
+
+    def mark(self, text: str) -> None:
+        """Note a mark."""
+        self.asked.append(f"mark {text}")
+
+    def record(self, note: str = "") -> str:
+        """Begin a pretended recording."""
+        self.asked.append("record")
+        self.recording = True
+        return PATH
+
+    def stop_recording(self) -> dict[str, Any]:
+        """Finish it."""
+        self.asked.append("stop_recording")
+        self.recording = False
+        return {"log": PATH, "samples": 15246}
+
+    def stop(self) -> dict[str, Any] | None:
+        """End the acquisition."""
+        self.asked.append("stop")
+        self.gone = "the acquisition has ended"
+        return {"log": PATH, "samples": 15246} if self.recording else None
+
+    def close(self) -> None:
+        """Detach."""
+        self.closed = True

@@ -1,0 +1,33 @@
+"""What pilot tests share: the screen as text, and waiting without sleeping."""
+
+from collections.abc import Callable
+from typing import Any
+
+from textual.pilot import Pilot
+
+from imutui.tui.app import ImutuiApp
+
+SMALLEST = (80, 24)
+
+
+def text_of(app: ImutuiApp) -> str:
+    """The screen in front, as the terminal has it."""
+    strips = app.screen._compositor.render_strips()
+    return "\n".join("".join(segment.text for segment in strip) for strip in strips)
+
+
+async def until(pilot: Pilot[Any], truth: Callable[[], object], rounds: int = 200) -> None:
+    """Let the application go on until something is true."""
+    for _ in range(rounds):
+        if truth():
+            return
+        await pilot.pause(0.02)
+    raise AssertionError(f"not true in time; the screen:\n{text_of(pilot.app)}")  # type: ignore[arg-type]
+
+
+async def shows(pilot: Pilot[Any], *texts: str) -> str:
+    """Wait until the screen has all texts; returns it."""
+    app = pilot.app
+    assert isinstance(app, ImutuiApp)
+    await until(pilot, lambda: all(t in text_of(app) for t in texts))
+    return text_of(app)

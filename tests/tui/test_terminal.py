@@ -1,0 +1,96 @@
+"""The application in a terminal of its own, as a process."""
+
+import os
+import pty
+import select
+import struct
+import subprocess
+import sys
+import termios
+import time
+from fcntl import ioctl
+from pathlib import Path
+
+import pyte
+
+_PROGRAM = """
+import sys
+from fake import FakeClient
+from imutui.tui.app import run
+sys.exit(run(FakeClient()))
+"""
+
+
+class Terminal:
+    """A program in an 80×24 terminal."""
+
+    def __init__(self, **environ: str) -> None:
+        self._screen = pyte.Screen(80, 24)
+        self._stream = pyte.ByteStream(self._screen)
+        self.raw = b""
+        self._master, slave = pty.openpty()
+        ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        self.modes = termios.tcgetattr(slave)
+        self._slave = slave
+        env = {**os.environ, "TERM": "xterm-256color", **environ}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM],
+            cwd=Path(__file__).parent, env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+        )  # fmt: skip
+
+    def read_until(self, text: str, timeout: float = 20.0) -> str:
+        """Read until the screen shows a text; returns the screen."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            shown = "\n".join(self._screen.display)
+            if text in shown:
+                return shown
+            if select.select([self._master], [], [], 0.1)[0]:
+                data = os.read(self._master, 65536)
+                self.raw += data
+                self._stream.feed(data)
+        raise AssertionError("\n".join(self._screen.display))
+
+    def press(self, keys: bytes) -> None:
+        """Type."""
+        os.write(self._master, keys)
+
+    def modes_now(self) -> list[object]:
+        """Line settings, to compare with those of the beginning."""
+        return termios.tcgetattr(self._slave)
+
+    def close(self) -> None:
+        """End what is left."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        os.close(self._master)
+        os.close(self._slave)
+
+
+def test_the_terminal_is_as_before_after_detaching() -> None:
+    """Main screen, line settings and exit code are right, and the way back is printed where it stays."""
+    terminal = Terminal(NO_COLOR="1")
+    try:
+        terminal.read_until("asked 20 measured")
+        terminal.press(b"d")
+        terminal.read_until("Come back: imutui attach")
+        assert terminal.process.wait(10.0) == 0
+        assert terminal.raw.rindex(b"\x1b[?1049l") < terminal.raw.rindex(b"Come back")
+        assert terminal.modes_now() == terminal.modes
+    finally:
+        terminal.close()
+
+
+def test_the_linux_console_gets_blocks_and_sixteen_colours() -> None:
+    """No braille and no other colours than its font and palette have."""
+    terminal = Terminal(TERM="linux")
+    try:
+        screen = terminal.read_until("asked 20 measured")
+        assert "SIMULATED" in screen
+        assert "█" in screen
+        assert not any("\u2800" < sign < "\u2900" for sign in screen)
+        assert b"38;2;" not in terminal.raw
+        assert b"38;5;" not in terminal.raw
+    finally:
+        terminal.close()
