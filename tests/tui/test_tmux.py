@@ -1,0 +1,163 @@
+"""The whole job in a real terminal of 80×24: tmux drives the real program on the virtual instrument's wire."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from conftest import wait_until
+
+from imutui.logbook import reader
+from imutui.session import client
+
+
+class Terminal:
+    """A tmux server of our own with one window of 80×24."""
+
+    def __init__(self, folder: Path) -> None:
+        self._tmux = ["tmux", "-S", str(folder / "tmux"), "-f", "/dev/null"]
+        self._run("new-session", "-d", "-x", "80", "-y", "24", "sh")
+        self._run("set-option", "-g", "escape-time", "0")
+
+    def _run(self, *arguments: str) -> str:
+        return subprocess.run([*self._tmux, *arguments], capture_output=True, text=True, check=True).stdout
+
+    def type(self, text: str) -> None:
+        """Type characters as they are."""
+        self._run("send-keys", "-l", text)
+
+    def press(self, *keys: str) -> None:
+        """Press keys by name."""
+        self._run("send-keys", *keys)
+
+    def screen(self) -> str:
+        """What the terminal shows."""
+        return self._run("capture-pane", "-p")
+
+    def wait_for(self, *words: str) -> str:
+        """Wait until the screen shows all these words."""
+        shown = ""
+
+        def all_there() -> bool:
+            nonlocal shown
+            shown = self.screen()
+            return all(word in shown for word in words)
+
+        try:
+            wait_until(all_there)
+        except AssertionError:
+            pytest.fail(f"the screen never showed {words}:\n{shown}")
+        return shown
+
+    def close(self) -> None:
+        """End the server and all in it."""
+        subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
+
+
+@pytest.fixture
+def terminal(home: Path) -> Iterator[Terminal]:
+    if shutil.which("tmux") is None:
+        pytest.skip("needs tmux")
+    made = Terminal(home)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Terminal) -> None:
+    """From the first screen to a finished file at 20 Hz, the terminal left and found again in between."""
+    program = f"{sys.executable} -m imutui"
+    terminal.type(f"{program}\n")
+    terminal.wait_for("virtual instrument", "rate, Hz", "Connect")
+    choose_virtual_at_20_hz(terminal)
+    live = terminal.wait_for("SIMULATED", "gx", "deg/s", "asked 20", "not recording", "? help")
+    assert all(len(line) <= 80 for line in live.splitlines())
+    assert "K/min" in live or "warming" in live
+
+    terminal.press("r")
+    terminal.wait_for("● REC", "imu400cd_9911750_", "flush")
+    terminal.press("m")
+    terminal.wait_for("Mark in the recording")
+    terminal.type("table level")
+    terminal.press("Enter")
+    terminal.wait_for("marked: table level")
+    terminal.press("3")
+    terminal.wait_for("x gyro", "z accel", "Table 1 limit", "NIS", "no test", "pitch")
+
+    terminal.press("d")
+    terminal.wait_for("Come back: imutui attach", "imutui stop")
+    assert client.running() == ["default"]
+    terminal.type(f"clear; {program} attach\n")
+    terminal.wait_for("● REC", "asked 20", "measured")
+    terminal.press("?")
+    terminal.wait_for("PAGES", "KEYS")
+    terminal.press("Escape")
+    # a key right behind Escape would be Alt and that key
+    wait_until(lambda: "KEYS" not in terminal.screen())
+    terminal.press("3")
+    terminal.wait_for("GOOD", "all 6 biases converged")
+
+    terminal.press("q")
+    terminal.wait_for("leave it", "finish the file, stop", "cancel")
+    terminal.press("s")
+    terminal.wait_for("finished", "samples", "gyro bias")
+    wait_until(lambda: client.running() == [])
+    (path,) = (home / "logs").glob("*.mcap")
+    log = reader.read(path)
+    assert log.finished
+    assert "table level" in [event.text for event in log.events if event.name == "mark"]
+    assert log.info.rate_hz == 20.0
+
+
+def choose_virtual_at_20_hz(terminal: Terminal) -> None:
+    """On the Connect screen: the virtual instrument whatever ports there are, the rate field, Enter."""
+    until(terminal, lambda: "virtual, 133 Hz" in terminal.screen(), "Down")
+    terminal.press("Tab")
+    terminal.press("Tab")
+    terminal.press("C-a")
+    terminal.press("C-k")
+    terminal.wait_for("not a number; 0.1 to 133 Hz")
+    terminal.type("20")
+    terminal.wait_for("virtual, 20 Hz")
+    terminal.press("Enter")
+
+
+def until(terminal: Terminal, true: Callable[[], bool], key: str) -> None:
+    """Press a key until something is so, at most ten times."""
+    for _ in range(10):
+        if true():
+            return
+        terminal.press(key)
+        terminal.wait_for("imutui")
+    assert true(), terminal.screen()
+
+
+def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: Terminal) -> None:
+    """`imutui demo` in a terminal: labelled simulated, recording at once; stop and quit ends unit and acquisition."""
+    terminal.type(f"{sys.executable} -m imutui demo --seed 3\n")
+    terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
+    (pid,) = [client.attach("demo").pid]
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    terminal.press("q")
+    terminal.wait_for("finish the file, stop")
+    terminal.press("s")
+    terminal.wait_for("finished")
+    wait_until(lambda: client.running() == [] and not any(Path(f"/proc/{c}").exists() for c in children))
+    assert len(list((home / "logs").glob("*demo.mcap"))) == 1
+
+
+def test_a_closed_terminal_costs_nothing(home: Path, terminal: Terminal) -> None:
+    """The terminal is killed under the UI: the acquisition goes on, and its file is finished when it is stopped."""
+    terminal.type(f"{sys.executable} -m imutui demo\n")
+    terminal.wait_for("● REC", "measured")
+    connection = client.attach("demo")
+    terminal.close()
+    before = connection.snapshot(2**62)["recording"]["samples"]
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > before + 40)
+    result = connection.stop()
+    assert result is not None
+    assert result["lost_packets"] == 0
+    assert reader.read(Path(result["log"])).finished
