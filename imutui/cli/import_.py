@@ -1,6 +1,7 @@
 """`imutui import`."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -61,10 +62,10 @@ def command(
         "filter.reference": reference,
     }
     info = session_from(config.load().with_flags(flags), parse_site(site))
-    from dataclasses import replace
-
     info = replace(info, instrument=instrument or "unknown", kind=kind)
-    info.axes(), info.settings()  # refuses what cannot be before a long file is read
+    # refuse what cannot be before a long file is read
+    info.axes()
+    info.settings()
     recording = importer.load(file, start, end)
     if recording.not_imported:
         say(f"imutui: not imported from {file}: {', '.join(recording.not_imported)}")

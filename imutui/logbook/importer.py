@@ -15,7 +15,7 @@ import numpy as np
 
 import imutui
 from imutui.logbook import schemas
-from imutui.logbook.session import MEASURED, SessionInfo
+from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
 
 _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
@@ -168,7 +168,6 @@ def write(
     """
     info = replace(
         info,
-        kind=info.kind or MEASURED,
         sampling="imported",
         rate_hz=recording.rate_hz,
         source=source.name,

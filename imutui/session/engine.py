@@ -4,11 +4,7 @@ A slow disk or a slow filter therefore never makes a stamp late, and nothing but
 """
 
 import contextlib
-import getpass
-import os
 import queue
-import re
-import socket
 import threading
 import time
 from collections import deque
@@ -20,8 +16,6 @@ from typing import Any
 
 import numpy as np
 
-import imutui
-from filters.state import Site
 from imutui.instrument.clock import Clock, arrival_before
 from imutui.instrument.crossbow import (
     BITS_PER_BYTE,
@@ -36,10 +30,11 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.port import Port, PortError
-from imutui.logbook.session import MEASURED, SIMULATED, UNKNOWN, SessionInfo
+from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import connect
 from imutui.session.connect import Identity, InstrumentError
+from imutui.session.info import default_path, session_info
 from imutui.session.live import LiveView
 from imutui.session.plan import Plan
 from imutui.session.snapshot import snapshot
@@ -51,11 +46,6 @@ _FIRST_PACKET_S = 3.0
 _POLL_S = 0.3
 _CLOCK_STEP_NS = 100_000_000
 _EVENTS = 20
-STAMPS = (
-    "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
-    " instant, from the time counter fitted to arrival less the packet's time on the line (stream), or arrival less"
-    " that time (polled); of averaged samples the mean of their packets' instants."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,53 +375,6 @@ class Engine:
         self.result = result if result is not None else self.result
 
 
-def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
-    """Metadata of an acquisition."""
-    version = identity.version.upper()
-    # a virtual instrument says so itself; nothing simulated may pass for measured
-    kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
-    info = SessionInfo(
-        serial_number=identity.serial_number,
-        firmware=identity.version,
-        kind=kind,
-        accel_sign=plan.accel_sign,
-        mount=plan.mount,
-        gyro_sign=plan.gyro_sign,
-        g_unit=plan.g_unit,
-        rate_range_dps=plan.rate_range_dps,
-        accel_range_g=plan.accel_range_g,
-        sampling=plan.sampling,
-        rate_hz=plan.rate_hz,
-        port=plan.port if "://" in plan.port else port.name,
-        baud=port.baud,
-        host=socket.gethostname(),
-        operator=plan.operator or _user(),
-        note=plan.note,
-        reference=plan.reference,
-        filter=plan.filter,
-        measurements=plan.measurements,
-        seed=plan.seed,
-        kappa=plan.kappa,
-        software=f"imutui {imutui.__version__}, numpy {np.__version__}",
-        stamps=STAMPS,
-    )
-    latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
-    site = Site.at(latitude, longitude, height, plan.gravity)
-    return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
-
-
-def default_path(logs: Path, serial_number: str, note: str) -> Path:
-    """Name of a recording that does not exist yet: unit, UTC, note."""
-    slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
-    stem = "_".join(
-        part for part in ("imu400cd", serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
-    )
-    path, number = logs / f"{stem}.mcap", 2
-    while path.exists():
-        path, number = logs / f"{stem}_{number}.mcap", number + 1
-    return path
-
-
 def disk_message(writer: LogWriter | None, error: OSError) -> str:
     """Words for a disk that does not take what is written."""
     if writer is None:
@@ -440,10 +383,3 @@ def disk_message(writer: LogWriter | None, error: OSError) -> str:
         f"{writer.path}: {error.strerror or error}. The file holds everything up to its last flush"
         f" ({writer.size} bytes) and `imutui replay` reads it. Free some space, then record again."
     )
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user id without a name
-        return str(os.getuid())
