@@ -62,6 +62,8 @@ class Settings:
         ):
             if value not in allowed:
                 raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(allowed)}')
+        if self.seed < 0:
+            raise ValueError(f"`seed` is {self.seed}, negative")
         if not self.period > 0.0:
             raise ValueError(f"`period` is {self.period} s, not positive")
         if not state.SIZE + self.kappa > 0.0:

@@ -35,6 +35,14 @@ class Site:
     height: float
     gravity: float
 
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.latitude, self.longitude, self.height]).all():
+            raise ValueError(
+                f"`height` {self.height}, `latitude` {self.latitude} or `longitude` {self.longitude} is not finite"
+            )
+        if not 0.0 < self.gravity < np.inf:
+            raise ValueError(f"`gravity` is {self.gravity} m/s², not a positive number")
+
     @classmethod
     def at(cls, latitude_deg: float, longitude_deg: float, height: float, gravity: float | None = None) -> "Site":
         """Site from degrees and metres; gravity in m/s² is WGS-84 normal gravity unless given."""

@@ -20,26 +20,27 @@ def command(
     seed: Annotated[int, typer.Option("--seed", help="Of the virtual unit's biases and noise.")] = 0,
     json: Json = False,
 ) -> None:
-    """Run the main job on a virtual instrument: acquire over its pseudo-terminal, record, filter, show.
+    """Run the main job on a virtual instrument.
 
-    Nothing else is needed. All readings are simulated, and labelled so.
+    It is acquired over its pseudo-terminal, recorded, filtered, shown. Nothing else is needed. All readings are simulated, and labelled so.
 
     Example: imutui demo --headless --seconds 60 --seed 7 --json
     """
     from imutui import config
     from imutui.cli.following import follow
+    from imutui.cli.outcome import USAGE, fail
     from imutui.cli.session_options import plan_from
 
     if not headless and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        from imutui.cli.outcome import USAGE, fail
-
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
+    if seed < 0:
+        raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
     plan = plan_from(
         config.load().with_flags({"acquisition.rate_hz": rate or _RATE_HZ}),
         None,
         port="virtual",
         record=True,
-        duration_s=(seconds or 60.0) if headless else seconds,
+        duration_s=60.0 if headless and seconds is None else seconds,
         note="demo",
         # headless demos may run side by side; the one on the screen is found again by `imutui attach`
         name=f"demo-{os.getpid()}" if headless else "demo",

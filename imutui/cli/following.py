@@ -21,6 +21,10 @@ from imutui.session.plan import Plan
 _REFRESH_S = 0.25
 
 
+class Told(Exception):  # noqa: N818 - not a fault
+    """Somebody wants this program to end: SIGTERM."""
+
+
 class Left(Exception):  # noqa: N818 - not a fault
     """This terminal went away; the acquisition goes on."""
 
@@ -45,8 +49,8 @@ def follow(
     with _leave_on_hangup():
         try:
             result = _watch(connection)
-        except KeyboardInterrupt:
-            interrupted = True
+        except (KeyboardInterrupt, Told) as why:
+            interrupted = isinstance(why, KeyboardInterrupt)
             result = connection.stop()
         except Left:
             raise typer.Exit(FINE) from None
@@ -60,6 +64,8 @@ def follow(
     else:
         print_result(result)
     fine = result.get("converged", True)
+    if not fine and not interrupted:
+        say("not every bias has converged yet, hence exit code 1; the recording itself is complete")
     raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
 
 
@@ -100,8 +106,12 @@ def _leave_on_hangup() -> Iterator[None]:
     def leave(*_: object) -> None:
         raise Left
 
-    before = signal.signal(signal.SIGHUP, leave)
+    def end(*_: object) -> None:
+        raise Told
+
+    before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
     try:
         yield
     finally:
-        signal.signal(signal.SIGHUP, before)
+        for number, handler in zip((signal.SIGHUP, signal.SIGTERM), before, strict=True):
+            signal.signal(number, handler)

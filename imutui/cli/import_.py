@@ -53,6 +53,8 @@ def command(
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
+    if output.exists() and file.exists() and output.samefile(file):
+        raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
     refuse_existing(output, force)
     flags = {
         "instrument.accel_sign": accel_sign,

@@ -58,4 +58,6 @@ def parse_site(text: str | None) -> tuple[float, float, float] | None:
         raise ValueError(f'--site is "{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
     if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
         raise ValueError(f'--site is "{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
+    if not -1e3 < height < 1e5:
+        raise ValueError(f'--site is "{text}": height must be metres above the ellipsoid, within -1000 to 100000')
     return latitude, longitude, height

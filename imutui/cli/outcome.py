@@ -30,6 +30,8 @@ def fail(code: int, message: str) -> typer.Exit:
 
 def refuse_existing(path: Path, force: bool) -> None:
     """Raise the exit for a file that exists and may not be replaced."""
+    if path.is_dir():
+        raise fail(USAGE, f"{path} is a folder; -o names a file.")
     if path.exists() and not force:
         raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or name another file with -o.")
 
@@ -73,7 +75,8 @@ def _code_and_words(error: Exception) -> tuple[int, str]:
         case DivergenceError():
             return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
         case OSError():
-            where = f"{error.filename}: " if error.filename else ""
+            name = error.filename2 or error.filename
+            where = f"{name}: " if name else ""
             return DISK, f"{where}{error.strerror or error}. Check the path, its permissions and the space left."
     return FINDINGS, _report(error)
 

@@ -22,7 +22,9 @@ from imutui.cli.options import (
 
 
 def command(
-    port: Annotated[str, typer.Option("--port", help='Path, stable id, pyserial URL, or "virtual".')],
+    port: Annotated[
+        str, typer.Option("--port", help='Path such as /dev/ttyUSB0, stable id, pyserial URL, or "virtual".')
+    ],
     rate: Rate = None,
     sampling: Annotated[
         str | None,

@@ -39,7 +39,7 @@ def command(
     if output is not None:
         if len(logs) > 1:
             raise fail(USAGE, "-o takes the estimates of one log; name one log.")
-        if output.resolve() == logs[0].resolve():
+        if output.exists() and logs[0].exists() and output.samefile(logs[0]):
             raise fail(USAGE, f"-o names the log itself, {logs[0]}; name another file.")
         refuse_existing(output, force)
     if speed is not None and not speed > 0.0:

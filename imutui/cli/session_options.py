@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from imutui.cli.outcome import say
 from imutui.config import Config
 from imutui.logbook.session import SessionInfo
 from imutui.session.plan import Plan
@@ -69,6 +70,8 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         kappa=config.number("filter.kappa"),
         **fields,
     )
+    for warning in config.warnings:
+        say(f"imutui: {warning}")
     # refuse what the filter could not run with before the instrument is touched
     probe = SessionInfo(
         mount=plan.mount,
@@ -77,7 +80,9 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         filter=plan.filter,
         reference=plan.reference,
         measurements=plan.measurements,
+        seed=plan.seed,
         kappa=plan.kappa,
+        gravity_mps2=plan.gravity if plan.gravity is not None else SessionInfo().gravity_mps2,
     )
     probe.axes()
     probe.settings()

@@ -6,7 +6,9 @@ from imutui.cli.options import Json, Name
 
 
 def command(name: Name = None, json: Json = False) -> None:
-    """Say what runs: each acquisition of yours, its instrument, file and state.
+    """Say which acquisitions run.
+
+    For each: instrument, state, rate, losses, and the file it records to.
 
     Example: imutui status
     """
@@ -14,15 +16,22 @@ def command(name: Name = None, json: Json = False) -> None:
     from imutui.session import client
 
     names = [name] if name is not None else client.running()
-    states = [client.attach(one).snapshot(since=2**62) for one in names]
+    states, connecting = [], []
+    for one in names:
+        try:
+            states.append(client.attach(one).snapshot(since=2**62))
+        except client.SessionConnectingError:
+            connecting.append(one)
     for state in states:
         del state["series"]
     if json:
-        print(dumps(states))
-    elif not states:
+        print(dumps(states + [{"name": one, "state": "connecting"} for one in connecting]))
+    elif not names:
         print("no acquisition is running")
     for state in [] if json else states:
         print(_line(state))
+    for one in [] if json else connecting:
+        print(f"{one}: connecting to its instrument")
 
 
 def _line(s: dict[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """`imutui virtual`: the virtual IMU400CD."""
 
+import math
 import signal
 import sys
 import threading
@@ -7,6 +8,8 @@ from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
+
+from imutui.cli.options import Force
 
 
 def command(
@@ -19,22 +22,30 @@ def command(
     speed: Annotated[float, typer.Option("--speed", metavar="X", help="Times real time.")] = 1.0,
     tap: Annotated[Optional[Path], typer.Option("--tap", help="Write every byte sent to this file.")] = None,  # noqa: UP045
     serial_number: Annotated[int, typer.Option("--serial-number", help="Serial number that it reports.")] = 9911750,
+    force: Force = False,
     while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
 ) -> None:
-    """Run a virtual IMU400CD-200 on a pseudo-terminal; its port is the first line on stdout.
+    """Run a virtual IMU400CD-200 on a pseudo-terminal.
 
+    Its port is the first line on stdout.
     It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud.
     Commands received are logged on stderr. Its readings are simulated (Table 1 biases and noise, drawn from the seed)
     or played from a recording, in which case time starts with the first request for data. Ctrl+C ends it.
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
-    from imutui.cli.outcome import USAGE, fail, say
+    from imutui.cli.outcome import USAGE, fail, refuse_existing, say
     from imutui.cli.readings import source_of
     from imutui.instrument.virtual import UnitOptions, VirtualUnit, serve
 
-    if not speed > 0.0:
+    if not 0.0 < speed < math.inf:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
+    if not 0 <= serial_number < 2**32:
+        raise fail(USAGE, f"--serial-number is {serial_number}; it travels as 32 bits, 0 to 4294967295.")
+    if seed < 0:
+        raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
+    if tap is not None:
+        refuse_existing(tap, force)
     source, version = source_of(from_, seed)
     unit = VirtualUnit(source, UnitOptions(serial_number=serial_number, version=version), seed)
     stop = threading.Event()

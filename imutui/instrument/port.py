@@ -177,7 +177,9 @@ def _explain(name: str, device: str, error: BaseException) -> str:
             f"{name} is in use{f' by {holder}' if holder else ''}. If that is imutui: `imutui attach` or `imutui stop`;"
             " otherwise end the other program first."
         )
-    if number == errno.ENOTTY or isinstance(error, termios.error) or Path(device).is_file() or Path(device).is_dir():
+    configuring = error.__context__  # pyserial names the cause in words only
+    alien = isinstance(configuring, termios.error) and configuring.args[0] == errno.ENOTTY
+    if alien or isinstance(error, termios.error) or Path(device).is_file() or Path(device).is_dir():
         return f"{name} is no serial port. {ports} {virtual}"
     return f"{name} cannot be opened: {error}. {ports}"
 

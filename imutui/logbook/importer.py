@@ -6,6 +6,7 @@ Checked before anything is written: names, lengths, numbers, time, and what grav
 import csv
 import time
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
 _OPTIONAL = {"temp": 1}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
+_LONGEST_S = 3.2e8
 STAMPS = "the recording's own time, started at the modification time of its file"
 
 
@@ -84,10 +86,8 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
     used = dict.fromkeys(_REQUIRED) | {name: None for name in _OPTIONAL if name in arrays}
     _check_lengths(path, {name: arrays[name] for name in used})
     values = {name: np.asarray(arrays[name], dtype=float) for name in used}
-    for name, array in values.items():
-        _check_finite(path, name, array)
     t = values["t"]
-    _check_time(path, t)
+    _check_finite(path, "t", t, np.ones(t.size, bool))
     if t.size < 2:
         raise ImportDataError(f"{path} has {t.size} samples; at least two are needed.")
     part = np.ones(t.size, bool)
@@ -95,6 +95,9 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
         part &= t - t[0] >= start
     if end is not None:
         part &= t - t[0] <= end
+    for name, array in values.items():
+        _check_finite(path, name, array, part)
+    _check_time(path, t)
     if np.count_nonzero(part) < 2:
         raise ImportDataError(
             f"{path}: --start and --end leave fewer than two samples; the recording lasts {t[-1] - t[0]:.3f} s."
@@ -212,15 +215,28 @@ def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
 
 def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise ValueError("a single array")
+        with archive:
+            return {name: _member(archive, name) for name in archive.files}
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
-    except (ValueError, zipfile.BadZipFile, AttributeError, EOFError) as error:
+    except (ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         raise ImportDataError(
             f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
             " file."
         ) from error
+
+
+def _member(archive: Any, name: str) -> Any:
+    """An array of the archive; what nobody needs may be anything, and is only named."""
+    if name in _REQUIRED or name in _OPTIONAL:
+        try:
+            return np.asarray(archive[name])
+        except ValueError as error:
+            raise ValueError(f"`{name}`: {error}") from error
+    return np.empty(0)
 
 
 def _read_csv(path: Path) -> dict[str, Any]:
@@ -231,6 +247,8 @@ def _read_csv(path: Path) -> dict[str, Any]:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ImportDataError(f"{path} is not a CSV text file ({error}). Name an NPZ or CSV file.") from error
+    while rows and not rows[-1]:
+        rows.pop()
     if not rows:
         raise ImportDataError(f"{path} is empty. Its first row must name the columns: t, gyro_x, … accel_z.")
     names = [name.strip() for name in rows[0]]
@@ -280,8 +298,9 @@ def _check_lengths(path: Path, arrays: dict[str, Any]) -> None:
         )
 
 
-def _check_finite(path: Path, name: str, array: np.ndarray) -> None:
-    bad = np.flatnonzero(~np.isfinite(array if array.ndim == 1 else array.sum(axis=1)))
+def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) -> None:
+    finite = np.isfinite(array) if array.ndim == 1 else np.isfinite(array).all(axis=1)
+    bad = np.flatnonzero(~finite & part)
     if bad.size:
         raise ImportDataError(
             f"{path}: `{name}` is not a number in row {bad[0]} (first row is 0; {bad.size} such rows)."
@@ -297,4 +316,9 @@ def _check_time(path: Path, t: np.ndarray) -> None:
         raise ImportDataError(
             f"{path}: time does not increase at row {k}: {t[k - 1]:.6f} s, then {t[k]:.6f} s ({bad.size} such rows)."
             " Sort the rows by time and drop those that stand twice."
+        )
+    if t.size > 1 and t[-1] - t[0] > _LONGEST_S:
+        raise ImportDataError(
+            f"{path}: `t` spans {t[-1] - t[0]:.3g} s, more than ten years. It must be in seconds; divide milliseconds"
+            " or nanoseconds first."
         )

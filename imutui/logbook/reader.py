@@ -5,6 +5,7 @@ Records are read in file order, so that a file without footer (a killed recorder
 
 import contextlib
 import hashlib
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +15,13 @@ import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from rosbags.serde import SerdeError
 
 from imutui.logbook import schemas
 from imutui.logbook.session import METADATA, SessionInfo
 
 _LIMIT = 256 * 2**20
+_MAGIC = b"\x89MCAP0\r\n"
 
 
 class UnreadableLogError(Exception):
@@ -116,11 +119,32 @@ def read(path: Path, *, raw: bool = False) -> Log:
     log = Log(path)
     content = _Content(log, raw)
     for record in _records(path, log):
-        content.take(record)
+        try:
+            content.take(record)
+        except (SerdeError, struct.error, IndexError) as error:
+            log.damage = f"a message cannot be decoded ({error})"
+            break
     content.close()
+    log.finished = log.finished and not log.damage
     if not log.stamp_ns.size:
         raise UnreadableLogError(_nothing(path, log, content))
+    _check_samples(log)
     return log
+
+
+def _check_samples(log: Log) -> None:
+    finite = np.isfinite(log.gyro).all(axis=1) & np.isfinite(log.accel).all(axis=1)
+    if not finite.all():
+        raise UnreadableLogError(
+            f"{log.path}: sample {int(np.argmin(finite))} (first is 0) is not a number. Remove such samples in"
+            " the program that wrote the file."
+        )
+    steps = np.diff(log.stamp_ns)
+    if steps.size and not (steps > 0).all():
+        raise UnreadableLogError(
+            f"{log.path}: time does not increase at sample {int(np.argmin(steps > 0)) + 1} (first is 0). Sort the"
+            " samples by time and drop those that stand twice."
+        )
 
 
 def sha256(path: Path) -> str:
@@ -161,6 +185,7 @@ class _Content:
                 with_strings = {str(k): str(v) for k, v in record.metadata.items()}
                 try:
                     self.log.info = SessionInfo.from_strings(with_strings)
+                    self.log.info.axes(), self.log.info.settings()
                 except ValueError as error:
                     raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
             case Attachment():
@@ -215,27 +240,32 @@ def _records(path: Path, log: Log) -> Iterator[McapRecord]:
                 f"{path} is empty (0 bytes): nothing was ever written to it. Record again, or name another file."
             )
         stream.seek(0)
+        if not _MAGIC.startswith(stream.read(len(_MAGIC))):
+            raise UnreadableLogError(_foreign(path))
+        stream.seek(0)
         try:
-            for record in StreamReader(stream, emit_chunks=True, record_size_limit=_LIMIT).records:
+            for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LIMIT).records:
                 if isinstance(record, Chunk):
                     yield from breakup_chunk(record, validate_crc=True)
                 else:
                     yield record
-        except InvalidMagic as error:
-            if stream.tell() <= 8:
-                raise UnreadableLogError(
-                    f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP"
-                    " files with sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
-                ) from error
+        except InvalidMagic:
             log.damage = "the file's end is damaged"
-        except EndOfFile:
+        except (EndOfFile, struct.error):
             log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
         except CRCValidationError:
-            log.damage = "a chunk's checksum is wrong: bytes were changed after recording"
+            log.damage = "a checksum is wrong: bytes were changed after recording"
         except (McapError, ValueError, OSError) as error:
             log.damage = f"a record cannot be read ({error})"
         except Exception as error:  # noqa: BLE001 - decompression and parsing of foreign bytes raise many kinds
             log.damage = f"a record cannot be read ({type(error).__name__})"
+
+
+def _foreign(path: Path) -> str:
+    return (
+        f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP files with"
+        " sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
+    )
 
 
 def _reason(error: OSError) -> str:

@@ -1,6 +1,7 @@
 """Writing a log: an MCAP file that is on the disk at least once a second and can be read whatever happens next."""
 
 import contextlib
+import errno
 import json
 import os
 from pathlib import Path
@@ -43,14 +44,17 @@ class LogWriter:
         self, path: Path, info: SessionInfo, configuration: str, now_ns: int, *, overwrite: bool = False
     ) -> None:
         self.path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError) as error:
+            raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", error.filename) from error
         flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
         self._file = os.fdopen(os.open(path, flags, 0o644), "wb")
         self._good = 0
         self._channels: dict[str, int] = {}
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=False)
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         try:
             self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
@@ -59,8 +63,8 @@ class LogWriter:
                 schema = self._writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
                 self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
             self.flush()
-        except OSError:
-            self._abandon()
+        except OSError as error:
+            self._abandon(error)
             raise
         _sync_directory(path.parent)
 
@@ -86,8 +90,8 @@ class LogWriter:
         self._counts[topic] = count + 1
         try:
             self._writer.add_message(self._channels[topic], log_ns, data, stamp_ns, sequence=count & 0xFFFFFFFF)
-        except OSError:
-            self._abandon()
+        except OSError as error:
+            self._abandon(error)
             raise
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
@@ -100,8 +104,8 @@ class LogWriter:
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._file.flush()
             os.fdatasync(self._file.fileno())
-        except OSError:
-            self._abandon()
+        except OSError as error:
+            self._abandon(error)
             raise
         self._good = self._file.tell()
 
@@ -115,8 +119,8 @@ class LogWriter:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
             self._file.close()
-        except OSError:
-            self._abandon()
+        except OSError as error:
+            self._abandon(error)
             raise
 
     def flush_file(self) -> None:
@@ -125,9 +129,10 @@ class LogWriter:
         os.fsync(self._file.fileno())
         self._good = self._file.tell()
 
-    def _abandon(self) -> None:
+    def _abandon(self, error: OSError) -> None:
         # A writer that failed once must not finish: part of a chunk may be on the disk, and writing it again would
         # double it. The file is cut back to its last good flush instead, as an unfinished but readable log.
+        error.filename = error.filename or str(self.path)
         if self._broken:
             return
         self._broken = True

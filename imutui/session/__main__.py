@@ -46,6 +46,8 @@ def main() -> int:
         return _refuse(EXIT_INSTRUMENT, str(error))
     except FileExistsError as error:
         return _refuse(EXIT_USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
+    except ValueError as error:
+        return _refuse(EXIT_USAGE, str(error))
     except OSError as error:
         return _refuse(EXIT_DISK, disk_message(None, error))
 

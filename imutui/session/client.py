@@ -36,6 +36,10 @@ class SessionGoneError(SessionError):
     """The acquisition process has ended."""
 
 
+class SessionConnectingError(SessionError):
+    """The acquisition process lives but does not talk to viewers yet, or no more."""
+
+
 class Client:
     """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply.
 
@@ -179,9 +183,15 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
         )
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdin.write(plan.dumps().encode() + b"\n")
-    process.stdin.close()
-    answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
+    try:
+        process.stdin.write(plan.dumps().encode() + b"\n")
+        process.stdin.close()
+        answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
+    except BaseException:
+        # whoever gives up now (Ctrl+C) has not seen it begin, and must not leave it behind
+        process.terminate()
+        process.wait()
+        raise
     process.stdout.close()
     # the process outlives this one by design; a thread takes its exit status so that no zombie stays
     threading.Thread(target=process.wait, daemon=True).start()
@@ -216,6 +226,10 @@ def _connect(name: str) -> socket.socket:
     try:
         return wire.connect(name, _REPLY_S)
     except OSError as error:
+        if name in wire.names():
+            raise SessionConnectingError(
+                f'the acquisition "{name}" is connecting to its instrument, or just ending. Try again in a few seconds.'
+            ) from error
         raise SessionGoneError(_gone(name)) from error
 
 

@@ -130,11 +130,11 @@ def stop_stream(port: Port) -> bytes:
 
 
 def _find_speed(port: Port, wanted: int) -> None:
-    heard = b""
-    for speed in dict.fromkeys((port.baud, wanted, *SPEEDS)):
+    heard, first = b"", port.baud
+    for speed in dict.fromkeys((first, wanted, *SPEEDS)):
         port.set_baud(speed)
         heard += stop_stream(port)
-        for _ in range(_TRIES if speed == port.baud else 1):
+        for _ in range(_TRIES if speed == first else 1):
             decoder = Decoder()
             decoder.expect_reply(Ping())
             port.write(encode(Ping()))
@@ -190,9 +190,8 @@ def _move_speed(port: Port, baud: int, say: Callable[[str], None]) -> None:
 
 
 def _check_model(port: Port, identity: Identity) -> None:
-    if "IMU400CD" in identity.version.upper().replace(" ", ""):
-        return
-    other = _OTHERS.search(identity.version)
+    version = identity.version.upper().replace(" ", "")
+    other = re.search(r"IMU400CD-(?!200)\d", version) if "IMU400CD" in version else _OTHERS.search(identity.version)
     if other:
         raise InstrumentError(
             f'{port.name}: the unit says it is "{identity.version}", not an IMU400CD-200. Its ranges and packets'

@@ -7,6 +7,7 @@ import contextlib
 import queue
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -32,7 +33,7 @@ from imutui.instrument.crossbow import (
 from imutui.instrument.port import Port, PortError
 from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import connect
+from imutui.session import connect, wire
 from imutui.session.connect import Identity, InstrumentError
 from imutui.session.info import default_path, session_info
 from imutui.session.live import LiveView
@@ -40,6 +41,7 @@ from imutui.session.plan import Plan
 from imutui.session.snapshot import snapshot
 from imutui.session.take import Take, Timebase
 
+EXIT_OWN = 1
 EXIT_INSTRUMENT = 4
 EXIT_DISK = 5
 _FIRST_PACKET_S = 3.0
@@ -119,6 +121,8 @@ class Engine:
         self._seen = (0, 0)
         self._silent = False
         self._stepped_ns = 0
+        self._to_begin = plan.record
+        self._disk_error: OSError | None = None
         self._threads = [
             threading.Thread(target=self._read, name="reader", daemon=True),
             threading.Thread(target=self._work, name="worker", daemon=True),
@@ -126,10 +130,7 @@ class Engine:
 
     def start(self) -> None:
         """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
-        if self.plan.record:
-            self._begin(self.plan.note, Path(self.plan.output) if self.plan.output else None)
-        else:
-            self.take = Take(self.info, self.timebase, None)
+        self.take = Take(self.info, self.timebase, None)
         for thread in self._threads:
             thread.start()
         limit = _FIRST_PACKET_S + (1.0 / self.plan.rate_hz if self.plan.sampling == "polled" else 0.0)
@@ -138,16 +139,15 @@ class Engine:
             if time.monotonic() > deadline:
                 self.request_stop()
                 self.ended.wait(5.0)
-                self._remove_empty()
                 raise InstrumentError(
                     f"{self._port.name}: the unit answers commands but sends no packets. Power it off and on, then"
                     " connect again."
                 )
-
-    def _remove_empty(self) -> None:
-        writer = self.take.writer
-        if writer is not None and not self.take.tally.packets:
-            writer.path.unlink(missing_ok=True)
+        if not self.streaming.is_set():
+            if self._disk_error is not None:
+                raise self._disk_error
+            if self.error is not None:
+                raise InstrumentError(self.error)
 
     def call(self, function: Callable[[], Any], timeout: float = 30.0) -> Any:
         """Carry out a function in the worker, between two packets, and return what it returns."""
@@ -267,7 +267,15 @@ class Engine:
         try:
             self._loop()
         except OSError as error:
+            self._disk_error = error
             self._fail(EXIT_DISK, disk_message(self.take.writer, error))
+        except Exception as error:  # noqa: BLE001 - whoever follows must hear of it, and not take it for a good end
+            traceback.print_exc()
+            self._fail(
+                EXIT_OWN,
+                f"an error of imutui's own: {type(error).__name__}: {error}. {wire.log_path(self.plan.name)}"
+                " has the details; please report them. What was recorded is on the disk up to the last flush.",
+            )
         try:
             self._finish()
         except OSError as error:
@@ -306,9 +314,15 @@ class Engine:
             call.future.set_result(call.function())
         except Exception as error:  # noqa: BLE001 - a bad request is its sender's trouble, not the recording's
             call.future.set_exception(error)
+            if isinstance(error, OSError):  # but a disk that takes no more is everybody's
+                raise
 
     def _packet(self, arrival: Arrival) -> None:
         packet = arrival.packet
+        if self._to_begin:
+            # not before: a unit that sends nothing must not cost the file that --force would replace
+            self._to_begin = False
+            self._begin(self.plan.note, Path(self.plan.output) if self.plan.output else None)
         stamp = self._clock.stamp(packet.ticks, arrival.host_ns, contiguous=arrival.contiguous)
         self.last_packet_ns = arrival.host_ns
         self._seen = arrival.bad_checksums, arrival.discarded_bytes

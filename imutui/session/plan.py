@@ -76,10 +76,14 @@ class Plan:
             raise ValueError(f"`rate` is {self.rate_hz:g} Hz; the IMU400CD gives {MIN_RATE_HZ} to {MAX_RATE_HZ:g} Hz")
         if self.sampling not in SAMPLINGS:
             raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
+        if not self.baud > 0:
+            raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at 38400")
         if self.duration_s is not None and not self.duration_s > 0.0:
             raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
-        if not self.name or "/" in self.name or self.name.startswith("."):
-            raise ValueError(f'`name` is "{self.name}"; it becomes a file name, so no slash and no leading dot')
+        if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
+            raise ValueError(
+                f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
+            )
 
     def dumps(self) -> str:
         """JSON text."""

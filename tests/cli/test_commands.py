@@ -99,7 +99,7 @@ def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> Non
 
 def test_settings_change_a_replay_and_its_configuration_hash(home: Path) -> None:
     """kappa, measurements and gravity by --set; the hash tells runs apart, the log's hash stays."""
-    imutui("import", str(still(home / "a.npz", 25.0)), "-o", "a.mcap")
+    imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
     plain = replayed(home / "a.mcap")
     paper = replayed(home / "a.mcap", "--set", "filter.kappa=-12")
     drawn = replayed(home / "a.mcap", "--set", "filter.measurements=drawn", "--set", "filter.seed=3")

@@ -1,0 +1,601 @@
+"""What each command makes of bad arguments and bad files: one table a command, run in this process to be quick."""
+
+import io
+import json
+import pickle
+import random
+import signal
+import sys
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+
+from imutui import cli
+from imutui.logbook import SessionInfo, schemas
+from imutui.logbook.writer import LogWriter
+
+START_NS = 1_700_000_000_000_000_000
+KEPT = b"not to be overwritten"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a command ended."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+    def error(self, code: int) -> str:
+        """Its error, one paragraph on stderr and nothing on stdout, after checking the exit code."""
+        assert self.code == code, self
+        assert self.stdout == ""
+        assert "imutui's own" not in self.stderr
+        *before, last = self.stderr.splitlines()
+        assert all(line.startswith(("imutui: not imported", "imutui: warning")) for line in before), self.stderr
+        assert last.startswith("imutui: ")
+        return last
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Run a command line as `main` gets it; files are relative to the test's own folder."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def call(*arguments: str) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["imutui", *arguments])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        return Outcome(int(ended.value.code or 0), out, err)
+
+    yield call
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+# -- nothing running --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "line", ["stop", "stop --json", "mark x", "attach", "attach --name q", "status --name q", "stop --name q"]
+)
+def test_asking_an_acquisition_that_is_not_there_says_how_to_start_one(run: Run, line: str) -> None:
+    """Exit 4, and the commands that start one."""
+    error = run(*line.split(" ")).error(4)
+    assert "is running" in error
+    assert "`imutui record`" in error
+
+
+def test_status_with_nothing_running_is_fine(run: Run) -> None:
+    """It is an answer, not an error; --json gives an empty list."""
+    assert run("status") == Outcome(0, "no acquisition is running\n", "")
+    assert json.loads(run("status", "--json").stdout) == []
+
+
+# -- record: refused before the instrument is touched -----------------------------------------------------------------
+
+RECORD_USAGE = {
+    "--rate 0": "0.1 to 133 Hz",
+    "--rate 0.0999": "0.1 to 133 Hz",
+    "--rate 133.01": "0.1 to 133 Hz",
+    "--rate -20": "0.1 to 133 Hz",
+    "--rate nan": "0.1 to 133 Hz",
+    "--rate inf": "0.1 to 133 Hz",
+    "--sampling sometimes": "stream, polled",
+    "--reference upright": "level, gravity",
+    "--mount x,y": "x,-y,-z",
+    "--mount x,x,z": "mount",
+    "--mount x,y,-z": "left-handed",
+    "--gyro-sign 2": "-1,1,1",
+    "--gyro-sign 1,1": "-1,1,1",
+    "--accel-sign 0": "-1 or +1",
+    "--site 1,2": "LAT,LON,H",
+    "--site here": "LAT,LON,H",
+    "--site 91,0,0": "latitude",
+    "--site nan,0,0": "latitude",
+    "--site 0,0,nan": "height",
+    "--site 0,0,inf": "height",
+    "--gravity nan": "gravity",
+    "--gravity -9.8": "gravity",
+    "--filter kalman": "spkf",
+    "--duration 0": "positive",
+    "--duration nan": "positive",
+    "--baud 0": "baud",
+    "--baud -5": "baud",
+    "--name a/b": "name",
+    "--name ..": "name",
+    "--name " + "n" * 300: "name",
+    "-o kept": "--force",
+    "-o folder": "folder",
+}
+
+
+@pytest.mark.parametrize("flags", RECORD_USAGE, ids=lambda flags: flags[:24])
+def test_record_refuses_nonsense_before_it_opens_the_port(run: Run, home: Path, flags: str) -> None:
+    """Exit 2, naming what would be right; the port, which does not exist, is never asked for."""
+    (home / "kept").write_bytes(KEPT)
+    (home / "folder").mkdir()
+    error = run("record", "--port", "/dev/no-such-port", "--json", *flags.split(" ")).error(2)
+    assert RECORD_USAGE[flags] in error
+    assert (home / "kept").read_bytes() == KEPT
+    assert not (home / "logs").exists()
+
+
+@pytest.mark.parametrize("line", ["record", "record --port p --rate fast", "recrod", "mark", "replay", "import a.npz"])
+def test_a_command_line_that_cannot_be_parsed_is_usage(run: Run, line: str) -> None:
+    """Exit 2, with where help is."""
+    outcome = run(*line.split(" "))
+    assert outcome.code == 2
+    assert outcome.stdout == ""
+    assert "-h' for help" in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    "text", ["[acquisition", "[acquisition]\nrate_hz = 'fast'\n", "[instrument]\naccel_sign = 'up'\n"]
+)
+def test_a_configuration_that_cannot_be_read_is_named_with_its_file(run: Run, home: Path, text: str) -> None:
+    """Exit 2; no command goes on with half a configuration."""
+    (home / "imutui.toml").write_text(text)
+    assert "imutui.toml" in run("record", "--port", "/dev/no-such-port").error(2)
+
+
+def test_a_misspelt_setting_in_a_file_is_said_by_the_command_that_would_use_it(run: Run, home: Path) -> None:
+    """`rate` for `rate_hz` must not quietly mean the default."""
+    (home / "imutui.toml").write_text("[acquisition]\nrate = 20\n")
+    assert "acquisition.rate" in run("record", "--port", "/dev/no-such-port").stderr
+
+
+# -- import -----------------------------------------------------------------------------------------------------------
+
+N = 40
+HEADER = "t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n"
+ROWS = "".join(f"{i / 20},0,0,0,0,0,0.998\n" for i in range(5))
+
+
+def arrays(**changes: Any) -> dict[str, Any]:
+    """A still, level recording with the Crossbow's sign, but for changes."""
+    level = np.tile([0.0, 0.0, 0.998], (N, 1))
+    return {"t": np.arange(N) / 20.0, "gyro": np.zeros((N, 3)), "accel": level} | changes
+
+
+def npz(**changes: Any) -> bytes:
+    """As the bytes of an NPZ file; None leaves an array out."""
+    stream = io.BytesIO()
+    np.savez(stream, **{name: array for name, array in arrays(**changes).items() if array is not None})
+    return stream.getvalue()
+
+
+def zipped(**texts: str) -> bytes:
+    """A zip file of text files."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, text in texts.items():
+            archive.writestr(name, text)
+    return stream.getvalue()
+
+
+def npy() -> bytes:
+    """A single array, as numpy.save writes it."""
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(3))
+    return stream.getvalue()
+
+
+def spoilt(array: np.ndarray, row: int, value: float) -> np.ndarray:
+    """Copy of an array with one row replaced."""
+    copy = array.copy()
+    copy[row] = value
+    return copy
+
+
+def damaged_member() -> bytes:
+    """A compressed NPZ with a byte changed in the middle of its data."""
+    stream = io.BytesIO()
+    rng = np.random.default_rng(4)
+    np.savez_compressed(stream, **arrays(gyro=rng.normal(size=(N, 3))))
+    data = bytearray(stream.getvalue())
+    with zipfile.ZipFile(stream) as archive:
+        member = archive.getinfo("gyro.npy")
+    data[member.header_offset + 60] ^= 0xFF
+    return bytes(data)
+
+
+# name, content, and what the error must say
+IMPORTS: dict[str, tuple[str, bytes, tuple[str, ...]]] = {
+    "unequal lengths": ("a.npz", npz(gyro=np.zeros((N - 3, 3))), ("lengths differ", "row 37")),
+    "not a number": ("a.npz", npz(accel=spoilt(arrays()["accel"], 30, np.nan)), ("`accel`", "row 30", "--end")),
+    "time standing still": ("a.npz", npz(t=spoilt(arrays()["t"], 20, 0.95)), ("row 20", "Sort")),
+    "time going back": ("a.npz", npz(t=spoilt(arrays()["t"], 20, 0.0)), ("row 20",)),
+    "time in nanoseconds": ("a.npz", npz(t=np.arange(N) * 5e7), ("`t`", "s")),
+    "misspelt array": ("a.npz", npz(gyro=None, gyr=np.zeros((N, 3))), ("no `gyro`", "gyr")),
+    "wrong shape": ("a.npz", npz(accel=np.zeros((N, 2))), ("`accel`", "(40, 2)", "(N, 3)")),
+    "no rows": ("a.npz", npz(t=np.zeros(0), gyro=np.zeros((0, 3)), accel=np.zeros((0, 3))), ("0 samples",)),
+    "text instead of numbers": ("a.npz", npz(gyro=np.full((N, 3), "a")), ("`gyro`",)),
+    "pickled objects": ("a.npz", npz(accel=np.array([[1, 2, {}]] * N, dtype=object)), ("accel", "numpy.savez")),
+    "a pickle": ("a.npz", pickle.dumps({"t": 1}), ("NPZ", "numpy.savez")),
+    "a single array": ("a.npy", npy(), ("NPZ", "numpy.savez")),
+    "a zip of text": ("a.npz", zipped(**{"readme.txt": "x"}), ("no `t`", "readme.txt")),
+    "a zip of text so named": ("a.npz", zipped(t="x", gyro="x", accel="x"), ("`t`",)),
+    "a damaged member": ("a.npz", damaged_member(), ("a.npz",)),
+    "an empty NPZ": ("a.npz", b"", ("NPZ",)),
+    "plain text": ("a.npz", b"hello\n", ("NPZ", ".csv")),
+    "an empty CSV": ("a.csv", b"", ("empty", "gyro_x")),
+    "a CSV of names only": ("a.csv", HEADER.encode(), ("0 samples",)),
+    "a CSV with text": ("a.csv", (HEADER + ROWS + "0.5,a,0,0,0,0,1\n").encode(), ("line 7", "gyro_x", '"a"')),
+    "a CSV with a hole": ("a.csv", (HEADER + ROWS + "0.5,,0,0,0,0,1\n").encode(), ("`gyro`", "row 5")),
+    "a short CSV row": ("a.csv", (HEADER + ROWS + "0.5,0\n").encode(), ("line 7", "2 cells")),
+    "a CSV without names": ("a.csv", ROWS.encode(), ("no `t`",)),
+    "a CSV with semicolons": ("a.csv", (HEADER + ROWS).replace(",", ";").encode(), ("t;gyro_x",)),
+    "a misspelt column": ("a.csv", (HEADER.replace("gyro_z", "gyr_z") + ROWS).encode(), ("no `gyro`", "gyr_z")),
+    "binary as CSV": ("a.csv", bytes(range(256)), ("CSV",)),
+}
+
+
+@pytest.mark.parametrize("case", IMPORTS)
+def test_a_recording_that_cannot_be_imported_is_named_with_its_row(run: Run, home: Path, case: str) -> None:
+    """Exit 3: file, place, cure; no log is begun."""
+    name, content, words = IMPORTS[case]
+    (home / name).write_bytes(content)
+    error = run("import", name, "-o", "out.mcap").error(3)
+    assert all(part in error for part in (name, *words)), error
+    assert not (home / "out.mcap").exists()
+
+
+def test_any_byte_of_a_recording_may_be_wrong(run: Run, home: Path) -> None:
+    """Readable or not, it never is an error of the program's own."""
+    rng = random.Random(5)
+    content = npz()
+    for _ in range(60):
+        damaged = bytearray(content)
+        damaged[rng.randrange(len(damaged))] ^= rng.randrange(1, 256)
+        (home / "a.npz").write_bytes(damaged)
+        outcome = run("import", "a.npz", "-o", "out.mcap", "--force")
+        if outcome.code:
+            outcome.error(3)
+
+
+IMPORT_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "missing.npz -o out.mcap": (3, ("missing.npz", "No such file")),
+    "missing.csv -o out.mcap": (3, ("missing.csv", "No such file")),
+    "folder -o out.mcap": (3, ("folder",)),
+    "good.npz -o kept": (2, ("kept exists", "--force")),
+    "good.npz -o kept/out.mcap": (5, ("kept", "folder")),
+    "good.npz -o good.npz --force": (2, ("good.npz", "itself")),
+    "good.npz -o out.mcap --start 100": (3, ("--start", "1.950 s")),
+    "good.npz -o out.mcap --start 1 --end 0.5": (3, ("--start", "--end")),
+    "good.npz -o out.mcap --kind real": (2, ("measured",)),
+    "good.npz -o out.mcap --gravity nan": (2, ("gravity",)),
+    "good.npz -o out.mcap --gravity -9.8": (2, ("gravity",)),
+    "good.npz -o out.mcap --site 0,0,nan": (2, ("height",)),
+    "good.npz -o out.mcap --accel-sign +1": (3, ("--accel-sign -1", "--mount x,-y,-z", "can't tell")),
+    "good.npz -o out.mcap --mount x,-y,-z": (3, ("--accel-sign +1", "--mount x,y,z", "can't tell")),
+}
+
+
+@pytest.mark.parametrize("flags", IMPORT_FLAGS)
+def test_import_refuses_what_cannot_be_and_overwrites_nothing(run: Run, home: Path, flags: str) -> None:
+    """The exit code tells usage from data from disk; source and existing files stay as they were."""
+    (home / "good.npz").write_bytes(npz())
+    (home / "kept").write_bytes(KEPT)
+    (home / "folder").mkdir()
+    code, words = IMPORT_FLAGS[flags]
+    error = run("import", *flags.split(" ")).error(code)
+    assert all(word in error for word in words), error
+    assert (home / "kept").read_bytes() == KEPT
+    assert (home / "good.npz").read_bytes() == npz()
+    assert not (home / "out.mcap").exists()
+
+
+def test_the_advice_to_take_a_part_without_the_bad_rows_works(run: Run, home: Path) -> None:
+    """The error for a row that is not a number names --end; so --end must help."""
+    (home / "a.npz").write_bytes(npz(accel=spoilt(arrays()["accel"], 30, np.nan)))
+    assert run("import", "a.npz", "-o", "out.mcap", "--end", "1.0").code == 0
+
+
+def test_an_array_of_objects_that_nobody_needs_is_left_aside(run: Run, home: Path) -> None:
+    """Other arrays are named as not imported, whatever they hold."""
+    (home / "a.npz").write_bytes(npz(notes=np.array({"table": 1}, dtype=object)))
+    outcome = run("import", "a.npz", "-o", "out.mcap")
+    assert outcome.code == 0, outcome
+    assert "notes" in outcome.stderr
+
+
+def test_a_blank_last_line_of_a_csv_is_no_row(run: Run, home: Path) -> None:
+    """Spreadsheets and editors leave one."""
+    (home / "a.csv").write_text(HEADER + ROWS + "\n")
+    assert run("import", "a.csv", "-o", "out.mcap").code == 0
+
+
+@pytest.mark.parametrize(
+    ("flags", "cures"),
+    [
+        (("--accel-sign", "+1"), ("--accel-sign -1", "--mount x,-y,-z")),
+        (("--accel-sign", "-1", "--mount", "x,-y,-z"), ("--accel-sign +1", "--mount x,y,z")),
+    ],
+)
+def test_the_wrong_sign_of_a_measured_recording_names_both_cures(
+    run: Run, recording: Callable[[str], Path], flags: tuple[str, ...], cures: tuple[str, ...]
+) -> None:
+    """An upright IMU381 reads +1 g on Z; where the flags turn that upside down, sign and mounting are both named."""
+    source = str(recording("aceinna_imu381_s1_static.npz"))
+    error = run("import", source, "-o", "out.mcap", "--reference", "level", *flags).error(3)
+    assert all(word in error for word in ("+0.999 g", "can't tell", *cures)), error
+
+
+# -- replay -----------------------------------------------------------------------------------------------------------
+
+SAMPLES, A_FLUSH = 12, 4
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A small log: twelve samples, four to a flush."""
+    path = tmp_path_factory.mktemp("log") / "small.mcap"
+    writer = LogWriter(path, SessionInfo(rate_hz=4.0), "# made here\n", START_NS)
+    for k in range(SAMPLES):
+        stamp = START_NS + k * 250_000_000
+        writer.imu(stamp, stamp, np.zeros(3), np.array([0.0, 0.0, -9.78]))
+        if k % A_FLUSH == A_FLUSH - 1:
+            writer.flush()
+    writer.finish({}, START_NS)
+    return path.read_bytes()
+
+
+def chunks(content: bytes) -> list[tuple[int, int, int]]:
+    """Start, end and samples of each chunk of a log."""
+    stream, out, start = io.BytesIO(content), [], 8
+    for record in StreamReader(stream, emit_chunks=True).records:
+        if isinstance(record, Chunk):
+            out.append((start, stream.tell(), sum(isinstance(part, Message) for part in breakup_chunk(record))))
+        start = stream.tell()
+    return out
+
+
+def edges(content: bytes) -> list[int]:
+    """Where records begin, and one byte to either side; the first bytes; and a seeded choice of the rest."""
+    at, found = 8, set(range(12))
+    while at + 9 < len(content) - 8:
+        found |= {at - 1, at, at + 1, at + 9}
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    found |= set(random.Random(6).sample(range(len(content)), 25)) | set(range(len(content) - 12, len(content)))
+    return sorted(found)
+
+
+def test_every_prefix_of_a_log_replays_or_says_that_nothing_can_be_read(run: Run, home: Path, log: bytes) -> None:
+    """Exit 1 and `finished: false` with every sample of the whole chunks, else exit 3."""
+    for length in edges(log):
+        (home / "cut.mcap").write_bytes(log[:length])
+        outcome = run("replay", "cut.mcap", "--json")
+        samples = sum(n for _, end, n in chunks(log) if end <= length)
+        if not samples:
+            assert "cut.mcap" in outcome.error(3)
+            continue
+        assert outcome.code == 1, (length, outcome)
+        document = json.loads(outcome.stdout)
+        assert document["samples"] == samples, length
+        assert document["finished"] is False, length
+        assert "cut.mcap" in outcome.stderr
+
+
+def test_a_cut_log_is_called_cut(run: Run, home: Path, log: bytes) -> None:
+    """Wherever a record is cut, in its length or in its content, the words are the same."""
+    (_, first, _), (_, second, _) = chunks(log)[:2]
+    for length in (first + 1, first + 5, first + 9, first + 40, second + 3):
+        (home / "cut.mcap").write_bytes(log[:length])
+        assert "ends in the middle" in run("replay", "cut.mcap").stderr, length
+
+
+def test_a_changed_byte_in_a_chunk_is_noticed_and_all_before_it_is_used(run: Run, home: Path, log: bytes) -> None:
+    """The chunk's CRC, or its decompression, tells; exit 1, or 3 if there is nothing before it."""
+    rng = random.Random(8)
+    before = [sum(n for _, _, n in chunks(log)[:i]) for i in range(len(chunks(log)))]
+    for (start, end, n), samples in zip(chunks(log), before, strict=True):
+        for at in rng.sample(range(start + 60, end), 6):
+            damaged = bytearray(log)
+            damaged[at] ^= 1 << rng.randrange(8)
+            (home / "bad.mcap").write_bytes(damaged)
+            outcome = run("replay", "bad.mcap", "--json")
+            if not samples:
+                assert "bad.mcap" in outcome.error(3)
+                continue
+            assert outcome.code == 1
+            document = json.loads(outcome.stdout)
+            assert document["samples"] == samples
+            assert document["damage"]
+            assert n
+
+
+def test_any_byte_of_a_log_may_be_wrong(run: Run, home: Path, log: bytes) -> None:
+    """Readable or not, it never is an error of the program's own."""
+    rng = random.Random(9)
+    for _ in range(60):
+        damaged = bytearray(log)
+        damaged[rng.randrange(len(log))] ^= rng.randrange(1, 256)
+        (home / "bad.mcap").write_bytes(damaged)
+        outcome = run("replay", "bad.mcap", "--json")
+        if outcome.code == 1:
+            assert json.loads(outcome.stdout)["samples"] > 0
+        else:
+            outcome.error(3)
+
+
+FOREIGN_FILES = {
+    "text.mcap": b"hello world\n" * 20,
+    "short text.mcap": b"hi\n",
+    "picture.mcap": b"\x89PNG\r\n\x1a\n" + bytes(100),
+    "archive.mcap": zipped(**{"readme.txt": "x"}),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN_FILES)
+def test_a_file_that_is_no_log_is_called_so(run: Run, home: Path, name: str) -> None:
+    """Exit 3, with what replay takes and what import takes."""
+    (home / name).write_bytes(FOREIGN_FILES[name])
+    error = run("replay", name, "--json").error(3)
+    assert name in error
+    assert "not an MCAP log" in error
+    assert "imutui import" in error
+
+
+def foreign(
+    path: Path,
+    topic: str = "/sensor/imu",
+    typename: str = "sensor_msgs/msg/Imu",
+    *,
+    encoding: str = "cdr",
+    cut: int = 0,
+    spoil: float = 0.0,
+    step_ns: int = 50_000_000,
+) -> None:
+    """Another program's MCAP: sixty Imu messages, the thirtieth spoilt or cut as asked."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="another program")
+        schema = writer.register_schema(typename, "ros2msg", schemas.definition("sensor_msgs/msg/Imu").encode())
+        channel = writer.register_channel(topic, encoding, schema)
+        for k in range(60):
+            stamp = START_NS + k * step_ns
+            gyro = np.full(3, spoil if k == 30 else 0.0)
+            data = schemas.encode(schemas.IMU, schemas.imu(stamp, gyro, np.array([0.0, 0.0, -9.78])))
+            writer.add_message(channel, stamp, data[: len(data) - cut] if k == 30 else data, stamp)
+        writer.finish()
+
+
+def test_an_imu_channel_of_any_topic_is_replayed(run: Run, home: Path) -> None:
+    """A foreign MCAP needs no topic of ours."""
+    foreign(home / "theirs.mcap")
+    document = json.loads(run("replay", "theirs.mcap", "--json").stdout)
+    assert document["samples"] == 60
+    assert document["rate_hz"] == pytest.approx(20.0)
+
+
+def test_a_foreign_message_that_cannot_be_decoded_ends_the_replay_there(run: Run, home: Path) -> None:
+    """As any damage: exit 1, and all before it is used."""
+    foreign(home / "theirs.mcap", cut=40)
+    outcome = run("replay", "theirs.mcap", "--json")
+    assert outcome.code == 1
+    assert "imutui's own" not in outcome.stderr
+    assert json.loads(outcome.stdout)["samples"] == 30
+    assert json.loads(outcome.stdout)["damage"]
+
+
+FOREIGN_LOGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    "no Imu": ({"typename": "std_msgs/msg/String"}, ("sensor_msgs/msg/Imu", "/sensor/imu")),
+    "Imu as JSON": ({"encoding": "json"}, ("sensor_msgs/msg/Imu", "CDR")),
+    "a reading that is no number": ({"spoil": np.nan}, ("sample 30",)),
+    "an endless reading": ({"spoil": np.inf}, ("sample 30",)),
+    "time standing still": ({"step_ns": 0}, ("sample 1",)),
+    "time going back": ({"step_ns": -1_000_000}, ("sample 1",)),
+}
+
+
+@pytest.mark.parametrize("case", FOREIGN_LOGS)
+def test_a_foreign_log_that_cannot_be_filtered_is_named_with_the_place(run: Run, home: Path, case: str) -> None:
+    """Exit 3: the file and what is wrong in it; its content is no misuse of the command."""
+    how, words = FOREIGN_LOGS[case]
+    foreign(home / "theirs.mcap", **how)
+    error = run("replay", "theirs.mcap", "--json").error(3)
+    assert all(word in error for word in ("theirs.mcap", *words)), error
+
+
+REPLAY_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "missing.mcap": (3, ("missing.mcap", "no such file")),
+    "folder": (3, ("folder", "is a folder")),
+    "empty.mcap": (3, ("empty.mcap", "0 bytes")),
+    "good.mcap missing.mcap": (3, ("missing.mcap",)),
+    "good.mcap --start 100": (3, ("--start", "2.750 s")),
+    "good.mcap --start 2 --end 1": (3, ("--end",)),
+    "good.mcap --set filter.kapa=1": (2, ("filter.kapa", "filter.kappa")),
+    "good.mcap --set filter.kappa": (2, ("key=value",)),
+    "good.mcap --set filter.kappa=x": (2, ("filter.kappa", '"x"')),
+    "good.mcap --set filter.kappa=-100": (2, ("kappa",)),
+    "good.mcap --set instrument.mount=x": (2, ("instrument.mount", "filter.kappa")),
+    "good.mcap --set site.gravity_mps2=nan": (2, ("gravity",)),
+    "good.mcap --set site.gravity_mps2=-9.8": (2, ("gravity",)),
+    "good.mcap --set filter.measurements=drawn --set filter.seed=-1": (2, ("seed",)),
+    "good.mcap --filter kalman": (2, ("spkf",)),
+    "good.mcap --reference upright": (2, ("level, gravity",)),
+    "good.mcap --speed 0": (2, ("--speed", "positive")),
+    "good.mcap -o kept": (2, ("kept exists", "--force")),
+    "good.mcap -o good.mcap": (2, ("itself",)),
+    "good.mcap -o good.mcap --force": (2, ("itself",)),
+    "good.mcap -o symbolic.mcap --force": (2, ("itself",)),
+    "good.mcap -o hard.mcap --force": (2, ("itself",)),
+    "good.mcap good.mcap -o out.mcap": (2, ("one log",)),
+    "good.mcap -o kept/out.mcap": (5, ("kept", "folder")),
+}
+
+
+@pytest.mark.parametrize("flags", REPLAY_FLAGS)
+def test_replay_refuses_what_cannot_be_and_overwrites_nothing(run: Run, home: Path, log: bytes, flags: str) -> None:
+    """The exit code tells usage from data from disk; the log and existing files stay as they were."""
+    (home / "good.mcap").write_bytes(log)
+    (home / "symbolic.mcap").symlink_to("good.mcap")
+    (home / "hard.mcap").hardlink_to(home / "good.mcap")
+    (home / "empty.mcap").touch()
+    (home / "kept").write_bytes(KEPT)
+    (home / "folder").mkdir()
+    code, words = REPLAY_FLAGS[flags]
+    error = run("replay", "--json", *flags.split(" ")).error(code)
+    assert all(word in error for word in words), error
+    assert (home / "good.mcap").read_bytes() == log
+    assert (home / "kept").read_bytes() == KEPT
+    assert not (home / "out.mcap").exists()
+
+
+# -- virtual, demo ----------------------------------------------------------------------------------------------------
+
+VIRTUAL: dict[str, tuple[int, tuple[str, ...]]] = {
+    "--link kept": (2, ("kept", "not a symbolic link")),
+    "--link folder": (2, ("folder", "not a symbolic link")),
+    "--link nowhere/imu": (5, ("nowhere",)),
+    "--from missing.npz": (3, ("missing.npz",)),
+    "--from missing.mcap": (3, ("missing.mcap",)),
+    "--from kept": (3, ("kept", "NPZ")),
+    "--from folder": (3, ("folder",)),
+    "--speed 0": (2, ("--speed", "positive")),
+    "--speed -1": (2, ("--speed", "positive")),
+    "--speed nan": (2, ("--speed", "positive")),
+    "--speed inf": (2, ("--speed",)),
+    "--seed -1": (2, ("--seed",)),
+    "--serial-number -1": (2, ("--serial-number",)),
+    "--serial-number 4294967296": (2, ("--serial-number",)),
+    "--tap kept": (2, ("kept exists", "--force")),
+}
+
+
+@pytest.mark.parametrize("flags", VIRTUAL)
+def test_a_virtual_unit_that_cannot_be_does_not_start(
+    run: Run, home: Path, flags: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No port is printed, no file is replaced."""
+    (home / "kept").write_bytes(KEPT)
+    (home / "folder").mkdir()
+    code, words = VIRTUAL[flags]
+    with (home / "kept").open() as ended:  # a unit that starts nevertheless ends with its standard input
+        ended.read()
+        monkeypatch.setattr(sys, "stdin", ended)
+        error = run("virtual", "--while-stdin", *flags.split(" ")).error(code)
+    assert all(word in error for word in words), error
+    assert (home / "kept").read_bytes() == KEPT
+
+
+@pytest.mark.parametrize("flags", ["--seconds 0", "--seconds -2", "--seconds nan", "--rate 500", "--seed -1"])
+def test_a_demo_that_cannot_be_is_usage(run: Run, flags: str) -> None:
+    """Exit 2, before anything is started; zero seconds are not sixty."""
+    name = flags.split(" ")[0].removeprefix("--")
+    error = run("demo", "--headless", "--json", *flags.split(" ")).error(2)
+    assert {"seconds": "duration", "rate": "133 Hz", "seed": "seed"}[name] in error

@@ -1,0 +1,293 @@
+"""Ports, disks, signals and pipes: what goes wrong around an acquisition, with real processes."""
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import imutui, wait_until
+from fake_devices import Device, Habits, answers, command, error_of, record
+
+from imutui.instrument.port import Port, PortError
+from imutui.logbook import reader
+from imutui.session import client, wire
+from imutui.session.plan import Plan
+
+NOBODY = 65534
+GOOD = Habits(answers(), streams=None)
+
+
+@contextmanager
+def recording_to(path: Path, port: str, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """A foreground `record --json` of which some samples are on the disk; killed at the end if it still runs."""
+    line = command("record", "--port", port, "--filter", "none", "--json", "-o", str(path), *arguments)
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent) as run:
+        try:
+            wait_until(lambda: run.poll() is not None or holds_samples(path))
+            assert run.poll() is None, run.communicate()
+            yield run
+        finally:
+            run.kill()
+
+
+def holds_samples(path: Path) -> bool:
+    """Whether a log can be read by now."""
+    try:
+        return bool(reader.read(path).stamp_ns.size)
+    except reader.UnreadableLogError:
+        return False
+
+
+# -- ports ------------------------------------------------------------------------------------------------------------
+
+PORTS = {
+    "/dev/no-such-port": ("/dev/no-such-port", "no such port", "imutui demo"),
+    "no-such-id": ("no-such-id", "no such port"),
+    "telegraph://host": ("telegraph://host", "cannot be reached"),
+    "a-file": ("a-file", "no serial port"),
+    "a-folder": ("a-folder", "no serial port"),
+    "/dev/null": ("/dev/null", "no serial port"),
+    "socket://127.0.0.1:1": ("socket://127.0.0.1:1", "cannot be reached", "terminal server"),
+}
+
+
+@pytest.mark.parametrize("name", PORTS)
+def test_what_is_no_port_is_named_with_the_next_step(home: Path, name: str) -> None:
+    """Paths that are absent, files, folders and devices of another kind, hosts that refuse, URLs of no known kind."""
+    (home / "a-file").write_text("kept")
+    (home / "a-folder").mkdir()
+    with pytest.raises(PortError) as refused:
+        Port(name, 38400)
+    assert all(word in str(refused.value) for word in PORTS[name])
+    assert (home / "a-file").read_text() == "kept"
+
+
+def test_record_on_no_port_ends_with_the_instruments_exit_code(home: Path) -> None:
+    """Exit 4 and the same words, in one paragraph."""
+    error = error_of(record(home, "/dev/no-such-port"))
+    assert all(word in error for word in PORTS["/dev/no-such-port"])
+
+
+def test_a_port_that_another_program_has_locked_is_in_use(tmp_path: Path) -> None:
+    """Whoever holds the lock, imutui or not; the words say what to end."""
+    with Device(GOOD) as device:
+        descriptor = os.open(device.port, os.O_RDWR | os.O_NOCTTY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        outcome = record(tmp_path, device.port)
+        os.close(descriptor)
+    assert outcome.code == 4
+    error = error_of(outcome)
+    assert "in use" in error
+    assert f"pid {os.getpid()}" in error
+
+
+@pytest.fixture
+def unprivileged() -> list[str]:
+    """What makes of a command line one of root's without root's powers; skips for others."""
+    line = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
+    if os.getuid() != 0 or shutil.which("setpriv") is None:
+        pytest.skip("only root can make things that it then may not use, with setpriv")
+    if subprocess.run([*line, sys.executable, "-c", ""], capture_output=True, check=False).returncode != 0:
+        pytest.skip("root cannot give up its powers here")
+    return line
+
+
+def test_a_port_without_permission_names_the_group_to_join(home: Path, unprivileged: list[str]) -> None:
+    """Exit 4, and the command that helps for good."""
+    with Device(GOOD) as device:
+        os.chown(device.port, NOBODY, -1)
+        Path(device.port).chmod(0o600)
+        line = [*unprivileged, *command("record", "--port", device.port, "--json")]
+        done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 4, done.stderr
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert all(word in done.stderr for word in (device.port, "no permission", "usermod -aG", "udev"))
+
+
+def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, unprivileged: list[str]) -> None:
+    """Exit 5, naming the folder."""
+    (home / "logs").mkdir()
+    os.chown(home / "logs", NOBODY, -1)
+    with Device(GOOD) as device:
+        line = [*unprivileged, *command("record", "--port", device.port, "--duration", "0.2")]
+        done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 5, done.stderr
+    assert str(home / "logs") in done.stderr
+    assert "Choose another folder" in done.stderr
+    assert not any((home / "logs").iterdir())
+
+
+def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(tmp_path: Path) -> None:
+    """Exit 5 without advice that cannot work: --force does not make a folder of a file."""
+    (tmp_path / "logs").write_text("kept")
+    with Device(GOOD) as device:
+        outcome = record(tmp_path, device.port, "--duration", "0.2")
+    error = error_of(outcome)
+    assert outcome.code == 5, error
+    assert str(tmp_path / "logs") in error
+    assert "--force" not in error
+    assert (tmp_path / "logs").read_text() == "kept"
+
+
+# -- disks ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 200 KiB with 32 left; skips where none can be mounted."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+        pytest.skip("a small disk can be mounted by root only")
+    try:
+        (folder / "filler").write_bytes(bytes(168 * 1024))
+        yield folder
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_a_full_disk_ends_the_recording_with_all_that_was_flushed(home: Path, small_disk: Path) -> None:
+    """Exit 5, what to do, and a log that is unfinished but holds the samples up to the last flush."""
+    path = small_disk / "out.mcap"
+    with Device(GOOD) as device:
+        outcome = record(home, device.port, "--filter", "none", "--duration", "60", "-o", str(path))
+    assert outcome.code == 5, outcome
+    error = error_of(outcome)
+    assert all(words in error for words in (str(path), "No space left", "imutui replay", "Free some space")), error
+    log = reader.read(path, raw=True)
+    assert not log.finished
+    assert [raw.sequence for raw in log.raw] == list(range(len(log.raw)))
+    replayed = imutui("replay", str(path), "--json", check=1)
+    assert json.loads(replayed.stdout)["samples"] == log.stamp_ns.size > 10
+    assert json.loads(replayed.stdout)["finished"] is False
+
+
+def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) -> None:
+    """Exit 5 naming the file; the log that is replayed stays whole."""
+    rows = "".join(f"{i / 100},{i % 97 / 7},{i % 89 / 7},{i % 83 / 7},0,0,0.998\n" for i in range(4000))
+    (home / "a.csv").write_text("t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n" + rows)
+    path = small_disk / "out.mcap"
+    error = imutui("import", "a.csv", "-o", str(path), check=5).stderr.splitlines()[-1]
+    assert str(path) in error
+    assert "No space left" in error
+    imutui("import", "a.csv", "-o", "a.mcap", "--end", "2")
+    (small_disk / "filler").write_bytes(bytes(200 * 1024 - 4096))
+    done = imutui("replay", "a.mcap", "--json", "-o", str(small_disk / "estimates.mcap"), check=5)
+    assert done.stdout == ""
+    assert "estimates.mcap" in done.stderr
+
+
+# -- beside a running acquisition -------------------------------------------------------------------------------------
+
+
+def test_a_second_acquisition_is_told_of_the_first(home: Path) -> None:
+    """Its name is taken, or under another name its port; neither disturbs the first."""
+    with Device(GOOD) as device, recording_to(home / "first.mcap", device.port) as first:
+        same = imutui("record", "--port", device.port, "--json", check=4)
+        other = imutui("record", "--port", device.port, "--json", "--name", "other", check=4)
+        assert first.poll() is None
+        imutui("mark", "still here")
+        imutui("stop")
+        out, _ = first.communicate(timeout=60)
+    assert same.stdout == other.stdout == ""
+    assert all(words in same.stderr for words in ('"default" is running', "imutui attach", "imutui stop", "--name"))
+    assert all(words in other.stderr for words in (device.port, "in use", "imutui attach"))
+    assert first.returncode == 0
+    assert json.loads(out)["finished"]
+    assert "still here" in [event.text for event in reader.read(home / "first.mcap").events]
+
+
+def test_a_mark_needs_a_recording(home: Path) -> None:
+    """An acquisition that only shows has no file to put it into; nothing is said to be written."""
+    with Device(GOOD) as device:
+        connection = client.start(Plan(device.port, filter="none", logs=str(home / "logs")))
+        marked = imutui("mark", "x", check=4)
+        stopped = imutui("stop", "--json")
+        connection.close()
+    assert "nothing is being recorded" in marked.stderr
+    assert "start recording" in marked.stderr
+    assert json.loads(stopped.stdout) is None
+    assert not (home / "logs").exists()
+
+
+# -- signals and pipes ------------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_finishes_the_file(home: Path) -> None:
+    """Exit 130, with the result of what was recorded."""
+    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    log = reader.read(home / "out.mcap")
+    assert log.finished
+    assert json.loads(out)["samples"] == log.stamp_ns.size
+
+
+def test_sigterm_to_the_acquisition_finishes_the_file(home: Path) -> None:
+    """As `imutui stop` does: the foreground ends with 0 and the result."""
+    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
+        os.kill(client.attach().pid, signal.SIGTERM)
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    assert json.loads(out)["finished"]
+    assert reader.read(home / "out.mcap").finished
+
+
+def test_sigterm_to_the_foreground_finishes_the_file(home: Path) -> None:
+    """`timeout 60 imutui record`, a service manager and a container stop it so; they expect a whole file."""
+    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
+        run.terminate()
+        run.communicate(timeout=60)
+        try:
+            wait_until(lambda: not wire.names(), timeout=10.0)
+        finally:
+            imutui("stop", check=None)
+    assert reader.read(home / "out.mcap").finished
+
+
+def test_a_closed_terminal_leaves_the_acquisition_running(home: Path) -> None:
+    """SIGHUP ends the foreground with 0; the file grows on until `imutui stop`."""
+    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
+        connection = client.attach()
+        run.send_signal(signal.SIGHUP)
+        os.kill(connection.pid, signal.SIGHUP)
+        out, err = run.communicate(timeout=60)
+        before = connection.snapshot(since=2**62)["recording"]["seconds"]
+        wait_until(lambda: connection.snapshot(since=2**62)["recording"]["seconds"] > before + 0.2)
+        stopped = imutui("stop", "--json")
+    assert run.returncode == 0, err
+    assert out == ""
+    assert "Traceback" not in err
+    assert json.loads(stopped.stdout)["finished"]
+    assert reader.read(home / "out.mcap").finished
+
+
+@pytest.mark.parametrize("line", ["config", "status --json"])
+def test_a_reader_that_has_enough_is_no_error(home: Path, line: str) -> None:
+    """`| head -1`, and a pipe that is closed before anything is written: nothing on stderr."""
+    ours, theirs = os.pipe()
+    os.close(ours)
+    closed = subprocess.run(command(*line.split(" ")), stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(theirs)
+    assert closed.stderr == ""
+    assert closed.returncode in (0, 1)
+
+
+def test_a_full_standard_output_is_a_matter_of_the_disk(home: Path) -> None:
+    """`imutui config > file` on a full disk must not look like success."""
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(command("config"), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 5
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
