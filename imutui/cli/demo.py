@@ -22,7 +22,8 @@ def command(
 ) -> None:
     """Run the main job on a virtual instrument.
 
-    It is acquired over its pseudo-terminal, recorded, filtered, shown. Nothing else is needed. All readings are simulated, and labelled so.
+    It is acquired over its pseudo-terminal, recorded, filtered, shown. Nothing else is needed. All readings are
+    simulated, and labelled so.
 
     Example: imutui demo --headless --seconds 60 --seed 7 --json
     """

@@ -312,7 +312,7 @@ class Engine:
             return
         try:
             call.future.set_result(call.function())
-        except Exception as error:  # noqa: BLE001 - a bad request is its sender's trouble, not the recording's
+        except Exception as error:  # a bad request is its sender's trouble, not the recording's
             call.future.set_exception(error)
             if isinstance(error, OSError):  # but a disk that takes no more is everybody's
                 raise
