@@ -81,13 +81,26 @@ def log(C: Array) -> Array:
 
 
 def _log_by_quaternion(C: Array) -> Array:
-    q = _quaternion(C)
+    q = to_quaternion(C)
     n = np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)) + 1e-300
     return np.asarray((2.0 * np.arctan2(n, q[..., 0]) / n)[..., None] * q[..., 1:])
 
 
-def _quaternion(C: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, from the largest of its four components (Shepperd 1978)."""
+def to_quaternion(C: Array) -> Array:
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix.
+
+    From the largest of its four components (Shepperd 1978).
+
+    Parameters
+    ----------
+    C : Array
+        Rotation matrices, shape (..., 3, 3).
+
+    Returns
+    -------
+    Array
+        Shape (..., 4).
+    """
     m = np.moveaxis(C.reshape(*C.shape[:-2], 9), -1, 0)
     xx, xy, xz, yx, yy, yz, zx, zy, zz = m
     # row i is the quaternion times four times its component i: the row of the largest component is well conditioned
@@ -104,6 +117,27 @@ def _quaternion(C: Array) -> Array:
     q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     q /= np.sqrt(np.sum(q**2, axis=-1))[..., None]
     return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def from_quaternion(q: Array) -> Array:
+    """Rotation matrix of a unit quaternion (w, x, y, z), the inverse of `to_quaternion`.
+
+    Parameters
+    ----------
+    q : Array
+        Shape (..., 4).
+
+    Returns
+    -------
+    Array
+        Shape (..., 3, 3).
+    """
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    C = np.empty((*q.shape[:-1], 3, 3))
+    C[..., 0, 0], C[..., 0, 1], C[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    C[..., 1, 0], C[..., 1, 1], C[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    C[..., 2, 0], C[..., 2, 1], C[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return C
 
 
 def table(outer: float, middle: float, inner: float) -> Array:
@@ -163,18 +197,20 @@ def rpy_jacobian(C_nb: Array) -> Array:
     Parameters
     ----------
     C_nb : Array
-        Shape (3, 3).
+        Shape (..., 3, 3).
 
     Returns
     -------
     Array
-        d(roll, pitch, yaw)/dε_n, shape (3, 3); not finite at pitch ±90°.
+        d(roll, pitch, yaw)/dε_n, shape (..., 3, 3); not finite at pitch ±90°.
     """
-    _, pitch, yaw = to_rpy(C_nb)
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array(
-        [[c / np.cos(pitch), s / np.cos(pitch), 0.0], [-s, c, 0.0], [c * np.tan(pitch), s * np.tan(pitch), 1.0]]
-    )
+    rpy = to_rpy(C_nb)
+    pitch, c, s = rpy[..., 1], np.cos(rpy[..., 2]), np.sin(rpy[..., 2])
+    J = np.zeros_like(C_nb)
+    J[..., 0, 0], J[..., 0, 1] = c / np.cos(pitch), s / np.cos(pitch)
+    J[..., 1, 0], J[..., 1, 1] = -s, c
+    J[..., 2, 0], J[..., 2, 1], J[..., 2, 2] = c * np.tan(pitch), s * np.tan(pitch), 1.0
+    return J
 
 
 def _axis(axis: int, angle: float) -> Array:

@@ -4,13 +4,15 @@ Convergence, after 10 s during which all of this held: the standard deviation is
 tolerance of its own mean over 10 s; the 10 s mean of (raw residual - estimated bias) lies inside
 5 √(σ_w²/10 s + σ_b²), σ_w being the white noise measured on the log. It is lost after 10 s during which the last of
 these did not hold. Raw residual: reading minus what a perfect unit would measure at the reference. The first two alone
-are met by any filter left running; the third compares with data.
+are met by any filter left running; the third compares with data. Where the reference does not say what a perfect unit
+would measure (a trajectory without attitude), the first two are all there is.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from filters.imu import STANDARD_GRAVITY
@@ -25,13 +27,15 @@ _NOISE_BLOCKS = 600
 _MEDIAN_OF_CHI2_1 = 0.45493642
 
 
-def nis_band(dof: int, count: int, level: float = 0.95) -> tuple[float, float]:
+def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]:
     """Interval that the mean of `count` independent NIS values of `dof` degrees of freedom falls in.
 
     Parameters
     ----------
-    dof, count : int
-        Rows of the measurement, number of updates; both positive.
+    dof : float
+        Rows of a measurement, their mean where they differ; positive.
+    count : int
+        Number of updates.
     level : float
         Probability.
 
@@ -46,6 +50,15 @@ def nis_band(dof: int, count: int, level: float = 0.95) -> tuple[float, float]:
     return float(chdtri(total, 1.0 - tail) / count), float(chdtri(total, tail) / count)
 
 
+GATE_TAIL = 1e-9
+"""Probability with which a good innovation is rejected: once in 24 h of 133 Hz, a hundredth."""
+
+
+def nis_gates() -> Array:
+    """NIS beyond which an innovation is rejected, by number of rows 0 to 9, shape (10,)."""
+    return np.array([np.inf] + [float(chdtri(dof, GATE_TAIL)) for dof in range(1, 10)])
+
+
 @dataclass(frozen=True, slots=True)
 class Convergence:
     """Verdict on the six biases (accelerometer x, y, z, gyro x, y, z; body axes).
@@ -56,7 +69,7 @@ class Convergence:
         Time since the first sample at which each was declared converged and has stayed so, s.
     apparent : Array or None
         Mean of the raw residual over the last 10 s, shape (6,), m/s² and rad/s: what the bias looks like without a
-        filter. None before the first 10 s are over.
+        filter. None before the first 10 s are over, and where the motion was not known in them.
     change : Array or None
         Change of each estimate over the last 10 s, shape (6,).
     """
@@ -69,6 +82,8 @@ class Convergence:
 class Gauge:
     """Keeps the last 10 s of residuals and estimates in blocks of a second, and judges the biases once a block.
 
+    What is in a block is added up by whoever runs the filter.
+
     Parameters
     ----------
     period : float
@@ -78,57 +93,56 @@ class Gauge:
     def __init__(self, period: float) -> None:
         self._block = max(1.0, period)
         self._window = max(1, round(HOLD / self._block))
-        self._end: float | None = None
-        self._sum = np.zeros(12)
-        self._count = 0
+        self._end = np.inf
         self._means: deque[Array] = deque(maxlen=self._window)
         self._steps: deque[Array] = deque(maxlen=_NOISE_BLOCKS)
         self._ok_from: list[float | None] = [None] * 6
         self._out_from: list[float | None] = [None] * 6
         self._since: list[float | None] = [None] * 6
         self._change: Array | None = None
+        self._apparent: Array | None = None
 
-    def add(self, t: float, residual: Array, bias: Array, bias_sd: Array) -> None:
-        """Take one sample.
+    @property
+    def end(self) -> float:
+        """Time at which the present block ends, s; infinity before `begin`."""
+        return self._end
+
+    def begin(self, t: float) -> None:
+        """Start the first block at `t` s."""
+        self._end = t + self._block
+
+    def close(self, t: float, residual: Array, mean_bias: Array, bias: Array, bias_sd: Array) -> None:
+        """End a block, since the sample at `t` is beyond it.
 
         Parameters
         ----------
         t : float
             s since the first sample.
         residual : Array
-            Raw residual, accelerometer then gyro, shape (6,), SI.
+            Mean raw residual of the block, accelerometer then gyro, shape (6,), SI; NaN where nothing was known.
+        mean_bias : Array
+            Mean estimates over the block, same order.
         bias, bias_sd : Array
-            Estimates and their standard deviations, same order.
+            Estimates at the end of the block and their standard deviations.
         """
-        if self._end is None:
-            self._end = t + self._block
-        elif t >= self._end - 1e-9 and self._count:
-            self._close_block(self._end, bias, bias_sd)
-            # a gap may span many blocks; empty ones say nothing
-            self._end += self._block * (1 + int((t - self._end + 1e-9) // self._block))
-        self._sum[:6] += residual
-        self._sum[6:] += bias
-        self._count += 1
-
-    def _close_block(self, t: float, bias: Array, bias_sd: Array) -> None:
-        mean = self._sum / self._count
+        mean = np.concatenate([residual, mean_bias])
         if self._means:
-            self._steps.append((mean - self._means[-1])[:6])
+            step = (mean - self._means[-1])[:6]
+            if np.isfinite(step).all():
+                self._steps.append(step)
         self._means.append(mean)
-        self._sum = np.zeros(12)
-        self._count = 0
-        if len(self._means) == self._window and len(self._steps) > 1:
-            self._judge(t, bias, bias_sd)
+        if len(self._means) == self._window:
+            self._judge(self._end, bias, bias_sd)
+        # a gap may span many blocks; empty ones say nothing
+        self._end += self._block * (1 + int((t - self._end + 1e-9) // self._block))
 
     def _judge(self, t: float, bias: Array, bias_sd: Array) -> None:
         means = np.array(self._means)
-        window = means.mean(axis=0)
         span = self._block * self._window
+        mean_bias = means[:, 6:].mean(axis=0)
         self._change = bias - means[0, 6:]
-        noise = self.noise()
-        assert noise is not None
-        agrees = np.abs(window[:6] - bias) < _BAND * np.sqrt(noise**2 / span + bias_sd**2)
-        settled = (bias_sd < TOLERANCE) & (np.abs(bias - window[6:]) < TOLERANCE) & agrees
+        agrees = self._agrees(means[:, :6], bias, bias_sd, span)
+        settled = (bias_sd < TOLERANCE) & (np.abs(bias - mean_bias) < TOLERANCE) & agrees
         for i in range(6):
             self._ok_from[i] = (self._ok_from[i] if self._ok_from[i] is not None else t) if settled[i] else None
             self._out_from[i] = None if agrees[i] else (self._out_from[i] if self._out_from[i] is not None else t)
@@ -137,6 +151,19 @@ class Gauge:
                 self._since[i] = t
             elif self._since[i] is not None and out_from is not None and t - out_from >= HOLD - 1e-9:
                 self._since[i] = None
+
+    def _agrees(self, residuals: Array, bias: Array, bias_sd: Array, span: float) -> NDArray[np.bool_]:
+        """Whether raw residuals of the window, less the estimate, lie inside the band; yes where there are none."""
+        known = np.isfinite(residuals[:, 0])
+        if not known.any():
+            self._apparent = None
+            return np.ones(6, bool)
+        self._apparent = residuals[known].mean(axis=0)
+        noise = self.noise()
+        if noise is None:
+            return np.zeros(6, bool)
+        seconds = span * np.count_nonzero(known) / known.size
+        return np.asarray(np.abs(self._apparent - bias) < _BAND * np.sqrt(noise**2 / seconds + bias_sd**2))
 
     def noise(self) -> Array | None:
         """White noise density measured on the log, from the median of squared first differences of blocks.
@@ -155,6 +182,4 @@ class Gauge:
 
     def convergence(self) -> Convergence:
         """Verdict as of the last full block."""
-        full = len(self._means) == self._window
-        apparent = np.array(self._means).mean(axis=0)[:6] if full else None
-        return Convergence(tuple(self._since), apparent, self._change)
+        return Convergence(tuple(self._since), self._apparent, self._change)

@@ -60,6 +60,35 @@ class ImuSpec:
 
 IMU400CD_200 = ImuSpec()
 
+_Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Process noise of the filter, per body axis; see `filters.spkf.process_noise`.
+
+    Attributes
+    ----------
+    accel_vrw : tuple of float
+        White noise, m/s/√s.
+    gyro_arw : tuple of float
+        White noise, rad/√s.
+    accel_walk : tuple of float
+        Random walk of the bias, m/s²/√s.
+    gyro_walk : tuple of float
+        Random walk of the bias, rad/s/√s.
+    """
+
+    accel_vrw: _Triple
+    gyro_arw: _Triple
+    accel_walk: _Triple = (0.0, 0.0, 0.0)
+    gyro_walk: _Triple = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, spec: ImuSpec) -> "Noise":
+        """The paper's noise set: the specification's white noise, constant biases."""
+        return cls((spec.accel_vrw,) * 3, (spec.gyro_arw,) * 3)
+
 
 @dataclass(frozen=True, slots=True)
 class AxisMap:

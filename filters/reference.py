@@ -1,11 +1,20 @@
-"""What is known of the motion: still and level, or still with gravity as the only witness of attitude."""
+"""What is known of the motion: still and level, still under gravity, a table's profile, a trajectory.
 
-from dataclasses import dataclass
+A reference says for each sample which of the nine navigation states are known, how well, and what a perfect unit would
+read; `known` gives it as rows in the layout of `filters.kernels` (KNOWN_*). How a reference is found, where it has to
+be, is `filters.alignment`'s.
+"""
+
+import re
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filters import attitude, earth, state
+from filters import attitude, earth, motion, state
+from filters.imu import ImuSpec
+from filters.motion import Dwell, Profile
 from filters.state import NavState, Site
 from filters.types import Array
 
@@ -13,14 +22,58 @@ _DEG = np.pi / 180.0
 
 PAPER_R_SD = np.array([10.0, 10.0, 30.0, 0.1, 0.1, 0.1, 0.1 * _DEG, 0.1 * _DEG, 0.5 * _DEG])
 """Standard deviations of the nine pseudo-measurements (section 4): m, m/s, rad; attitude about north, east, down."""
+assert state.NAVIGATION.stop == PAPER_R_SD.size
 
-ALIGN_SECONDS = 10.0
-ALIGN_SAMPLES = 10
-_VERTICAL = 0.7
+KINDS = ("level", "gravity", "profile", "trajectory")
+
+COLUMNS = 25
+"""Columns of `Reference.known`: position 3, velocity 3, quaternion n←b 4, variances of the nine rows (negative where
+not known), angular rate 3 and specific force 3 of a perfect unit in body axes (NaN where not known)."""
+POSITION, VELOCITY, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
+VARIANCES, RATE, FORCE = slice(10, 19), slice(19, 22), slice(22, 25)
+
+SETTLE = 2.0
+"""s after a mark, or after coming to rest, before a dwell's rows are used."""
+_TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b", re.IGNORECASE)
+
+
+class Reference(Protocol):
+    """What the runner asks of a reference.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    moving : bool
+        Whether the unit may move: readings are then taken as linear between samples.
+    """
+
+    @property
+    def kind(self) -> str:  # noqa: D102
+        ...
+
+    @property
+    def moving(self) -> bool:  # noqa: D102
+        ...
+
+    def start(self) -> tuple[NavState, Array]:
+        """State at the first sample, and standard deviations of its nine navigation errors, shape (9,)."""
+        ...
+
+    def known(self, t: Array, before: float, gyro: Array) -> Array:
+        """Rows for samples at `t` s, shape (N, 25), or one for all, (1, 25); see `COLUMNS`.
+
+        `before` is the time of the sample before the first of these (-inf: none), `gyro` what the unit read (N, 3).
+        """
+        ...
+
+    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
+        """For the six biases, accelerometer then gyro, body axes, whether the reference shows them."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class Still:
     """Known position, velocity and attitude of a unit at rest.
 
     Attributes
@@ -35,7 +88,7 @@ class Reference:
         Standard deviations of those rows, shape (m,).
     P0_sd : Array
         Standard deviations of the nine navigation states at the start, shape (9,).
-    observable : tuple of bool
+    seen : tuple of bool
         For each body axis, whether its accelerometer bias can be told from attitude.
     gravity : float
         Local gravity, m/s².
@@ -46,8 +99,28 @@ class Reference:
     rows: NDArray[np.int_]
     R_sd: Array
     P0_sd: Array
-    observable: tuple[bool, bool, bool]
+    seen: tuple[bool, bool, bool]
     gravity: float
+    moving: bool = False
+
+    def start(self) -> tuple[NavState, Array]:
+        """The known state itself."""
+        return self.nav, self.P0_sd
+
+    def known(self, t: Array, before: float, gyro: Array) -> Array:
+        """One row for all samples."""
+        row = np.empty((1, COLUMNS))
+        row[0, POSITION] = self.nav.latitude, self.nav.longitude, self.nav.height
+        row[0, VELOCITY] = self.nav.velocity_n
+        row[0, QUATERNION] = attitude.to_quaternion(self.nav.C_nb)
+        row[0, VARIANCES] = -1.0
+        row[0, VARIANCES][self.rows] = self.R_sd**2
+        row[0, RATE], row[0, FORCE] = self.rates_and_forces()
+        return row
+
+    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
+        """Gyros always, accelerometers where the attitude is known apart from them."""
+        return (*self.seen, True, True, True)
 
     def rates_and_forces(self) -> tuple[Array, Array]:
         """Angular rate (rad/s) and specific force (m/s²) in body axes that a perfect unit measures here; each (3,)."""
@@ -55,7 +128,7 @@ class Reference:
         return self.nav.C_nb.T @ rate_n, self.nav.C_nb.T @ np.array([0.0, 0.0, -self.gravity])
 
 
-def level(site: Site) -> Reference:
+def level(site: Site) -> Still:
     """The paper's case: body axes on north, east, down; all nine rows known (section 4).
 
     Parameters
@@ -65,68 +138,210 @@ def level(site: Site) -> Reference:
 
     Returns
     -------
-    Reference
+    Still
     """
-    return Reference(
-        "level",
-        NavState.at_rest(site, np.eye(3)),
-        np.arange(9),
-        PAPER_R_SD,
-        PAPER_R_SD,
-        (True, True, True),
-        site.gravity,
-    )
+    nav = NavState.at_rest(site, np.eye(3))
+    return Still("level", nav, np.arange(9), PAPER_R_SD, PAPER_R_SD, (True, True, True), site.gravity)
 
 
-def gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> Reference:
-    """Still at unknown attitude: roll and pitch from the mean specific force, heading called zero.
+class TableMotion:
+    """A table's profile: dwells and, where its time is joined to the log's well enough, what lies between.
 
-    Roll and pitch start there and are no measurement: they came from the very accelerometers whose bias is asked
-    for, so tilt starts as uncertain as that bias makes it. The yaw row is kept with reference 0; without it the
-    vertical gyro bias would not be seen. It is read to Earth rate's 0.004 deg/s, because true heading is unknown.
+    Attitude and velocity are used in dwells, from 2 s after the mark or after coming to rest and while the gyros are
+    quiet. Everywhere else only once aligned: with rate × `offset_sd` added to the standard deviation of attitude. Else
+    the filter predicts only.
 
     Parameters
     ----------
+    profile : Profile
+        With `align` "none" (profile time is log time), "marks", or "gyro" (joined by `offset`).
     site : Site
-        Where the unit stands.
-    mean_force_b : Array
-        Mean specific force, body axes, m/s², shape (3,).
-    accel_bias_sd : float
-        Standard deviation of the accelerometer bias at the start, m/s².
-
-    Returns
-    -------
-    Reference
-        Rows position, velocity and yaw.
-
-    Raises
-    ------
-    ValueError
-        If the mean force is not within 10 % of gravity: then the unit does not stand still, or units are wrong.
+        Where the table stands.
+    spec : ImuSpec
+        Decides what a quiet gyro is.
+    period : float
+        Sample period, s.
+    offset : float
+        Log time at which the profile starts, s.
+    offset_sd : float or None
+        Its standard deviation; None takes the profile's.
     """
-    norm = float(np.linalg.norm(mean_force_b))
-    if not 0.9 < norm / site.gravity < 1.1:
-        raise ValueError(
-            f"`mean_force_b` has magnitude {norm:.3f} m/s², not gravity's {site.gravity:.3f}:"
-            " not at rest, or wrong units"
+
+    kind = "profile"
+    moving = True
+
+    def __init__(
+        self,
+        profile: Profile,
+        site: Site,
+        spec: ImuSpec,
+        period: float,
+        offset: float = 0.0,
+        offset_sd: float | None = None,
+    ) -> None:
+        self.profile = profile
+        self.offset = offset
+        self.offset_sd = profile.offset_sd if offset_sd is None else offset_sd
+        self.quiet = 3.0 * spec.gyro_bias_limit + 5.0 * spec.gyro_arw / np.sqrt(period)
+        self._site = site
+        self._rest_starts = profile.rest_starts
+        self._marks: list[tuple[float, int]] = []
+
+    def mark(self, t: float, text: str) -> None:
+        """Take an operator's mark: it begins the segment it names ("segment 3", counted from 1), or the next dwell."""
+        dwells = [k for k, segment in enumerate(self.profile.segments) if isinstance(segment, Dwell)]
+        told = _TOLD.match(text)
+        if told:
+            segment = int(told[1]) - 1
+        else:
+            last = self._marks[-1][1] if self._marks else -1
+            segment = next((k for k in dwells if k > last), -1)
+        if segment in dwells:
+            self._marks.append((t, segment))
+
+    def start(self) -> tuple[NavState, Array]:
+        """At rest with the angles of the profile's start."""
+        C_nb = motion.attitudes(self.profile.angles(np.zeros(1)))[0]
+        return NavState.at_rest(self._site, C_nb), PAPER_R_SD
+
+    def known(self, t: Array, before: float, gyro: Array) -> Array:
+        """Rows for samples at `t`; rows of the table are all known or none."""
+        profile_t, rests, aligned = self._joined(t)
+        angles, rates = self.profile.angles(profile_t), self.profile.rates(profile_t)
+        C = motion.attitudes(angles)
+        turning_b = motion.body_rate(angles, rates)
+        site, omega = self._site, earth.EARTH_RATE
+        rows = np.empty((t.size, COLUMNS))
+        rows[:, POSITION] = site.latitude, site.longitude, site.height
+        rows[:, VELOCITY] = 0.0
+        rows[:, QUATERNION] = attitude.to_quaternion(C)
+        # written out, since a matrix product may add in an order that depends on how many samples come at once
+        north, down = C[:, 0], C[:, 2]
+        rows[:, RATE] = omega * (np.cos(site.latitude) * north - np.sin(site.latitude) * down) + turning_b
+        rows[:, FORCE] = -site.gravity * down
+        rows[:, VARIANCES] = PAPER_R_SD**2
+        if self.offset_sd is not None:
+            late = [sum(C[:, i, k] * turning_b[:, k] for k in range(3)) * self.offset_sd for i in range(3)]
+            rows[:, VARIANCES][:, state.ATTITUDE] += np.stack(late, axis=-1) ** 2
+        used = aligned | (rests & (np.abs(gyro) < self.quiet).all(axis=1))
+        rows[~used, VARIANCES] = -1.0
+        rows[~used, RATE.start :] = np.nan
+        return rows
+
+    def _joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Profile time, whether the table is settled in a dwell then, and whether the joint is good for all else."""
+        if self.profile.align == "marks":
+            return self._by_marks(t)
+        profile_t = t - self.offset
+        index = self.profile.index(profile_t)
+        since = profile_t - np.where(np.isnan(self._rest_starts), np.inf, self._rest_starts)[index]
+        first = profile_t < np.append(self.profile.starts, np.inf)[1] if self.profile.align == "none" else False
+        rests = self.profile.phase(profile_t) & ((since >= SETTLE) | first)
+        return profile_t, rests, np.full(t.size, self.offset_sd is not None)
+
+    def _by_marks(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        profile_t = np.zeros(t.size)
+        rests, aligned = np.zeros(t.size, bool), np.zeros(t.size, bool)
+        for at, segment in self._marks:
+            dwell = self.profile.segments[segment]
+            assert isinstance(dwell, Dwell)
+            here = t >= at
+            since = t[here] - at
+            rests[here] = (since >= SETTLE) & (since <= dwell.seconds)
+            # held at the dwell's rest: past its end nobody says when the table moves on
+            profile_t[here] = self._rest_starts[segment]
+        return profile_t, rests, aligned
+
+    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
+        """What the motion so far has made known to half of what it was."""
+        return tuple(bool(x) for x in bias_sd < 0.5 * P0_sd)
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """What is known of a motion, row by row.
+
+    Attributes
+    ----------
+    t : Array
+        s since the log's first sample, shape (N,), increasing.
+    values : Array
+        Latitude, longitude (rad), height (m); velocity north, east, down (m/s); roll, pitch, yaw (3-2-1, rad) of C_nb.
+        Shape (N, 9), NaN where unknown.
+    """
+
+    t: Array
+    values: Array
+
+
+@dataclass
+class Path:
+    """A trajectory: each of its rows is used once, at the first sample from its time on.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        What is known.
+    nav : NavState
+        State at the first sample.
+    P0_sd : Array
+        Of its nine errors.
+    """
+
+    trajectory: Trajectory
+    nav: NavState
+    P0_sd: Array
+    kind: str = "trajectory"
+    moving: bool = True
+    partial: dict[float, Array] = field(default_factory=dict)
+
+    def start(self) -> tuple[NavState, Array]:
+        """As aligned."""
+        return self.nav, self.P0_sd
+
+    def known(self, t: Array, before: float, gyro: Array) -> Array:
+        """Rows for samples at `t`; position is carried from its own time to the sample's with the known velocity."""
+        rows = np.full((t.size, COLUMNS), np.nan)
+        rows[:, VARIANCES] = -1.0
+        newest = np.searchsorted(self.trajectory.t, t + 1e-9, side="right") - 1
+        fresh = newest > np.concatenate(
+            [[np.searchsorted(self.trajectory.t, before + 1e-9, side="right") - 1], newest[:-1]]
         )
-    roll = np.arctan2(-mean_force_b[1], -mean_force_b[2])
-    pitch = np.arctan2(mean_force_b[0], np.hypot(mean_force_b[1], mean_force_b[2]))
-    C_nb = attitude.from_rpy(float(roll), float(pitch), 0.0)
-    P0_sd = PAPER_R_SD.copy()
-    P0_sd[6:8] = accel_bias_sd / site.gravity
-    rows = np.array([0, 1, 2, 3, 4, 5, 8])
-    x, y, z = np.abs(C_nb[2]) > _VERTICAL
-    return Reference(
-        "gravity",
-        NavState.at_rest(site, C_nb),
-        rows,
-        PAPER_R_SD[rows],
-        P0_sd,
-        (bool(x), bool(y), bool(z)),
-        site.gravity,
-    )
+        for k in np.flatnonzero(fresh):
+            rows[k] = self._row(newest[k], t[k])
+        return rows
 
+    def _row(self, index: int, t: float) -> Array:
+        value = self.trajectory.values[index]
+        row = np.full(COLUMNS, np.nan)
+        late = t - self.trajectory.t[index]
+        moved = np.where(np.isnan(value[3:6]), 0.0, value[3:6]) * late
+        latitude = value[0] if np.isfinite(value[0]) else float(self.nav.latitude)
+        height = value[2] if np.isfinite(value[2]) else float(self.nav.height)
+        R_n = float(earth.meridian_radius(np.array(latitude))) + height
+        R_e = float(earth.transverse_radius(np.array(latitude))) + height
+        row[0] = value[0] + moved[0] / R_n
+        row[1] = value[1] + moved[1] / (R_e * np.cos(latitude))
+        row[2] = value[2] - moved[2]
+        row[VELOCITY] = value[3:6]
+        known = np.isfinite(value)
+        angles = known[6:9]
+        if angles.all():
+            C_nb = attitude.from_rpy(*map(float, value[6:9]))
+            row[QUATERNION] = attitude.to_quaternion(C_nb)
+        # with part of the attitude known, the rest is the filter's own: `complete` fills it in
+        known[6:8] = angles[0] and angles[1]
+        row[VARIANCES] = np.where(known, PAPER_R_SD**2, -1.0)
+        if known[6:9].any() and not angles.all():
+            self.partial[t] = value[6:9]
+        return row
 
-KINDS = ("level", "gravity")
-assert state.NAVIGATION.stop == PAPER_R_SD.size
+    def complete(self, row: Array, t: float, C_nb: Array) -> None:
+        """Fill the unknown angles of a row with the filter's own attitude, in place."""
+        own = attitude.to_rpy(C_nb)
+        angles = np.where(np.isnan(self.partial[t]), own, self.partial[t])
+        row[QUATERNION] = attitude.to_quaternion(attitude.from_rpy(*map(float, angles)))
+
+    def observable(self, bias_sd: Array, P0_sd: Array) -> tuple[bool, ...]:
+        """What the motion so far has made known to half of what it was."""
+        return tuple(bool(x) for x in bias_sd < 0.5 * P0_sd)

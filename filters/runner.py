@@ -1,73 +1,37 @@
-"""One step, and the loop over it: the same for live, replay and trace, so that equal samples give equal estimates."""
+"""One step, and the loop over samples: the same for live, replay and trace, so that equal samples give equal estimates.
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+Samples may come one by one or many at once; the results are the same to the last bit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from filters import reference as references
-from filters import spkf, state
-from filters.consistency import Convergence, Gauge
-from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec
-from filters.reference import Reference
-from filters.spkf import Belief, Innovation
-from filters.state import PAPER_SITE, Site
+from filters import alarms, alignment, layout, reference, state
+from filters.alarms import Turns
+from filters.consistency import Gauge, nis_gates
+from filters.imu import STANDARD_GRAVITY
+from filters.motion import Profile
+from filters.reference import Reference, TableMotion, Trajectory
+from filters.settings import Settings
+from filters.spkf import Belief, DivergenceError
 from filters.types import Array
 
-FILTERS = {"spkf": spkf}
-"""Filters by name: modules with `start`, `predict`, `process_noise` and `correct`."""
-MEASUREMENTS = ("exact", "drawn")
+if TYPE_CHECKING:
+    from filters.engines import Engine, Feed
+
+P0_ACCEL_BIAS_SD = 18e-3 * STANDARD_GRAVITY
+"""m/s²; 1.5 times Table 1."""
+P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0
+"""rad/s; 1.5 times Table 1."""
+
 _GAP = 2.5
-_ALARM_FACTOR = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """All that decides the estimates, apart from the samples.
-
-    Attributes
-    ----------
-    period : float
-        Sample period the log was made for, s; a step above 2.5 times this is a gap.
-    filter : str
-        A name of `FILTERS`.
-    reference : str
-        "level" or "gravity".
-    site : Site
-        Position and gravity of the table.
-    measurements : str
-        "exact": the reference itself is fed. "drawn": with noise of covariance R.
-    seed : int
-        Of the drawn noise.
-    kappa : float
-        κ of equation (11).
-    spec : ImuSpec
-        Noise densities and limits.
-    """
-
-    period: float
-    filter: str = "spkf"
-    reference: str = "level"
-    site: Site = PAPER_SITE
-    measurements: str = "exact"
-    seed: int = 0
-    kappa: float = 0.0
-    spec: ImuSpec = IMU400CD_200
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("filter", self.filter, tuple(FILTERS)),
-            ("reference", self.reference, references.KINDS),
-            ("measurements", self.measurements, MEASUREMENTS),
-        ):
-            if value not in allowed:
-                raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(allowed)}')
-        if self.seed < 0:
-            raise ValueError(f"`seed` is {self.seed}, negative")
-        if not self.period > 0.0:
-            raise ValueError(f"`period` is {self.period} s, not positive")
-        if not state.SIZE + self.kappa > 0.0:
-            raise ValueError(f"`kappa` is {self.kappa}: 15 + kappa must be positive")
+_CHUNK = 8192
+# a turn between two samples that no filter can make up for
+_MAX_TURN = 1.0
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,78 +46,183 @@ class Estimate:
         s since the first sample.
     belief : Belief
         After the update.
-    innovation : Innovation or None
-        None for the first sample, which only sets the clock.
+    nu : Array
+        Innovation of the nine rows, m, m/s, rad; NaN where a row was not known; shape (9,).
+    nis : float
+        Normalised innovation squared; NaN without an update, as for the first sample, which only sets the clock.
+    dof : int
+        Rows of the update.
     """
 
     index: int
     t: float
     belief: Belief
-    innovation: Innovation | None
+    nu: Array
+    nis: float
+    dof: int
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Moments:
-    """Running mean and covariance of state errors against the reference (Welford)."""
+    """Mean and covariance of state errors against the reference, after convergence; shapes (15,) and (15, 15)."""
 
-    count: int = 0
-    mean: Array = field(default_factory=lambda: np.zeros(state.SIZE))
-    scatter: Array = field(default_factory=lambda: np.zeros((state.SIZE, state.SIZE)))
-
-    def add(self, error: Array) -> None:
-        """Take one error, shape (15,)."""
-        self.count += 1
-        before = error - self.mean
-        self.mean = self.mean + before / self.count
-        self.scatter = self.scatter + np.outer(before, error - self.mean)
+    count: int
+    mean: Array
+    covariance: Array
 
 
 class Estimator:
-    """The filter with its reference and its gauge; fed by `step`, read by everybody.
+    """The filter with its reference and its gauge; fed by `step` or `run`, read by everybody.
 
     Parameters
     ----------
     settings : Settings
         What decides the estimates.
+    every : float
+        Least time between two estimates that `step` and `run` give, s; 0 for each sample, infinity for none.
+
+    Raises
+    ------
+    ValueError
+        If the reference cannot be had: no motion given, or a rate too slow for it.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, every: float = 0.0) -> None:
         self.settings = settings
-        self.filter = FILTERS[settings.filter]
-        self.reference: Reference | None = references.level(settings.site) if settings.reference == "level" else None
+        self.every = every
         self.gauge = Gauge(settings.period)
-        self.latest: Estimate | None = None
-        self.samples = 0
         self.gaps: list[tuple[float, float]] = []
-        self.nis_sum = 0.0
-        self.nis_count = 0
-        self.first_nis: float | None = None
-        self.after_convergence = Moments()
-        self._waiting: list[tuple[float, Array, Array]] = []
-        self._expected: tuple[Array, Array] | None = None
+        self.reference: Reference | None = None
+        self.aligning = _alignment(settings)
+        self._engine: Engine | None = None
+        self._P0_sd = np.zeros(state.SIZE)
+        self._waiting: list[tuple[Array, Array, Array]] = []
+        self._waiting_count = 0
+        self._last_t = -np.inf
+        self._turns = Turns()
+        self._marks: list[tuple[float, str]] = []
+        if self.aligning is None:
+            self._begin(_reference(settings))
+
+    def _begin(self, found: Reference) -> None:
+        self.reference = found
+        # here, since it brings the compiler along, which a command that only reads settings should not wait for
+        from filters.engines import engine_of
+
+        settings = self.settings
+        nav, P0_sd = found.start()
+        self._P0_sd = np.concatenate([P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
+        self._engine = engine_of(settings, found.moving, self.every)
+        self._engine.start(nav, self._P0_sd)
+
+    @property
+    def samples(self) -> int:
+        """Samples that the filter has used."""
+        return int(self._core(layout.CORE_SAMPLES))
+
+    @property
+    def nis_sum(self) -> float:
+        """Sum of NIS over all updates."""
+        return self._core(layout.CORE_NIS_SUM)
+
+    @property
+    def nis_count(self) -> int:
+        """Updates so far."""
+        return int(self._core(layout.CORE_NIS_COUNT))
+
+    @property
+    def first_nis(self) -> float | None:
+        """NIS of the first update."""
+        return self._core(layout.CORE_NIS_FIRST) if self.nis_count else None
+
+    @property
+    def rejected(self) -> int:
+        """Updates left out, because their innovation was beyond the gate."""
+        return int(self._core(layout.CORE_REJECTED))
+
+    def _core(self, index: int) -> float:
+        return float(self._engine.core[index]) if self._engine is not None else 0.0
+
+    @property
+    def latest(self) -> Estimate | None:
+        """What the filter holds now; None before the first sample."""
+        if self._engine is None or not self.samples:
+            return None
+        core = self._engine.core
+        return Estimate(
+            self.samples - 1,
+            float(core[layout.CORE_T]),
+            self._engine.belief(),
+            core[layout.CORE_NU :].copy(),
+            float(core[layout.CORE_NIS_LAST]),
+            int(core[layout.CORE_DOF_LAST]),
+        )
+
+    @property
+    def dof(self) -> float:
+        """Mean number of rows of an update; a whole number where all had the same."""
+        return self._core(layout.CORE_DOF_SUM) / self.nis_count if self.nis_count else 0.0
+
+    @property
+    def after_convergence(self) -> Moments | None:
+        """Errors against the reference since convergence, where the reference is at rest; None before two samples."""
+        if self._engine is None:
+            return None
+        moments = self._engine.moments
+        count = int(moments[layout.MOMENT_COUNT])
+        if count < 2:
+            return None
+        scatter = moments[layout.MOMENT_SCATTER :].reshape(state.SIZE, state.SIZE)
+        mean = moments[layout.MOMENT_MEAN : layout.MOMENT_SCATTER].copy()
+        return Moments(count, mean, scatter / (count - 1))
 
     @property
     def observable(self) -> tuple[bool, ...]:
         """For the six biases (accelerometer then gyro, body axes), whether this reference shows them."""
-        accel = self.reference.observable if self.reference is not None else (True, True, True)
-        return (*accel, True, True, True)
+        if self.reference is None or self._engine is None:
+            return (True,) * 6
+        bias_sd = np.sqrt(np.diag(self._engine.belief().P)[9:])
+        return self.reference.observable(bias_sd, self._P0_sd[9:])
 
     @property
     def converged(self) -> bool:
         """Whether every bias that can be seen has converged."""
         since = self.gauge.convergence().since
-        return all(s is not None for s, seen in zip(since, self.observable, strict=True) if seen)
+        observable = self.observable
+        return any(observable) and all(s is not None for s, seen in zip(since, observable, strict=True) if seen)
+
+    def mark(self, t: float, text: str) -> None:
+        """Take an operator's mark at `t` s since the first sample; a profile aligned by marks needs them."""
+        self._marks.append((t, text))
 
     def alarms(self) -> list[str]:
         """Sentences about data that contradict the model, in body axes; empty when there are none."""
-        convergence = self.gauge.convergence()
-        return [] if convergence.apparent is None else _alarms(convergence, self.settings.spec, self.observable)
+        if self._engine is None or not self.samples:
+            return []
+        out = alarms.of_residuals(self.gauge.convergence(), self.settings.spec, self.observable)
+        first = self.first_nis
+        if first is not None and first > nis_gates()[9] and not any("off the reference" in text for text in out):
+            out.append(
+                f"the first innovation is far outside what the filter expects (NIS {first:.0f}): wrong accelerometer"
+                " sign, mounting or attitude"
+            )
+        if self._core(layout.CORE_OVERRULED):
+            out.append(
+                f"{self.rejected} updates were left out as outliers, until they came too many in a row: the reference"
+                " and the readings do not belong together"
+            )
+        own = self._engine.alarm()
+        return out if own is None else [*out, own]
+
+    def confounded(self) -> list[str]:
+        """Sentences on biases that the motion cannot tell from other effects, body axes; empty for a unit at rest."""
+        return self._turns.confounded()
 
 
 def step(estimator: Estimator, t: float, gyro: Array, accel: Array) -> list[Estimate]:
     """Feed one sample.
 
-    A reference that has to be found first (gravity) holds back the first 10 s, then all of them come at once.
+    A reference that has to be found first holds back the first samples, then all of them come at once.
 
     Parameters
     ----------
@@ -167,110 +236,213 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array) -> list[Esti
     Returns
     -------
     list of Estimate
-        One for each sample used; none while the reference is being found.
+        At most one every `estimator.every` s; none while the reference is being found.
 
     Raises
     ------
     ValueError
-        If `t` does not increase, or the unit is not at rest while its reference is being found.
+        If `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
     DivergenceError
         If the filter broke down; the message names the sample.
     """
-    if estimator.reference is None:
-        estimator._waiting.append((t, gyro, accel))
-        enough = len(estimator._waiting) >= references.ALIGN_SAMPLES and t >= references.ALIGN_SECONDS
-        return finish(estimator) if enough else []
-    return [_advance(estimator, estimator.reference, t, gyro, accel)]
+    return list(run(estimator, np.array([t]), gyro[None], accel[None], last=False))
 
 
-def finish(estimator: Estimator) -> list[Estimate]:
+def run(estimator: Estimator, t: Array, gyro: Array, accel: Array, *, last: bool = True) -> Iterator[Estimate]:
+    """Feed many samples, shapes (N,), (N, 3), (N, 3), and yield estimates; see `step`.
+
+    `last` says that no more will come, so that samples which wait for a reference are used as they are.
+    """
+    for block in rows(estimator, t, gyro, accel, last=last):
+        yield from map(estimate_of, block)
+
+
+def finish(estimator: Estimator) -> Iterator[Estimate]:
     """Use the samples that still wait for a reference, when no more will come; see `step`."""
-    if not estimator._waiting:
-        return []
-    waiting, estimator._waiting = estimator._waiting, []
-    mean_force = np.mean([accel for _, _, accel in waiting], axis=0)
-    reference = references.gravity(estimator.settings.site, mean_force, spkf.P0_ACCEL_BIAS_SD)
-    estimator.reference = reference
-    return [_advance(estimator, reference, *sample) for sample in waiting]
+    for block in _finish(estimator):
+        yield from map(estimate_of, block)
 
 
-def run(estimator: Estimator, samples: Iterable[tuple[float, Array, Array]]) -> Iterator[Estimate]:
-    """Feed samples one after the other and yield every estimate; see `step` for the arguments."""
-    for t, gyro, accel in samples:
-        yield from step(estimator, t, gyro, accel)
-    yield from finish(estimator)
+def rows(estimator: Estimator, t: Array, gyro: Array, accel: Array, *, last: bool = True) -> Iterator[Array]:
+    """As `run`, with estimates as rows of `filters.layout.OUT_*`, some at a time, shape (K, OUT).
+
+    The verdict of `estimator.gauge` is the same for all rows that come at once.
+    """
+    for first in range(0, t.size, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        yield from _take(estimator, t[part], gyro[part], accel[part])
+    if last:
+        yield from _finish(estimator)
 
 
-def _advance(estimator: Estimator, reference: Reference, t: float, gyro: Array, accel: Array) -> Estimate:
-    index, last = estimator.samples, estimator.latest
-    if last is None:
-        estimate = Estimate(index, t, estimator.filter.start(reference), None)
-    else:
-        estimate = _filter(estimator, reference, last, t, gyro, accel)
-    estimator.samples += 1
-    estimator.latest = estimate
-    _judge(estimator, reference, estimate, gyro, accel)
-    return estimate
+def _finish(estimator: Estimator) -> Iterator[Array]:
+    if estimator.aligning is None or not estimator._waiting:
+        return
+    t, gyro, accel = (np.concatenate(arrays) for arrays in zip(*estimator._waiting, strict=True))
+    estimator._waiting.clear()
+    estimator._begin(estimator.aligning.found(t, gyro, accel))
+    estimator.aligning = None
+    yield from _filter(estimator, t, gyro, accel)
 
 
-def _filter(
-    estimator: Estimator, reference: Reference, last: Estimate, t: float, gyro: Array, accel: Array
-) -> Estimate:
-    settings, index = estimator.settings, estimator.samples
-    dt = t - last.t
-    if not dt > 0.0:
-        raise ValueError(f"`t` goes from {last.t} s to {t} s at sample {index}: time must increase")
-    gap = dt > _GAP * settings.period
-    if gap:
-        estimator.gaps.append((last.t, dt))
-    Q_d = estimator.filter.process_noise(settings.spec, dt, dt / settings.period if gap else 1.0)
-    drawn = _draw(settings.seed, index, reference.rows.size) if settings.measurements == "drawn" else None
-    try:
-        belief = estimator.filter.predict(last.belief, gyro, accel, dt, reference.gravity, Q_d, settings.kappa)
-        belief, innovation = estimator.filter.correct(belief, reference, drawn)
-    except spkf.DivergenceError as error:
-        raise spkf.DivergenceError(f"the filter broke down at sample {index}, {t:.3f} s: {error}") from error
-    if not (np.isfinite(innovation.nis) and np.all(np.isfinite(belief.P))):
-        raise spkf.DivergenceError(f"the filter broke down at sample {index}, {t:.3f} s: the state is not finite")
-    estimator.nis_sum += innovation.nis
-    estimator.nis_count += 1
-    if estimator.first_nis is None:
-        estimator.first_nis = innovation.nis
-    return Estimate(index, t, belief, innovation)
+def _take(estimator: Estimator, t: Array, gyro: Array, accel: Array) -> Iterator[Array]:
+    _check_steps(estimator, t, gyro)
+    if estimator.aligning is None:
+        yield from _filter(estimator, t, gyro, accel)
+        return
+    aligning, before = estimator.aligning, estimator._waiting_count
+    enough = next((k for k in range(t.size) if aligning.enough(float(t[k]), before + k + 1)), None)
+    cut = t.size if enough is None else enough + 1
+    estimator._waiting.append((t[:cut], gyro[:cut], accel[:cut]))
+    estimator._waiting_count += cut
+    if enough is not None:
+        yield from _finish(estimator)
+        yield from _filter(estimator, t[cut:], gyro[cut:], accel[cut:])
 
 
-def _judge(estimator: Estimator, reference: Reference, estimate: Estimate, gyro: Array, accel: Array) -> None:
-    if estimator._expected is None:
-        estimator._expected = reference.rates_and_forces()
-    rate, force = estimator._expected
-    nav, P = estimate.belief.nav, estimate.belief.P
-    bias = np.concatenate([nav.accel_bias, nav.gyro_bias])
-    residual = np.concatenate([accel - force, gyro - rate])
-    estimator.gauge.add(estimate.t, residual, bias, np.sqrt(np.diag(P)[9:]))
-    if estimator.converged:
-        estimator.after_convergence.add(nav.minus(reference.nav))
-
-
-def _draw(seed: int, index: int, size: int) -> Array:
-    """Standard normal draws that depend on seed and sample number alone, shape (size,)."""
-    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, index])).standard_normal(size)
-
-
-def _alarms(convergence: Convergence, spec: ImuSpec, observable: tuple[bool, ...]) -> list[str]:
-    apparent = convergence.apparent
-    assert apparent is not None
-    out = []
-    if np.any(np.abs(apparent[:3]) > 0.5 * STANDARD_GRAVITY):
-        size = float(np.max(np.abs(apparent[:3]))) / STANDARD_GRAVITY
-        out.append(
-            f"accelerometers are off the reference by {size:.2f} g: wrong accelerometer sign, mounting or attitude"
+def _check_steps(estimator: Estimator, t: Array, gyro: Array) -> None:
+    """Refuse what no filter can use, and note the gaps."""
+    period = estimator.settings.period
+    before = np.concatenate([[estimator._last_t], t[:-1]])
+    steps = t - before
+    seen = estimator._waiting_count + estimator.samples
+    if not np.all(steps > 0.0):
+        k = int(np.argmax(~(steps > 0.0)))
+        raise ValueError(f"`t` goes from {before[k]} s to {t[k]} s at sample {seen + k}: time must increase")
+    gaps = (steps > _GAP * period) & np.isfinite(steps)
+    estimator.gaps += [(float(before[k]), float(steps[k])) for k in np.flatnonzero(gaps)]
+    turned = np.sqrt(np.sum(gyro**2, axis=1)) * np.where(gaps | ~np.isfinite(steps), 0.0, steps)
+    if np.any(turned > _MAX_TURN):
+        k = int(np.argmax(turned > _MAX_TURN))
+        raise ValueError(
+            f"the unit turns {np.rad2deg(turned[k]):.0f} deg between two samples at {t[k]:.3f} s (rate"
+            f" {1.0 / period:g} Hz): nothing is known of the rate in between. Record rotation at 10 Hz or more"
         )
-    limits = np.array([spec.accel_bias_limit] * 3 + [spec.gyro_bias_limit] * 3)
-    names = ("x accel", "y accel", "z accel", "x gyro", "y gyro", "z gyro")
-    for i in np.flatnonzero(np.abs(apparent) > _ALARM_FACTOR * limits):
-        if observable[i] and abs(apparent[i]) < 0.5 * STANDARD_GRAVITY:
-            out.append(
-                f"{names[i]} (body axes) is off by {abs(apparent[i]) / limits[i]:.1f} times the bias limit of Table 1:"
-                " tilt, scale, a moving table, or a faulty sensor"
-            )
-    return out
+    if t.size:
+        estimator._last_t = float(t[-1])
+
+
+def _filter(estimator: Estimator, t: Array, gyro: Array, accel: Array) -> Iterator[Array]:
+    """Feed samples to the engine, stopping where a block of the gauge ends or a row has to be completed."""
+    found, engine = estimator.reference, estimator._engine
+    assert found is not None
+    assert engine is not None
+    if not t.size:
+        return
+    feed = _feed(estimator, found, t, gyro, accel)
+    partial = found.partial if isinstance(found, reference.Path) else {}
+    incomplete = [k for k in range(t.size) if float(t[k]) in partial] if partial else []
+    gauge, k = estimator.gauge, 0
+    while k < t.size:
+        if not estimator.samples:
+            gauge.begin(float(t[k]))
+        if t[k] >= gauge.end - _SAME:
+            _close_block(estimator, float(t[k]))
+        if incomplete and incomplete[0] == k:
+            assert isinstance(found, reference.Path)
+            found.complete(feed.known[incomplete.pop(0)], float(t[k]), engine.belief().nav.C_nb)
+        stop = min(gauge.end - _SAME, float(t[incomplete[0]]) if incomplete else np.inf)
+        try:
+            k, count = engine.advance(feed, k, stop)
+        except DivergenceError as error:
+            at = estimator.samples
+            raise DivergenceError(
+                f"the filter broke down at sample {at}, {t[min(k, t.size - 1)]:.3f} s: {error}"
+            ) from error
+        if count:
+            yield engine.out[:count].copy()
+
+
+def _feed(estimator: Estimator, found: Reference, t: Array, gyro: Array, accel: Array) -> "Feed":
+    from filters.engines import Feed, draws
+
+    settings = estimator.settings
+    before = float(estimator._core(layout.CORE_T)) if estimator.samples else -np.inf
+    if isinstance(found, TableMotion) and estimator._marks:
+        known = _known_between_marks(estimator, found, t, before, gyro)
+    else:
+        known = found.known(t, before, gyro)
+    if found.moving:
+        estimator._turns.add(known[:, reference.RATE])
+    drawn = draws(settings.seed, estimator.samples, t.size) if settings.measurements == "drawn" else np.empty((0, 9))
+    contiguous = [np.ascontiguousarray(a, dtype=np.float64) for a in (t, gyro, accel, known)]
+    return Feed(contiguous[0], contiguous[1], contiguous[2], contiguous[3], drawn)
+
+
+def _known_between_marks(estimator: Estimator, found: TableMotion, t: Array, before: float, gyro: Array) -> Array:
+    """Rows of samples with marks among them: a mark counts from the first sample that is not before it."""
+    parts, first = [], 0
+    while first < t.size:
+        while estimator._marks and estimator._marks[0][0] <= t[first]:
+            found.mark(*estimator._marks.pop(0))
+        until = estimator._marks[0][0] if estimator._marks else np.inf
+        last = first + int(np.searchsorted(t[first:], until, side="left"))
+        parts.append(found.known(t[first:last], before, gyro[first:last]))
+        before, first = float(t[last - 1]), last
+    return np.concatenate(parts)
+
+
+def _close_block(estimator: Estimator, t: float) -> None:
+    engine, gauge = estimator._engine, estimator.gauge
+    assert engine is not None
+    sums = engine.sums
+    with np.errstate(invalid="ignore"):
+        residual = sums[layout.SUM_RESIDUAL : layout.SUM_BIAS] / sums[layout.SUM_RESIDUALS]
+    mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]
+    belief = engine.belief()
+    bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
+    gauge.close(t, residual, mean_bias, bias, np.sqrt(np.diag(belief.P)[9:]))
+    sums[:] = 0.0
+    still = estimator.reference is not None and not estimator.reference.moving
+    engine.core[layout.CORE_SPREAD] = float(still and estimator.converged)
+
+
+def estimate_of(row: Array) -> Estimate:
+    """Estimate of a row of `rows`."""
+    from filters.engines import covariance_of, nav_of
+
+    return Estimate(
+        int(row[layout.OUT_INDEX]),
+        float(row[layout.OUT_T]),
+        Belief(nav_of(row[layout.OUT_NAV : layout.OUT_NIS]), covariance_of(row[layout.OUT_P :])),
+        row[layout.OUT_NU : layout.OUT_P].copy(),
+        float(row[layout.OUT_NIS]),
+        int(row[layout.OUT_DOF]),
+    )
+
+
+def warm_up() -> None:
+    """Load or compile the filter's step, which takes some seconds the first time on a machine."""
+    from filters.engines import compile_all
+
+    compile_all()
+
+
+def _alignment(settings: Settings) -> alignment.Alignment | None:
+    if settings.reference == "gravity":
+        return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD)
+    if settings.reference == "trajectory":
+        if not isinstance(settings.motion, Trajectory):
+            raise ValueError('`motion` is missing: the reference "trajectory" needs one')
+        return alignment.InMotion(settings.motion, settings.site, P0_ACCEL_BIAS_SD)
+    return None
+
+
+def _reference(settings: Settings) -> Reference:
+    if settings.reference == "level":
+        return reference.level(settings.site)
+    profile = settings.motion
+    if not isinstance(profile, Profile):
+        raise ValueError('`motion` is missing: the reference "profile" needs one')
+    if profile.align == "gyro" and settings.offset_sd is None:
+        raise ValueError(
+            '`align` is "gyro": the profile is found in the whole log, so it cannot be used live. Record, then replay;'
+            ' or align by "marks"'
+        )
+    if profile.max_rate * settings.period > _MAX_TURN:
+        raise ValueError(
+            f"`profile` turns at up to {np.rad2deg(profile.max_rate):.0f} deg/s, which is"
+            f" {np.rad2deg(profile.max_rate * settings.period):.0f} deg between two samples at"
+            f" {1.0 / settings.period:g} Hz: nothing is known of the rate in between. Sample faster, or turn slower"
+        )
+    return TableMotion(profile, settings.site, settings.spec, settings.period, settings.offset, settings.offset_sd)

@@ -2,27 +2,22 @@
 
 Written to be read, in numpy: all 31 sigma points go through `strapdown.propagate` in one array. The errors live in the
 tangent space of the state (metres, m/s, rotation vector in n, biases), so that neither latitude's nor attitude's size
-matters and no attitude is special.
+matters and no attitude is special. What runs is `kernels`, the same step compiled; a test holds the two together.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from filters import state, strapdown
-from filters.imu import ImuSpec
-from filters.reference import Reference
+from filters.imu import Noise
 from filters.state import NavState
 from filters.types import Array
 
 PAPER_KAPPA = -12.0
 """κ with n + κ = 3, as the paper suggests; the centre weight is then -4 and P can lose definiteness without updates."""
-
-P0_ACCEL_BIAS_SD = 18e-3 * 9.80665
-"""m/s²; 1.5 times Table 1."""
-P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0
-"""rad/s; 1.5 times Table 1."""
 
 
 class DivergenceError(ArithmeticError):
@@ -57,27 +52,36 @@ class Innovation:
         Its covariance H P Hᵀ + R, shape (m, m).
     nis : float
         νᵀ S⁻¹ ν; chi-square with m degrees of freedom if ν is a draw from S.
+    accepted : bool
+        Whether it passed the gate; if not, the update was left out.
     """
 
     nu: Array
     S: Array
     nis: float
+    accepted: bool = True
 
 
-def start(reference: Reference) -> Belief:
-    """Belief before the first sample: the reference itself, no biases, P0 of the paper's noise set.
+def start(nav: NavState, P0_sd: Array) -> Belief:
+    """Belief before the first sample.
 
     Parameters
     ----------
-    reference : Reference
-        What is known.
+    nav : NavState
+        What is known, or found by alignment.
+    P0_sd : Array
+        Standard deviations of its errors, shape (15,).
 
     Returns
     -------
     Belief
     """
-    sd = np.concatenate([reference.P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
-    return Belief(reference.nav, np.diag(sd**2))
+    return Belief(nav, np.diag(P0_sd**2))
+
+
+def common(belief: Belief) -> Belief:
+    """Belief in the errors of `filters.state`: this filter's own."""
+    return belief
 
 
 def predict(
@@ -93,13 +97,14 @@ def predict(
     belief : Belief
         At the start of the step.
     gyro, accel : Array
-        The sample held over the step, rad/s and m/s², body, shape (3,).
+        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
+        over the step, shape (3,).
     dt : float
         s, positive.
     gravity : float
         Local gravity, m/s².
     Q_d : Array
-        Diagonal of the discrete process noise, shape (15,).
+        Discrete process noise, shape (15, 15).
     kappa : float
         κ of (11); n + κ must be positive. 0 keeps every weight non-negative.
 
@@ -138,46 +143,66 @@ def predict(
     errors = points.minus(centre)
     mean = weights @ errors
     spread = errors - mean
-    P = (weights * spread.T) @ spread + np.diag(Q_d)
+    P = (weights * spread.T) @ spread + Q_d
     return Belief(centre.plus(mean), P)
 
 
-def process_noise(spec: ImuSpec, dt: float, held: float = 1.0) -> Array:
-    """Diagonal of Q_d: white noise of Table 1 times dt on velocity and attitude, no bias walk.
+def process_noise(noise: Noise, C_nb: Array, dt: float, held: float = 1.0, turned: float = 0.0) -> Array:
+    """Q_d = G Q Gᵀ dt: white noise on velocity and attitude, turned into n, and the walk of the biases.
 
     Parameters
     ----------
-    spec : ImuSpec
-        Noise densities.
+    noise : Noise
+        Densities, body axes. The paper's set has no bias walk.
+    C_nb : Array
+        Attitude, shape (3, 3).
     dt : float
         s.
     held : float
         How many sample periods one sample stands for. Across a gap it stands for many, and its noise, held,
         adds up coherently: the variance grows with dt times this number.
+    turned : float
+        Angle that the unit may have turned unseen, in a gap, rad.
 
     Returns
     -------
     Array
-        Shape (15,).
+        Shape (15, 15).
     """
-    Q_d = np.zeros(state.SIZE)
-    Q_d[state.VELOCITY] = spec.accel_vrw**2 * dt * held
-    Q_d[state.ATTITUDE] = spec.gyro_arw**2 * dt * held
+    Q_d = np.zeros((state.SIZE, state.SIZE))
+    Q_d[state.VELOCITY, state.VELOCITY] = (C_nb * np.square(noise.accel_vrw) * dt * held) @ C_nb.T
+    Q_d[state.ATTITUDE, state.ATTITUDE] = (C_nb * np.square(noise.gyro_arw) * dt * held) @ C_nb.T
+    Q_d[state.ATTITUDE, state.ATTITUDE] += np.eye(3) * turned**2
+    np.fill_diagonal(Q_d[state.ACCEL_BIAS, state.ACCEL_BIAS], np.square(noise.accel_walk) * dt)
+    np.fill_diagonal(Q_d[state.GYRO_BIAS, state.GYRO_BIAS], np.square(noise.gyro_walk) * dt)
     return Q_d
 
 
-def correct(belief: Belief, reference: Reference, drawn: Array | None = None) -> tuple[Belief, Innovation]:
+def correct(
+    belief: Belief,
+    known: NavState,
+    rows: NDArray[np.int_],
+    R_sd: Array,
+    drawn: Array | None = None,
+    gate: float = np.inf,
+) -> tuple[Belief, Innovation]:
     """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
 
     Parameters
     ----------
     belief : Belief
         Predicted.
-    reference : Reference
-        The known navigation state, its rows and R.
+    known : NavState
+        The reference.
+    rows : integer array
+        Indices of the error states that are known, shape (m,).
+    R_sd : Array
+        Standard deviations of those rows, m, m/s, rad about n, shape (m,).
     drawn : Array or None
         A draw from N(0, I), shape (m,): the pseudo-measurement is then the reference plus noise of covariance R, and
         NIS is a test. None feeds the reference exact.
+    gate : float
+        NIS above which the update is left out.
 
     Returns
     -------
@@ -191,11 +216,10 @@ def correct(belief: Belief, reference: Reference, drawn: Array | None = None) ->
     DivergenceError
         If S has no Cholesky factor.
     """
-    rows = reference.rows
-    nu = reference.nav.minus(belief.nav)[rows]
+    nu = known.minus(belief.nav)[rows]
     if drawn is not None:
-        nu = nu + reference.R_sd * drawn
-    R = np.diag(reference.R_sd**2)
+        nu = nu + R_sd * drawn
+    R = np.diag(R_sd**2)
     PHt = belief.P[:, rows]
     S = PHt[rows] + R
     L = _cholesky(S, "innovation covariance")
@@ -203,9 +227,11 @@ def correct(belief: Belief, reference: Reference, drawn: Array | None = None) ->
     whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
     K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
     nis = float(whitened[:, -1] @ whitened[:, -1])
+    if nis > gate:
+        return belief, Innovation(nu, S, nis, accepted=False)
     A = np.eye(state.SIZE)
     A[:, rows] -= K
-    P = A @ belief.P @ A.T + (K * reference.R_sd**2) @ K.T
+    P = A @ belief.P @ A.T + (K * R_sd**2) @ K.T
     return Belief(belief.nav.plus(K @ nu), 0.5 * (P + P.T)), Innovation(nu, S, nis)
 
 

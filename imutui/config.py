@@ -38,6 +38,7 @@ DEFAULTS: dict[str, Value] = {
     "filter.measurements": "exact",
     "filter.seed": 0,
     "filter.kappa": 0.0,
+    "filter.noise": "table1",
 }
 
 

@@ -17,6 +17,7 @@ FLOORS = {
     "imutui.jobs": {"filters", "imutui.logbook"},
     "imutui.tui": {"imutui.session.client", "imutui.session.plan", "imutui.jobs"},
     "imutui.config": {"filters"},
+    "imutui.scenario": {"filters", "imutui.logbook.motions"},
     "imutui.cli": {"filters", "imutui"},
 }
 

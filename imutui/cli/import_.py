@@ -3,27 +3,22 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from imutui.cli.options import (
-    AccelSign,
-    End,
-    Force,
-    Gravity,
-    GyroSign,
-    Mount,
-    Reference,
-    SiteText,
-    Start,
-    parse_site,
-)
+from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Mount, SiteText, Start, parse_site
+
+if TYPE_CHECKING:
+    from imutui.logbook.importer import Recording
+    from imutui.logbook.motions import ReferenceFile
+    from imutui.logbook.session import SessionInfo
 
 
 def command(
     file: Annotated[
-        Path, typer.Argument(help="NPZ or CSV: t in s, gyro in deg/s, accel in g, optionally temp in degC.")
+        Path,
+        typer.Argument(help="NPZ or CSV: t in s, gyro in deg/s, accel in g; perhaps temp, ang, rate, ref_quat, gps_…"),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Log to write.")],
     accel_sign: AccelSign = None,
@@ -31,7 +26,18 @@ def command(
     gyro_sign: GyroSign = None,
     site: SiteText = None,
     gravity: Gravity = None,
-    reference: Reference = None,
+    reference: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--reference",
+            metavar="level|gravity|trajectory|FILE",
+            help="What is known of the motion: trajectory is what the recording's own arrays say (the default where it"
+            " has some); FILE is a trajectory (CSV) or a table profile (TOML), and goes into the log.",
+        ),
+    ] = None,
+    stamps: Annotated[
+        str, typer.Option("--stamps", metavar="sampling|arrival", help="What t is; arrival: fit the instants under it.")
+    ] = "sampling",
     start: Start = None,
     end: End = None,
     instrument: Annotated[str, typer.Option("--instrument", help="What made the recording.")] = "",
@@ -42,26 +48,31 @@ def command(
 ) -> None:
     """Make a log of a recording made elsewhere.
 
-    A CSV has columns t, gyro_x, gyro_y, gyro_z, accel_x, accel_y, accel_z and perhaps temp.
+    A CSV has columns t, gyro_x, gyro_y, gyro_z, accel_x, accel_y, accel_z and perhaps temp, ang_x, … ref_quat_w, ….
 
     Example: imutui import still.npz -o still.mcap --accel-sign +1 --reference gravity
     """
     from imutui import config
     from imutui.cli.outcome import USAGE, fail, refuse_existing, say
     from imutui.cli.session_options import session_from
-    from imutui.logbook import importer
+    from imutui.logbook import importer, known
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
+    if stamps not in ("sampling", "arrival"):
+        raise fail(USAGE, f'--stamps is "{stamps}", not sampling or arrival.')
+    if reference == "profile":
+        raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     if output.exists() and file.exists() and output.samefile(file):
         raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
     refuse_existing(output, force)
+    beside = known.from_file(Path(reference)) if reference is not None and _is_file(reference) else None
     flags = {
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,
         "instrument.gyro_sign": gyro_sign,
         "site.gravity_mps2": gravity,
-        "filter.reference": reference,
+        "filter.reference": reference if beside is None else beside.kind,
     }
     info = session_from(config.load().with_flags(flags), parse_site(site))
     info = replace(info, instrument=instrument or "unknown", kind=kind)
@@ -69,14 +80,56 @@ def command(
     info.axes()
     info.settings()
     recording = importer.load(file, start, end)
-    if recording.not_imported:
-        say(f"imutui: not imported from {file}: {', '.join(recording.not_imported)}")
-    warning = importer.check_gravity(recording, info)
-    if warning is not None:
-        say(f"imutui: warning: {warning}")
-    importer.write(recording, info, file, output, overwrite=force)
+    attachment, unused = _reference(file, recording, info, reference, beside)
+    if attachment is not None:
+        info = replace(info, reference=attachment.kind)
+    if left := sorted({*recording.not_imported, *unused}):
+        say(f"imutui: not imported from {file}: {', '.join(left)}")
+    for warning in (_bursts(recording, stamps), importer.check_gravity(recording, info)):
+        if warning:
+            say(f"imutui: warning: {warning}")
+    if stamps == "arrival":
+        recording, fitted = importer.at_sampling_instants(recording)
+        say(
+            f"imutui: sampling instants fitted under {file}'s arrivals in {fitted.pieces} piece(s); they are late by"
+            f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most"
+        )
+    importer.write(recording, info, file, output, overwrite=force, reference=attachment)
     duration = recording.t[-1] - recording.t[0]
     print(
         f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}",
         file=sys.stderr,
+    )
+
+
+def _is_file(reference: str) -> bool:
+    return Path(reference).suffix.lower() in (".csv", ".toml")
+
+
+def _reference(
+    file: Path, recording: "Recording", info: "SessionInfo", asked: str | None, beside: "ReferenceFile | None"
+) -> "tuple[ReferenceFile | None, set[str]]":
+    """What goes into the log as its reference, and the names of arrays that then don't."""
+    from imutui.logbook import importer, known
+
+    if beside is not None or asked not in (None, "trajectory"):
+        return beside, set(recording.known)
+    made = known.from_arrays(recording.t, recording.known, info.axes().mount)
+    if made is None and asked == "trajectory":
+        raise importer.ImportDataError(
+            f"{file} says nothing of the motion: --reference trajectory needs one of ang, ref_quat, gps_pos,"
+            " gps_vel_ned with values in it, or name a trajectory's file: --reference FILE.csv."
+        )
+    if made is None:
+        return None, set(recording.known)
+    # a table's own angles say more than a quaternion beside them, and both at once could contradict each other
+    return made, {"ref_quat"} & set(recording.known) if "ang" in recording.known else set()
+
+
+def _bursts(recording: "Recording", stamps: str) -> str:
+    from imutui.logbook.stamps import bursts
+
+    figures = bursts(recording.t) if stamps == "sampling" else ""
+    return figures and (
+        f"stamps look like arrival times in bursts: {figures}; --stamps arrival rebuilds sampling instants"
     )

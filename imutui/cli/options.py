@@ -1,9 +1,12 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
+
+if TYPE_CHECKING:
+    from imutui.logbook.motions import ReferenceFile
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
@@ -11,7 +14,9 @@ Name = Annotated[Optional[str], typer.Option("--name", help="Name of the acquisi
 Reference = Annotated[
     Optional[str],  # noqa: UP045
     typer.Option(
-        "--reference", metavar="level|gravity", help="What is known of attitude: level on north-east-down, or still."
+        "--reference",
+        metavar="level|gravity|FILE",
+        help="What is known of the motion: level on north-east-down, still, or a file: table profile, trajectory.",
     ),
 ]
 AccelSign = Annotated[
@@ -40,6 +45,16 @@ Rate = Annotated[Optional[float], typer.Option("--rate", metavar="HZ", help="Out
 Start = Annotated[Optional[float], typer.Option("--start", metavar="S", help="First second to take.")]  # noqa: UP045
 End = Annotated[Optional[float], typer.Option("--end", metavar="S", help="Last second to take.")]  # noqa: UP045
 Output = Annotated[Optional[Path], typer.Option("-o", "--output", help="File to write.")]  # noqa: UP045
+
+
+def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":
+    """File that --reference names, if it names one, and the reference's kind."""
+    if text is None or Path(text).suffix.lower() not in (".csv", ".toml"):
+        return None, text
+    from imutui.logbook import known
+
+    file = known.from_file(Path(text))
+    return file, file.kind
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:

@@ -53,12 +53,13 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(FINE) from None
         except Exception as error:  # noqa: BLE001 - the last resort: words instead of a traceback
-            raise fail(*_code_and_words(error)) from None
+            raise fail(*in_words(error)) from None
 
     return wrapped
 
 
-def _code_and_words(error: Exception) -> tuple[int, str]:
+def in_words(error: Exception) -> tuple[int, str]:
+    """Exit code of an error, and what to tell the user."""
     from filters.spkf import DivergenceError
     from imutui.config import ConfigError
     from imutui.logbook.importer import ImportDataError

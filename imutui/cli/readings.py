@@ -1,33 +1,57 @@
-"""Readings for the virtual instrument: a simulated still unit, or a recording brought to the unit's rate."""
+"""Readings for the virtual instrument: a simulated unit, or a recording brought to the unit's rate."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from filters.imu import AxisMap
-from filters.simulation import StillUnit
-from imutui.instrument.virtual import Reading, Source
+from filters.imu import STANDARD_GRAVITY
+from filters.simulation import LOOP_HZ, Scenario, Unit
+from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source
 
-LOOP_HZ = 400.0 / 3.0
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
 PLAYED = "IMU400CD-200 VIRTUAL REC"
 
+# fates of readings are asked for while their packets are on the line: a few readings later at the slowest speed
+_REMEMBERED = 256
+
 
 class SimulatedReadings:
-    """A still, level unit with biases and noise of Table 1."""
+    """A unit at one of the power-ons of a scenario.
 
-    def __init__(self, seed: int) -> None:
-        self.unit = StillUnit(seed, LOOP_HZ)
-        self._axes = AxisMap()
+    Parameters
+    ----------
+    scenario : Scenario
+        Without anything in it: still, level, biases and noise of Table 1.
+    power_on : int
+        Which, from 0.
+    """
+
+    def __init__(self, scenario: Scenario, power_on: int = 0) -> None:
+        self.unit = Unit(scenario, power_on)
+        self._fates: dict[int, tuple[bool, float]] = {}
 
     def reading(self, k: int) -> Reading:
         """Reading k of the unit's loop, instrument axes."""
-        from filters.imu import STANDARD_GRAVITY
-
+        axes = self.unit.scenario.axes
         rate, force = self.unit.reading(k)
-        dps = np.rad2deg(self._axes.gyro_to_instrument(rate))
-        g = self._axes.accel_to_instrument(force) / STANDARD_GRAVITY
+        self._fates[k] = self.unit.lost(k), self.unit.late(k)
+        if len(self._fates) > _REMEMBERED:
+            del self._fates[next(iter(self._fates))]
+        dps = np.rad2deg(axes.gyro_to_instrument(rate))
+        g = axes.accel_to_instrument(force) / STANDARD_GRAVITY
         return Reading(tuple(dps), tuple(g), self.unit.temperature_degc(k))
+
+    def line(self) -> FaultyLine | None:
+        """What its scenario does to bytes on the wire; None where that is nothing."""
+        scenario = self.unit.scenario
+        faults = [LineFault(fault.at, fault.kind, fault.count, fault.seconds) for fault in scenario.faults]
+        lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
+        return FaultyLine(faults, self._fate if lossy else None, scenario.seed) if faults or lossy else None
+
+    def _fate(self, t: float) -> tuple[bool, float]:
+        return self._fates.get(math.floor(t * LOOP_HZ + 1e-6), (False, 0.0))
 
 
 class PlayedReadings:
@@ -64,10 +88,16 @@ class PlayedReadings:
         return Reading((v[0], v[1], v[2]), (v[3], v[4], v[5]), float(v[6]))
 
 
-def source_of(recording: Path | None, seed: int) -> tuple[Source, str]:
-    """Source of readings, and the version text under which the unit shows them."""
-    if recording is None:
-        return SimulatedReadings(seed), SIMULATED
+def simulated(scenario: Path | None, power_on: int, seed: int | None) -> SimulatedReadings:
+    """Readings of a scenario's file, or of a plain unit without one; a seed that is given wins over the file's."""
+    from imutui.scenario import load_scenario
+
+    what = Scenario() if scenario is None else load_scenario(scenario)
+    return SimulatedReadings(what if seed is None else replace(what, seed=seed), power_on)
+
+
+def played(recording: Path) -> tuple[Source, str]:
+    """Source of a recording's readings, and the version text under which the unit shows them."""
     if recording.suffix.lower() == ".mcap":
         return _from_log(recording)
     from imutui.logbook import importer

@@ -18,6 +18,7 @@ from imutui.cli.options import (
     Reference,
     SiteText,
     parse_site,
+    reference_of,
 )
 
 
@@ -34,7 +35,9 @@ def command(
     ] = None,
     baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
     duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="End after so much data.")] = None,
-    filter_name: Annotated[Optional[str], typer.Option("--filter", metavar="spkf|none", help="Filter to run.")] = None,  # noqa: UP045
+    filter_name: Annotated[
+        str | None, typer.Option("--filter", metavar="spkf|spkf-paper|ekf|none", help="Filter to run.")
+    ] = None,
     reference: Reference = None,
     note: Annotated[str, typer.Option("--note", help="Goes into the file and its name.")] = "",
     name: Name = None,
@@ -61,12 +64,13 @@ def command(
 
     if output is not None:
         refuse_existing(output, force)
+    file, kind = reference_of(reference)
     flags = {
         "acquisition.rate_hz": rate,
         "acquisition.sampling": sampling,
         "acquisition.baud": baud,
         "filter.name": filter_name,
-        "filter.reference": reference,
+        "filter.reference": kind,
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,
         "instrument.gyro_sign": gyro_sign,
@@ -82,5 +86,6 @@ def command(
         name=name or "default",
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
+        reference_file=("", "") if file is None else (file.name, file.content.decode("utf-8-sig")),
     )
     follow(plan, json=json)

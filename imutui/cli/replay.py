@@ -1,20 +1,27 @@
 """`imutui replay`."""
 
+import math
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
-from imutui.cli.options import End, Force, Json, Output, Reference, Start
+from imutui.cli.options import End, Force, Json, Output, Reference, Start, reference_of
 
 
 def command(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")],
-    filter_name: Annotated[Optional[str], typer.Option("--filter", metavar="spkf", help="Filter.")] = None,  # noqa: UP045
+    filter_name: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter."),
+    ] = None,
     reference: Reference = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12.")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
     ] = None,
     start: Start = None,
     end: End = None,
@@ -22,16 +29,19 @@ def command(
         float | None, typer.Option("--speed", metavar="X", help="Times real time; as fast as it goes unless given.")
     ] = None,
     output: Output = None,
+    estimates: Annotated[
+        float, typer.Option("--estimates", metavar="HZ", help="Estimates a second in the output; 0 for all.")
+    ] = 10.0,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Run the filter over logs, headless, with the same steps as live.
 
-    An unfinished log is read to its last flush (exit code 1).
+    Several logs are run side by side. An unfinished log is read to its last flush (exit code 1).
 
     Example: imutui replay logs/*.mcap --json
     """
-    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing
+    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.cli.tables import print_result
     from imutui.jobs.replay import Options
     from imutui.logbook.results import dumps
@@ -44,27 +54,70 @@ def command(
         refuse_existing(output, force)
     if speed is not None and not speed > 0.0:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
-    options = Options(start, end, _overrides(filter_name, reference, set_ or []), speed, output, force)
-    documents = [_one(log, options) for log in logs]
-    if json:
-        print(dumps(documents if len(documents) > 1 else documents[0]))
-    else:
+    if not 0.0 <= estimates < math.inf:
+        raise fail(USAGE, f"--estimates is {estimates:g}; it must be 0 (all) or more a second.")
+    file, name = reference_of(reference)
+    overrides = _overrides(filter_name, name, set_ or [])
+    options = Options(start, end, overrides, file, speed, output, estimates, force)
+    documents, code = [], FINE
+    for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
+        if isinstance(outcome, dict):
+            documents.append(outcome)
+            _tell(log, outcome)
+            fine = outcome["converged"] and outcome["finished"] and "damage" not in outcome
+            code = max(code, FINE if fine else FINDINGS)
+        else:
+            say(f"imutui: {outcome[1]}")
+            code = max(code, outcome[0])
+    if json and (documents or len(logs) > 1):
+        print(dumps(documents if len(logs) > 1 else documents[0]))
+    elif not json:
         for document in documents:
             print_result(document)
-    fine = all(d["converged"] and d["finished"] and "damage" not in d for d in documents)
-    raise typer.Exit(FINE if fine else FINDINGS)
+    raise typer.Exit(code)
 
 
-def _one(log: Path, options: Any) -> dict[str, Any]:
-    from imutui.cli.outcome import say
+def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
+    """Result of each log in order, or its exit code and what went wrong: one log's trouble is not the others'."""
+    if len(logs) == 1:
+        yield _one(logs[0], options, _progress(logs[0]))
+        return
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    from filters import runner
+
+    runner.warm_up()  # once, or each process would compile the step for itself
+    workers = min(len(logs), os.cpu_count() or 1)
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        jobs = [pool.submit(_one, log, options) for log in logs]
+        for number, job in enumerate(jobs):
+            if sys.stderr.isatty():
+                print(f"\r\x1b[K{number} of {len(logs)} logs", end="", file=sys.stderr, flush=True)
+            yield job.result()
+    if sys.stderr.isatty():
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _one(log: Path, options: Any, progress: Any = None) -> Any:
+    from imutui.cli.outcome import in_words
     from imutui.jobs.replay import replay
 
-    document = replay(log, options, _progress(log))
+    try:
+        return replay(log, options, progress or (lambda share: None))
+    except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
+        return in_words(error)
+
+
+def _tell(log: Path, document: dict[str, Any]) -> None:
+    from imutui.cli.outcome import say
+
     if "damage" in document:
         say(f"imutui: {log}: {document['damage']}. Read up to {document['duration_s']:.1f} s; all before that is used.")
     for alarm in document["alarms"]:
         say(f"imutui: alarm: {alarm}")
-    return document
+    for sentence in document["confounded"]:
+        say(f"imutui: cannot be told apart: {sentence}")
 
 
 def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> dict[str, Any]:
@@ -76,6 +129,7 @@ def _overrides(filter_name: str | None, reference: str | None, pairs: list[str])
         "filter.measurements": "measurements",
         "filter.seed": "seed",
         "filter.kappa": "kappa",
+        "filter.noise": "noise",
         "site.gravity_mps2": "gravity_mps2",
     }
     values = parse_pairs(pairs)

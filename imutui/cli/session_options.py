@@ -6,6 +6,7 @@ from typing import Any
 from imutui.cli.outcome import say
 from imutui.config import Config
 from imutui.logbook.session import SessionInfo
+from imutui.session.info import check_live, motion_of
 from imutui.session.plan import Plan
 
 
@@ -38,6 +39,7 @@ def session_from(config: Config, site: tuple[float, float, float] | None) -> Ses
         measurements=config.text("filter.measurements"),
         seed=config.integer("filter.seed"),
         kappa=config.number("filter.kappa"),
+        noise=config.text("filter.noise"),
     )
 
 
@@ -68,6 +70,7 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         measurements=config.text("filter.measurements"),
         seed=config.integer("filter.seed"),
         kappa=config.number("filter.kappa"),
+        noise=config.text("filter.noise"),
         **fields,
     )
     for warning in config.warnings:
@@ -82,8 +85,9 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         measurements=plan.measurements,
         seed=plan.seed,
         kappa=plan.kappa,
+        noise=plan.noise,
         gravity_mps2=plan.gravity if plan.gravity is not None else SessionInfo().gravity_mps2,
     )
     probe.axes()
-    probe.settings()
+    check_live(probe, motion_of(plan))
     return plan

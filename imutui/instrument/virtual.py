@@ -27,9 +27,21 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
+from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.unit import LOOP_HZ, Reading, Source, UnitOptions, VirtualUnit, same_speed, transfer_s
 
-__all__ = ["LOOP_HZ", "Reading", "Source", "UnitOptions", "VirtualUnit", "in_words", "serve", "transfer_s"]
+__all__ = [
+    "LOOP_HZ",
+    "FaultyLine",
+    "LineFault",
+    "Reading",
+    "Source",
+    "UnitOptions",
+    "VirtualUnit",
+    "in_words",
+    "serve",
+    "transfer_s",
+]
 
 # How late, in wall time, bytes may still leave when the process was held up; what is older is lost.
 _BACKLOG_S = 1.0
@@ -121,6 +133,7 @@ def serve(
     speed: float = 1.0,
     while_stdin: bool = False,
     stop: threading.Event | None = None,
+    line: FaultyLine | None = None,
 ) -> None:
     """Run a unit on a pseudo terminal until told to stop.
 
@@ -144,6 +157,8 @@ def serve(
         Whether to end when standard input does.
     stop : threading.Event, optional
         Ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
+    line : FaultyLine, optional
+        What happens to bytes between the unit and the terminal; nothing without it.
 
     Raises
     ------
@@ -159,7 +174,7 @@ def serve(
         began = time.monotonic()
         last = 0.0
         while stop is None or not stop.is_set():
-            due = unit.next_event(last)
+            due = unit.next_event(last) if line is None else _sooner(unit.next_event(last), line.next_event())
             wait = _LOOK_UP_S if due is None else min(max(began + due / speed - time.monotonic(), 0.0), _LOOK_UP_S)
             readable, _, _ = select.select([pty, sys.stdin] if while_stdin else [pty], [], [], wait)
             if sys.stdin in readable and not os.read(sys.stdin.fileno(), 4096):
@@ -168,19 +183,37 @@ def serve(
             baud = pty.host_baud()
             if now - last > _BACKLOG_S * speed:
                 unit.transmit(now - _BACKLOG_S * speed, baud)
-            if pty in readable:
-                _hear(unit, pty.read(), now, baud, log)
-            _send(pty, unit.transmit(now, baud), tap)
+            if line is not None:
+                _carry(unit, line, last, now, baud)
+            if pty in readable and _hear(unit, pty.read(), now, baud, log) and line is not None:
+                line.started(now)
+            _send(pty, unit.transmit(now, baud) if line is None else line.take(now), tap)
             last = now
 
 
-def _hear(unit: VirtualUnit, data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> None:
+def _sooner(a: float | None, b: float | None) -> float | None:
+    return min((x for x in (a, b) if x is not None), default=None)
+
+
+def _carry(unit: VirtualUnit, line: FaultyLine, last: float, now: float, baud: int) -> None:
+    """Put what left the unit by `now` on the line, message by message: faults and losses are of whole ones."""
+    while (left := unit.next_event(last)) is not None and left <= now:
+        message = unit.transmit(left, baud)
+        if not message:
+            return  # the source has run out
+        line.put(message, left - transfer_s(len(message), unit.baud), left)
+        last = left
+
+
+def _hear(unit: VirtualUnit, data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> bool:
+    """Hand bytes to the unit and log what it understood; whether there was a request for data among it."""
     unit_baud = unit.baud
     commands = unit.receive(data, now, host_baud)
     for command in commands:
         log(in_words(command))
     if not commands and not same_speed(unit_baud, host_baud):
         log(f"line noise: {len(data)} bytes at {host_baud} baud, the unit is at {unit_baud}")
+    return any(isinstance(command, GetPacket | StartStream | ZeroRateSensors) for command in commands)
 
 
 def _send(pty: _Pty, data: bytes, tap: BinaryIO | None) -> None:

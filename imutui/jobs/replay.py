@@ -1,5 +1,6 @@
 """The filter over a log: the same step as live, fed with what the file holds."""
 
+import hashlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -8,15 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from filters import runner
-from filters.runner import Estimate, Estimator
-from imutui.logbook import reader, results, schemas
+from filters import alignment, allan, layout, runner
+from filters.imu import Noise
+from filters.motion import Profile
+from filters.reference import Trajectory
+from filters.runner import Estimator
+from filters.settings import Settings
+from imutui.logbook import estimates, motions, reader, results, schemas
+from imutui.logbook.motions import ReferenceFile
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.results import Counters, Timings
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 
-_ESTIMATES_HZ = 10.0
+ESTIMATES_HZ = 10.0
+_PART = 65536
+_LONG_GAP = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +36,15 @@ class Options:
     start, end : float or None
         Part of the log, s since its first sample.
     overrides : dict
-        Fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, …
+        Fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
+    reference : ReferenceFile or None
+        A profile or trajectory instead of what the log has.
     speed : float or None
         Times real time to pace the samples at; None goes as fast as it can.
     output : Path or None
         Log of estimates to write.
+    estimates_hz : float
+        How many estimates a second go into it; 0 for all.
     overwrite : bool
         Replace `output` if it exists.
     """
@@ -40,9 +52,40 @@ class Options:
     start: float | None = None
     end: float | None = None
     overrides: dict[str, Any] | None = None
+    reference: ReferenceFile | None = None
     speed: float | None = None
     output: Path | None = None
+    estimates_hz: float = ESTIMATES_HZ
     overwrite: bool = False
+
+    def every(self) -> float:
+        """Least time between two estimates that are asked for, s."""
+        if self.output is None:
+            return np.inf
+        return 1.0 / self.estimates_hz if self.estimates_hz > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The samples of a log that are to be filtered.
+
+    Attributes
+    ----------
+    start : float
+        Time of the first one, s since the log's first sample.
+    first_ns : int
+        Its sampling instant, UTC, ns.
+    t : np.ndarray
+        s since the first one, shape (N,).
+    gyro, accel : np.ndarray
+        rad/s and m/s², body axes, shape (N, 3).
+    """
+
+    start: float
+    first_ns: int
+    t: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
 
 
 def replay(path: Path, options: Options, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
@@ -73,16 +116,21 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     """
     started = time.perf_counter()
     log = reader.read(path)
-    info = session_of(log, options.overrides or {})
     part = select(log, options.start, options.end)
+    log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
-    estimator = Estimator(info.settings())
-    sink = _EstimateSink(options, info, log) if options.output is not None else None
+    info, settings = prepare(log, part, options)
+    estimator = Estimator(settings, options.every())
+    for event in log.events:
+        if event.name == "mark":
+            estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
+    runner.warm_up()
+    sink = _EstimateSink(options.output, options.overwrite, info, log) if options.output is not None else None
     started = time.perf_counter()
-    for estimate in run(estimator, log, part, options.speed, progress):
+    for rows in run(estimator, part, options.speed, progress):
         if sink is not None:
-            sink.take(estimate, estimator, int(log.stamp_ns[part][estimate.index]))
+            sink.take(rows, estimator, part.first_ns)
     filter_s = time.perf_counter() - started
     result = results.document(
         estimator,
@@ -91,7 +139,7 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
         finished=log.finished,
         counters=Counters.from_diagnostics(log.diagnostics),
         timings=Timings(filter_s, read_s),
-        log_sha256=reader.sha256(path),
+        log_sha256=log_sha256,
     )
     if log.damage:
         result["damage"] = log.damage
@@ -100,7 +148,18 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     return result
 
 
-def session_of(log: Log, overrides: dict[str, Any]) -> SessionInfo:
+def prepare(log: Log, part: Part, options: Options) -> tuple[SessionInfo, Settings]:
+    """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples."""
+    info = session_of(log, options)
+    motion = motion_of(log, info, options, part.start)
+    offset, offset_sd = -part.start, None
+    if isinstance(motion, Profile) and motion.align == "gyro":
+        offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
+    noise = measured_noise(info, part) if info.noise == FROM_LOG else None
+    return info, info.settings(motion, noise, offset, offset_sd)
+
+
+def session_of(log: Log, options: Options) -> SessionInfo:
     """Session of a log with overrides; a foreign file's rate is that of its samples."""
     info = log.info
     if not log.own:
@@ -112,55 +171,109 @@ def session_of(log: Log, overrides: dict[str, Any]) -> SessionInfo:
         info = replace(info, reference=log.reference)
     if info.filter == "none":
         info = replace(info, filter="spkf")
-    return replace(info, **overrides)
+    if options.reference is not None:
+        digest = hashlib.sha256(options.reference.content).hexdigest()
+        info = replace(info, reference=options.reference.kind, reference_sha256=digest)
+    return replace(info, **(options.overrides or {}))
 
 
-def select(log: Log, start: float | None, end: float | None) -> slice:
-    """Samples from `start` to `end`, s since the first, as a slice."""
+def motion_of(log: Log, info: SessionInfo, options: Options, start: float) -> Profile | Trajectory | None:
+    """Motion that the reference needs, its time counted from `start` s of the log where it has no offset of its own."""
+    if info.reference not in ("profile", "trajectory"):
+        return None
+    if options.reference is not None:
+        motion = options.reference.motion()
+    else:
+        name = next((name for name in motions.ATTACHMENTS if name in log.attachments), None)
+        if name is None:
+            raise ValueError(
+                f'{log.path}: the reference is "{info.reference}", and the log has none of its own (an attachment'
+                " reference.toml or reference.csv). Name its file: --reference FILE."
+            )
+        motion = motions.parse(name, log.attachments[name])
+    wanted = Profile if info.reference == "profile" else Trajectory
+    if not isinstance(motion, wanted):
+        raise ValueError(f'{log.path}: the reference is "{info.reference}", but its file is something else')
+    return motion if isinstance(motion, Profile) else Trajectory(motion.t - start, motion.values)
+
+
+def measured_noise(info: SessionInfo, part: Part) -> Noise:
+    """White noise and drift of the samples themselves, by Allan deviation, from the longest stretch without a gap.
+
+    Raises
+    ------
+    ValueError
+        If the unit moves by its reference, or the log is too short.
+    """
+    if info.reference not in ("level", "gravity"):
+        raise ValueError(
+            f'`noise` is "log" with reference "{info.reference}": noise is measured on a unit at rest. Measure it on a'
+            " still log, or leave filter.noise at table1."
+        )
+    period = 1.0 / info.rate_hz
+    breaks = np.flatnonzero(np.diff(part.t) > _LONG_GAP * period) + 1
+    # bursts of a host's stamps are no gaps in the samples
+    if breaks.size > 0.001 * part.t.size:
+        breaks = breaks[:0]
+    edges = np.concatenate([[0], breaks, [part.t.size]])
+    longest = int(np.argmax(np.diff(edges)))
+    piece = slice(edges[longest], edges[longest + 1])
+    levels = allan.noise_of(np.column_stack([part.accel[piece], part.gyro[piece]]), period)
+    white, drift = levels.white.tolist(), levels.drift.tolist()
+    return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
+
+
+def select(log: Log, start: float | None, end: float | None) -> Part:
+    """Samples from `start` to `end`, s since the first, without those that are flagged as no reading."""
     t = log.seconds()
-    first = 0 if start is None else int(np.searchsorted(t, start, side="left"))
-    last = t.size if end is None else int(np.searchsorted(t, end, side="right"))
-    if last - first < 1:
+    use = log.valid.copy()
+    if start is not None:
+        use &= t >= start
+    if end is not None:
+        use &= t <= end
+    if not use.any():
         raise UnreadableLogError(
             f"{log.path}: --start and --end leave no sample; the log lasts {t[-1]:.3f} s. Choose a part inside it."
         )
-    return slice(first, last)
+    stamps = log.stamp_ns[use] if not use.all() else log.stamp_ns
+    first_ns = int(stamps[0])
+    begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))
+    every = bool(use.all())
+    gyro, accel = (log.gyro, log.accel) if every else (log.gyro[use], log.accel[use])
+    return Part(begun, first_ns, reader.seconds_since(stamps, first_ns), gyro, accel)
 
 
 def run(
-    estimator: Estimator, log: Log, part: slice, speed: float | None, progress: Callable[[float], None]
-) -> Iterator[Estimate]:
-    """Feed part of a log and yield the estimates."""
-    stamps, gyro, accel = log.stamp_ns[part], log.gyro[part], log.accel[part]
-    first_ns = int(stamps[0])
+    estimator: Estimator, part: Part, speed: float | None, progress: Callable[[float], None]
+) -> Iterator[np.ndarray]:
+    """Feed samples and yield rows of estimates."""
     started = time.monotonic()
-    for k, stamp in enumerate(map(int, stamps)):
-        t = reader.seconds_since(stamp, first_ns)
+    size = _PART if speed is None else 1
+    for first in range(0, part.t.size, size):
         if speed is not None:
-            time.sleep(max(0.0, t / speed - (time.monotonic() - started)))
-        yield from runner.step(estimator, t, gyro[k], accel[k])
-        if k % 512 == 0:
-            progress(k / stamps.size)
-    yield from runner.finish(estimator)
+            time.sleep(max(0.0, part.t[first] / speed - (time.monotonic() - started)))
+        piece = slice(first, first + size)
+        last = first + size >= part.t.size
+        yield from runner.rows(estimator, part.t[piece], part.gyro[piece], part.accel[piece], last=last)
+        if first % 512 == 0:
+            progress(min(1.0, (first + size) / part.t.size))
     progress(1.0)
 
 
 class _EstimateSink:
-    """Writes estimates at 10 Hz of log time."""
+    """Writes estimates as they come."""
 
-    def __init__(self, options: Options, info: SessionInfo, log: Log) -> None:
-        assert options.output is not None
+    def __init__(self, output: Path, overwrite: bool, info: SessionInfo, log: Log) -> None:
         self._info = info
-        self._next = 0.0
         text = f'# replay of {log.path.name}\nfilter = "{info.filter}"\nreference = "{info.reference}"\n'
-        self._writer = LogWriter(options.output, info, text, time.time_ns(), overwrite=options.overwrite)
+        self._writer = LogWriter(output, info, text, time.time_ns(), overwrite=overwrite)
 
-    def take(self, estimate: Estimate, estimator: Estimator, stamp_ns: int) -> None:
-        """Write this estimate if it is due."""
-        if estimate.t >= self._next - 1e-9:
-            message = results.estimate_message(estimate, estimator, self._info, stamp_ns)
-            self._writer.message(schemas.ESTIMATE, message, stamp_ns, stamp_ns)
-            self._next = max(self._next + 1.0 / _ESTIMATES_HZ, estimate.t)
+    def take(self, rows: np.ndarray, estimator: Estimator, first_ns: int) -> None:
+        """Write rows of estimates."""
+        stamps = first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
+        messages = estimates.encode(rows, stamps, estimator, self._info)
+        for stamp, message in zip(stamps.tolist(), messages, strict=True):
+            self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Close the file with the result as its summary."""

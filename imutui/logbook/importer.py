@@ -8,23 +8,29 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import imutui
-from imutui.logbook import schemas
+from imutui.logbook import schemas, stamps
+from imutui.logbook.motions import ReferenceFile
 from imutui.logbook.session import SessionInfo
+from imutui.logbook.stamps import Instants
 from imutui.logbook.writer import LogWriter
 
 _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
 _OPTIONAL = {"temp": 1}
+# what is known of the motion; NaN is "unknown" here
+_REFERENCES = {"ang": 3, "rate": 3, "ref_quat": 4, "gps_pos": 3, "gps_vel_ned": 3}
+_PARTS = {3: "xyz", 4: "wxyz"}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
 STAMPS = "the recording's own time, started at the modification time of its file"
+_WITH_ATTACHMENT = ("profile", "trajectory")
 
 
 class ImportDataError(Exception):
@@ -45,6 +51,11 @@ class Recording:
         Shape (N,).
     not_imported : tuple of str
         Names of arrays that were left aside.
+    known : dict
+        Arrays that say something of the motion, by their names in the file (`ang`, `rate` in deg and deg/s,
+        `ref_quat`, `gps_pos` in deg, deg, m, `gps_vel_ned` in m/s), a row a sample, NaN where unknown.
+    stamps : str
+        What `t` means.
     """
 
     t: np.ndarray
@@ -52,6 +63,8 @@ class Recording:
     accel_g: np.ndarray
     temperature_degc: np.ndarray | None
     not_imported: tuple[str, ...] = ()
+    known: dict[str, np.ndarray] = field(default_factory=dict)
+    stamps: str = STAMPS
 
     @property
     def rate_hz(self) -> float:
@@ -83,7 +96,8 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
                 f"{path} has no `{name}`; it has: {near}. Needed: t in s, gyro in deg/s, accel in g, each sample a row."
             )
         _check_shape(path, name, arrays[name], width)
-    used = dict.fromkeys(_REQUIRED) | {name: None for name in _OPTIONAL if name in arrays}
+    references = [name for name, width in _REFERENCES.items() if _is_known(path, arrays, name, width)]
+    used = dict.fromkeys(_REQUIRED) | {name: None for name in (*_OPTIONAL, *references) if name in arrays}
     _check_lengths(path, {name: arrays[name] for name in used})
     values = {name: np.asarray(arrays[name], dtype=float) for name in used}
     t = values["t"]
@@ -96,7 +110,8 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
     if end is not None:
         part &= t - t[0] <= end
     for name, array in values.items():
-        _check_finite(path, name, array, part)
+        if name not in references:
+            _check_finite(path, name, array, part)
     _check_time(path, t)
     if np.count_nonzero(part) < 2:
         raise ImportDataError(
@@ -108,7 +123,20 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
         values["accel"][part],
         values["temp"][part] if "temp" in values else None,
         tuple(sorted(set(arrays) - set(used))),
+        {name: values[name][part] for name in references},
     )
+
+
+def at_sampling_instants(recording: Recording) -> tuple[Recording, Instants]:
+    """A recording whose `t` are arrivals, with the sampling instants fitted to them."""
+    fitted = stamps.from_arrivals(recording.t)
+    how = "one regular grid" if fitted.pieces == 1 else f"{fitted.pieces} joined regular grids"
+    text = (
+        f"sampling instants fitted under the recording's arrival times ({how}; arrivals late by"
+        f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most), started at the"
+        " modification time of its file"
+    )
+    return replace(recording, t=fitted.t, stamps=text), fitted
 
 
 def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
@@ -125,6 +153,8 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
         If the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
     """
     if np.any(np.std(recording.accel_g, axis=0) > _STILL_G) or np.any(np.std(recording.gyro_dps, axis=0) > _STILL_DPS):
+        if info.reference in _WITH_ATTACHMENT:
+            return None
         return f"the unit moves in this recording: reference `{info.reference}` (still) does not hold for all of it"
     mean_g = recording.accel_g.mean(axis=0)
     gamma_g = info.gravity_mps2 / info.g_unit
@@ -150,6 +180,7 @@ def write(
     output: Path,
     *,
     overwrite: bool,
+    reference: ReferenceFile | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Write a recording as a log.
@@ -166,6 +197,8 @@ def write(
         The log.
     overwrite : bool
         Replace an existing one.
+    reference : ReferenceFile or None
+        What is known of the motion, to travel in the log.
     progress : callable
         Told the number of samples written, now and then.
     """
@@ -175,28 +208,43 @@ def write(
         rate_hz=recording.rate_hz,
         source=source.name,
         software=f"imutui {imutui.__version__}",
-        stamps=STAMPS,
+        stamps=recording.stamps,
     )
     base_ns = source.stat().st_mtime_ns
-    stamps = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
+    stamp_ns = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
     axes = info.axes()
     gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
     accel = axes.accel_to_body(recording.accel_g * info.g_unit)
+    angles, rates, changed = _table(recording, info)
     log = LogWriter(output, info, f"# imported from {source.name}\n", time.time_ns(), overwrite=overwrite)
-    next_second = int(stamps[0])
-    for k, stamp in enumerate(map(int, stamps)):
+    if reference is not None:
+        log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
+    next_second = int(stamp_ns[0])
+    for k, stamp in enumerate(stamp_ns.tolist()):
+        if stamp >= next_second or changed[k]:
+            message = schemas.table_reference(stamp, info.reference, angles[k], rates[k])
+            log.message(schemas.REFERENCE, message, stamp, stamp)
         if stamp >= next_second:
-            angles = np.zeros(3) if info.reference == "level" else np.full(3, np.nan)
-            reference = schemas.table_reference(stamp, info.reference, angles, np.zeros(3))
-            log.message(schemas.REFERENCE, reference, stamp, stamp)
             next_second = stamp + 1_000_000_000
             progress(k)
         log.imu(stamp, stamp, gyro[k], accel[k])
         if recording.temperature_degc is not None:
             message = schemas.temperature(stamp, float(recording.temperature_degc[k]))
             log.message(schemas.TEMPERATURE, message, stamp, stamp)
-    summary = {"samples": int(stamps.size), "duration_s": float(stamps[-1] - stamps[0]) / 1e9, "source": source.name}
-    log.finish(summary, time.time_ns())
+    duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
+    log.finish({"samples": int(stamp_ns.size), "duration_s": duration, "source": source.name}, time.time_ns())
+
+
+def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Table angles (deg) and rates (deg/s) of each sample, shape (N, 3), and where they are new, bool (N,)."""
+    n = recording.t.size
+    still = info.reference not in _WITH_ATTACHMENT
+    unknown = np.full((n, 3), np.nan)
+    known = recording.known if info.reference == "trajectory" else {}
+    angles = known.get("ang", np.zeros((n, 3)) if info.reference == "level" else unknown)
+    rates = known.get("rate", np.zeros((n, 3)) if still else unknown)
+    both = np.nan_to_num(np.hstack([angles, rates]), nan=-1e9)
+    return angles, rates, np.r_[False, (np.diff(both, axis=0) != 0.0).any(axis=1)]
 
 
 def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
@@ -231,7 +279,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 def _member(archive: Any, name: str) -> Any:
     """An array of the archive; what nobody needs may be anything, and is only named."""
-    if name in _REQUIRED or name in _OPTIONAL:
+    if name in _REQUIRED or name in _OPTIONAL or name in _REFERENCES:
         try:
             return np.asarray(archive[name])
         except ValueError as error:
@@ -258,9 +306,9 @@ def _read_csv(path: Path) -> dict[str, Any]:
                 f"{path}, line {number}: {len(row)} cells where the first row names {len(names)} columns."
             )
     columns = {name: _column(path, name, [row[i] for row in rows[1:]]) for i, name in enumerate(names)}
-    for vector in ("gyro", "accel"):
-        parts = [f"{vector}_{axis}" for axis in "xyz"]
-        if all(part in columns for part in parts):
+    for vector, width in (_REQUIRED | _REFERENCES).items():
+        parts = [f"{vector}_{part}" for part in _PARTS.get(width, "")]
+        if parts and all(part in columns for part in parts):
             columns[vector] = np.stack([columns.pop(part) for part in parts], axis=1)
     return columns
 
@@ -273,6 +321,14 @@ def _column(path: Path, name: str, cells: list[str]) -> np.ndarray:
         except ValueError:
             raise ImportDataError(f'{path}, line {i + 2}, column `{name}`: "{cell}" is not a number.') from None
     return out
+
+
+def _is_known(path: Path, arrays: dict[str, Any], name: str, width: int) -> bool:
+    """Whether an array of the motion is there; what is there under its name must have its shape."""
+    if name not in arrays:
+        return False
+    _check_shape(path, name, arrays[name], width)
+    return True
 
 
 def _check_shape(path: Path, name: str, array: np.ndarray, width: int) -> None:

@@ -1,27 +1,31 @@
 """Reading a log, finished or not: everything up to the last flush, into arrays.
 
-Records are read in file order, so that a file without footer (a killed recorder, a pulled plug) needs no other path.
+Samples, temperatures and packets go from a chunk's bytes into columns without becoming objects; messages of another
+layout than ours, and the rare kinds, are decoded one by one.
 """
 
 import contextlib
 import hashlib
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError
 from rosbags.serde import SerdeError
 
 from imutui.logbook import schemas
 from imutui.logbook.session import METADATA, SessionInfo
 
-_LIMIT = 256 * 2**20
+if TYPE_CHECKING:
+    from imutui.logbook.records import Batch
+
 _MAGIC = b"\x89MCAP0\r\n"
+_UNDECODABLE = (SerdeError, struct.error, IndexError, KeyError)
 
 
 class UnreadableLogError(Exception):
@@ -53,10 +57,14 @@ class Log:
         Sampling instants of the output samples, UTC, ns, int64, shape (N,).
     gyro, accel : np.ndarray
         rad/s and m/s² (specific force), body axes, shape (N, 3).
+    valid : np.ndarray
+        Whether there was a reading at this stamp, bool, shape (N,); False where a covariance says "no estimate".
+    temperature_stamp_ns : np.ndarray
+        When each temperature was taken, UTC, ns, int64, shape (M,).
     temperature_degc : np.ndarray
         All temperature messages, shape (M,).
-    raw : list of RawPacket
-        Packets as received; read on request only.
+    packets : np.ndarray
+        Packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only.
     reference : str or None
         Kind of the last /table/reference.
     events : list of Event
@@ -77,14 +85,21 @@ class Log:
     stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     gyro: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     accel: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    valid: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    temperature_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
-    raw: list[schemas.RawPacket] = field(default_factory=list)
+    packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     reference: str | None = None
     events: list[Event] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     finished: bool = False
     damage: str = ""
+
+    @property
+    def raw(self) -> list[schemas.RawPacket]:
+        """`packets` as objects, made anew by each look: keep it where it is used more than once."""
+        return [schemas.RawPacket(n, host, tuple(counts), *rest) for n, host, counts, *rest in self.packets.tolist()]
 
     def seconds(self) -> np.ndarray:
         """Time of the samples since the first, s, shape (N,)."""
@@ -121,7 +136,7 @@ def read(path: Path, *, raw: bool = False) -> Log:
     for record in _records(path, log):
         try:
             content.take(record)
-        except (SerdeError, struct.error, IndexError) as error:
+        except _UNDECODABLE as error:
             log.damage = f"a message cannot be decoded ({error})"
             break
     content.close()
@@ -157,20 +172,29 @@ class _Content:
     """Collects records into a `Log`."""
 
     def __init__(self, log: Log, raw: bool) -> None:
+        # what brings the compiler with it is loaded by who reads a log, not by who writes one
+        from imutui.logbook import fast
+        from imutui.logbook.columns import Columns
+
         self.log = log
-        self.raw = raw
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str, str]] = {}
-        self.stamps: list[int] = []
-        self.values: list[tuple[float, ...]] = []
-        self.temperatures: list[float] = []
         self.imu_channel: int | None = None
+        self._fast = fast
+        self._columns = Columns()
+        self._topics = {
+            schemas.RAW: fast.RAW if raw else fast.IGNORED,
+            schemas.TEMPERATURE: fast.TEMPERATURE,
+            schemas.REFERENCE: fast.OTHER,
+            schemas.DIAGNOSTICS: fast.OTHER,
+            schemas.EVENTS: fast.OTHER,
+        }
+        self._roles = np.full(2**16, fast.IGNORED, np.uint8)
+        self._last: dict[str, Message] = {}
 
-    def take(self, record: McapRecord) -> None:
-        """One record in file order."""
+    def take(self, record: "McapRecord | Batch") -> None:
+        """One record in file order, or messages in a row."""
         match record:
-            case Message():
-                self._message(record)
             case Schema():
                 self.schemas[record.id] = record.name
             case Channel():
@@ -180,56 +204,88 @@ class _Content:
                 if typename == schemas.TYPES[schemas.IMU] and record.message_encoding == "cdr":
                     mine = record.topic == schemas.IMU
                     self.imu_channel = record.id if mine or self.imu_channel is None else self.imu_channel
-            case Metadata() if record.name == METADATA:
-                self.log.own = True
-                with_strings = {str(k): str(v) for k, v in record.metadata.items()}
-                try:
-                    self.log.info = SessionInfo.from_strings(with_strings)
-                    self.log.info.axes(), self.log.info.settings()
-                except ValueError as error:
-                    raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
+                self._assign()
+            case Metadata():
+                if record.name == METADATA:
+                    self._session(record)
             case Attachment():
                 self.log.attachments[record.name] = record.data
             case Footer():
                 self.log.finished = True
+            case _:
+                self._batch(record)  # type: ignore[arg-type]
 
-    def _message(self, record: Message) -> None:
-        topic, typename, encoding = self.channels.get(record.channel_id, ("", "", ""))
-        if record.channel_id == self.imu_channel:
-            self._sample(record)
-        elif encoding != "cdr" or not self.log.own:
-            return
-        elif topic == schemas.RAW:
-            if self.raw:
-                self.log.raw.append(schemas.decode_raw(record.data))
-        elif topic == schemas.TEMPERATURE:
-            self.temperatures.append(schemas.decode(typename, record.data).temperature)
-        elif topic == schemas.REFERENCE:
-            self.log.reference = schemas.decode(typename, record.data).kind
-        elif topic == schemas.DIAGNOSTICS:
-            status = schemas.decode(typename, record.data).status[0]
-            self.log.diagnostics = {pair.key: pair.value for pair in status.values}
-        elif topic == schemas.EVENTS:
-            m = schemas.decode(typename, record.data)
+    def _session(self, record: Metadata) -> None:
+        self.log.own = True
+        with_strings = {str(k): str(v) for k, v in record.metadata.items()}
+        try:
+            self.log.info = SessionInfo.from_strings(with_strings)
+            self.log.info.axes(), self.log.info.settings()
+        except ValueError as error:
+            raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
+        self._assign()
+
+    def _assign(self) -> None:
+        """Give each channel its role."""
+        for channel, (topic, typename, encoding) in self.channels.items():
+            ours = self.log.own and encoding == "cdr" and schemas.TYPES.get(topic) == typename
+            self._roles[channel] = self._topics.get(topic, self._fast.IGNORED) if ours else self._fast.IGNORED
+        if self.imu_channel is not None:
+            self._roles[self.imu_channel] = self._fast.IMU
+
+    def _batch(self, batch: "Batch") -> None:
+        counts, others = self._fast.tally(batch.table, self._roles)
+        failure = None
+        for row in others.tolist():
+            try:
+                self._message(batch.message(row), self._fast.OTHER)
+            except _UNDECODABLE as error:
+                # the samples before it count, those after it don't
+                batch, failure = replace(batch, table=batch.table[:row]), error
+                counts, _ = self._fast.tally(batch.table, self._roles)
+                break
+        if not self._columns.take(batch, self._roles, counts):
+            # another program's layout, or damage: message by message, so that all before a bad one count
+            roles = self._roles[batch.table[:, self._fast.CHANNEL]]
+            for row in np.flatnonzero(roles > self._fast.OTHER).tolist():
+                self._message(batch.message(row), int(roles[row]))
+        if failure is not None:
+            raise failure
+
+    def _message(self, message: Message, role: int) -> None:
+        if role == self._fast.IMU:
+            self._columns.sample(message)
+        elif role == self._fast.TEMPERATURE:
+            self._columns.temperature(message)
+        elif role == self._fast.RAW:
+            self._columns.packet(message)
+        elif self.channels[message.channel_id][0] == schemas.EVENTS:
+            m = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
             self.log.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
-
-    def _sample(self, record: Message) -> None:
-        m = schemas.decode(schemas.TYPES[schemas.IMU], record.data)
-        stamp = schemas.stamp_ns(m.header) or record.publish_time
-        w, f = m.angular_velocity, m.linear_acceleration
-        self.stamps.append(stamp)
-        self.values.append((w.x, w.y, w.z, f.x, f.y, f.z))
+        else:
+            # each of these replaces the one before
+            self._last[self.channels[message.channel_id][0]] = message
 
     def close(self) -> None:
         """Make arrays of what was collected."""
-        self.log.stamp_ns = np.array(self.stamps, np.int64)
-        values = np.array(self.values, float).reshape(-1, 6)
-        self.log.gyro, self.log.accel = values[:, :3], values[:, 3:]
-        self.log.temperature_degc = np.array(self.temperatures, float)
+        log, columns = self.log, self._columns
+        log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
+        log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
+        log.packets = columns.packets()
+        try:
+            if (last := self._last.get(schemas.REFERENCE)) is not None:
+                log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind
+            if (last := self._last.get(schemas.DIAGNOSTICS)) is not None:
+                status = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], last.data).status[0]
+                log.diagnostics = {pair.key: pair.value for pair in status.values}
+        except _UNDECODABLE as error:
+            log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 
-def _records(path: Path, log: Log) -> Iterator[McapRecord]:
+def _records(path: Path, log: Log) -> "Iterator[McapRecord | Batch]":
     """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
+    from imutui.logbook import records
+
     try:
         stream = path.open("rb")
     except OSError as error:
@@ -244,11 +300,7 @@ def _records(path: Path, log: Log) -> Iterator[McapRecord]:
             raise UnreadableLogError(_foreign(path))
         stream.seek(0)
         try:
-            for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LIMIT).records:
-                if isinstance(record, Chunk):
-                    yield from breakup_chunk(record, validate_crc=True)
-                else:
-                    yield record
+            yield from records.walk(stream)
         except InvalidMagic:
             log.damage = "the file's end is damaged"
         except (EndOfFile, struct.error):

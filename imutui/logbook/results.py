@@ -12,9 +12,8 @@ import numpy as np
 
 from filters import attitude, consistency, state
 from filters.imu import AxisMap
-from filters.runner import Estimate, Estimator
+from filters.runner import Estimator
 from filters.state import NavState
-from imutui.logbook import schemas
 from imutui.logbook.session import SessionInfo
 
 VERSION = 1
@@ -171,11 +170,13 @@ def document(
         "converged": estimator.converged,
         "converged_s": converged_since(estimator, axes),
         "nis": nis_fields(estimator),
-        "noise": noise_fields(estimator, axes),
+        "noise": noise_fields(estimator, axes, info.noise),
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
         "lost_packets": counters.lost_packets,
         "bad_checksums": counters.bad_checksums,
+        "rejected": estimator.rejected,
         "alarms": estimator.alarms(),
+        "confounded": estimator.confounded(),
         "filter_s": timings.filter_s,
         "read_s": timings.read_s,
         "steps_per_s": estimator.nis_count / timings.filter_s if timings.filter_s > 0.0 else None,
@@ -192,63 +193,59 @@ TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 def nis_fields(estimator: Estimator) -> dict[str, Any]:
     """Mean NIS with its band, and whether it is a test."""
     is_test = estimator.settings.measurements == "drawn"
-    dof = int(estimator.reference.rows.size) if estimator.reference is not None else 0
-    band = consistency.nis_band(dof, estimator.nis_count) if dof and estimator.nis_count else (None, None)
+    dof = estimator.dof
+    band = consistency.nis_band(dof, estimator.nis_count) if dof else (None, None)
     return {
         "mean": estimator.nis_sum / estimator.nis_count if estimator.nis_count else None,
         "first": estimator.first_nis,
-        "dof": dof,
+        "dof": int(dof) if dof == int(dof) else dof,
         "band95": list(band),
         "is_test": is_test,
         "why": DRAWN if is_test else EXACT,
     }
 
 
-def noise_fields(estimator: Estimator, axes: AxisMap) -> dict[str, Any]:
-    """White noise measured on the log, instrument axes, deg/√h and m/s/√h."""
-    noise = estimator.gauge.noise()
-    if noise is None:
-        return {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3}
+def noise_fields(estimator: Estimator, axes: AxisMap, source: str) -> dict[str, Any]:
+    """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
+    measured = estimator.gauge.noise()
+    spec, used = estimator.settings.spec, estimator.settings.process_noise()
+    nothing: list[float | None] = [None] * 3
     return {
-        "gyro_arw_deg_sqrt_h": _floats(np.rad2deg(to_instrument_order(noise[3:], axes)) * 60.0),
-        "accel_vrw_mps_sqrt_h": _floats(to_instrument_order(noise[:3], axes) * 60.0),
+        "gyro_arw_deg_sqrt_h": nothing if measured is None else _arw(measured[3:], axes),
+        "accel_vrw_mps_sqrt_h": nothing if measured is None else _vrw(measured[:3], axes),
+        "specification": {
+            "gyro_arw_deg_sqrt_h": _arw(np.full(3, spec.gyro_arw), axes),
+            "accel_vrw_mps_sqrt_h": _vrw(np.full(3, spec.accel_vrw), axes),
+        },
+        "used": {
+            "source": source,
+            "gyro_arw_deg_sqrt_h": _arw(np.array(used.gyro_arw), axes),
+            "accel_vrw_mps_sqrt_h": _vrw(np.array(used.accel_vrw), axes),
+            "gyro_walk_dps_sqrt_h": _arw(np.array(used.gyro_walk), axes),
+            "accel_walk_mps2_sqrt_h": _vrw(np.array(used.accel_walk), axes),
+        },
     }
+
+
+def _arw(density: np.ndarray, axes: AxisMap) -> list[float]:
+    """rad per √s in deg per √h (of a rate too), instrument axes."""
+    return _floats(np.rad2deg(to_instrument_order(density, axes)) * 60.0)
+
+
+def _vrw(density: np.ndarray, axes: AxisMap) -> list[float]:
+    """m/s per √s in m/s per √h (of an acceleration too), instrument axes."""
+    return _floats(to_instrument_order(density, axes) * 60.0)
 
 
 def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any] | None:
     moments = estimator.after_convergence
-    if moments.count < 2 or estimator.reference is None:
+    if moments is None or estimator.reference is None:
         return None
-    mean = estimator.reference.nav.plus(moments.mean)
-    covariance = moments.scatter / (moments.count - 1)
+    mean = estimator.reference.start()[0].plus(moments.mean)
     return {
         "mean": state_fields(mean, axes, g_unit, seen),
-        "sd": sd_fields(covariance, mean, axes, g_unit, seen),
+        "sd": sd_fields(moments.covariance, mean, axes, g_unit, seen),
     }
-
-
-def estimate_message(estimate: Estimate, estimator: Estimator, info: SessionInfo, stamp_ns: int) -> Any:
-    """imutui_msgs/Estimate of one estimate."""
-    axes = info.axes()
-    seen = seen_axes(estimator, axes)
-    nav = estimate.belief.nav
-    fields = state_fields(nav, axes, info.g_unit, seen)
-    sd = sd_fields(estimate.belief.P, nav, axes, info.g_unit, seen)
-    since = converged_since(estimator, axes)
-    innovation = estimate.innovation
-    return schemas.make(
-        schemas.TYPES[schemas.ESTIMATE],
-        header=schemas.header(stamp_ns, "imu_body"),
-        **{key: _nan_array(value) for key, value in fields.items()},
-        position_sd_m=_nan_array(sd["position_m"]),
-        velocity_sd_mps=_nan_array(sd["velocity_mps"]),
-        rpy_sd_deg=_nan_array(sd["rpy_deg"]),
-        accel_bias_sd_mg=_nan_array(sd["accel_bias_mg"]),
-        gyro_bias_sd_dps=_nan_array(sd["gyro_bias_dps"]),
-        nis=float("nan") if innovation is None else innovation.nis,
-        nis_dof=0 if innovation is None else innovation.nu.size,
-        converged=np.array([s is not None for name in _BIASES for s in since[name]]),
-    )
 
 
 def dumps(result: Any) -> str:
@@ -258,7 +255,3 @@ def dumps(result: Any) -> str:
 
 def _floats(values: np.ndarray) -> list[float]:
     return [float(v) for v in values]
-
-
-def _nan_array(values: list[float | None]) -> np.ndarray:
-    return np.array([np.nan if v is None else v for v in values])

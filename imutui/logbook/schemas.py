@@ -73,6 +73,22 @@ FLAG_LIMIT = 4
 # CDR, little endian: 4 bytes of encapsulation, then fields aligned to their own size, counted from after those 4
 _RAW = struct.Struct("<4xQq6hHHBB")
 _CDR_HEADER = b"\x00\x01\x00\x00"
+RAW_DTYPE = np.dtype(
+    {
+        "names": ["sequence", "host_monotonic_ns", "counts", "temperature", "ticks", "mode", "flags"],
+        "formats": ["<u8", "<i8", ("<i2", 6), "<u2", "<u2", "u1", "u1"],
+        "offsets": [4, 12, 20, 32, 34, 36, 37],
+        "itemsize": 38,
+    }
+)
+"""Raw packets as an array reads them: the bytes of `encode_raw`, one packet a record."""
+# header (stamp, length of the frame_id with its NUL, frame_id, padding), then the numbers of sensor_msgs/Imu
+_IMU = struct.Struct("<4siII9s3x4d9d3d9d3d9d")
+_ESTIMATE = struct.Struct("<4siII9s3x31dB6?")
+_IMU_FRAME = "imu_body"
+NO_ESTIMATE = -1.0
+"""First element of a covariance of sensor_msgs/Imu whose quantity has no estimate."""
+_ZEROS = (0.0,) * 8
 
 
 @cache
@@ -143,21 +159,42 @@ def stamp_ns(message_header: Any) -> int:
     return int(message_header.stamp.sec) * 1_000_000_000 + int(message_header.stamp.nanosec)
 
 
-def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray) -> Any:
-    """sensor_msgs/Imu of angular rate (rad/s) and specific force (m/s²) in body axes; orientation is unknown."""
+def imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> Any:
+    """sensor_msgs/Imu of angular rate (rad/s) and specific force (m/s²) in body axes; orientation is unknown.
+
+    A sample that is not `valid` says "no estimate" of both, as ROS does: their covariances begin with -1.
+    """
     vector = typestore().types["geometry_msgs/msg/Vector3"]
-    unknown = np.zeros(9)
-    unknown[0] = -1.0
+    unknown, readings = np.zeros(9), np.zeros(9)
+    unknown[0] = NO_ESTIMATE
+    readings[0] = 0.0 if valid else NO_ESTIMATE
     return make(
         TYPES[IMU],
-        header=header(stamp, "imu_body"),
+        header=header(stamp, _IMU_FRAME),
         orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
         angular_velocity=vector(*map(float, gyro)),
-        angular_velocity_covariance=np.zeros(9),
+        angular_velocity_covariance=readings,
         linear_acceleration=vector(*map(float, accel)),
-        linear_acceleration_covariance=np.zeros(9),
+        linear_acceleration_covariance=readings,
     )
+
+
+def encode_imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> bytes:
+    """CDR bytes of `imu`, packed by hand: an hour at 133 Hz is half a million of them."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    frame = _IMU_FRAME.encode() + b"\0"
+    covariance = (0.0 if valid else NO_ESTIMATE, *_ZEROS)
+    head = (_CDR_HEADER, seconds, rest, len(frame), frame)
+    orientation = (0.0, 0.0, 0.0, 1.0, NO_ESTIMATE, *_ZEROS)
+    return _IMU.pack(*head, *orientation, *map(float, gyro), *covariance, *map(float, accel), *covariance)
+
+
+def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: list[bool]) -> bytes:
+    """CDR bytes of imutui_msgs/Estimate: its 31 numbers in the order of the definition, rows of NIS, six verdicts."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    frame = _IMU_FRAME.encode() + b"\0"
+    return _ESTIMATE.pack(_CDR_HEADER, seconds, rest, len(frame), frame, *numbers, dof, *converged)
 
 
 def temperature(stamp: int, degc: float) -> Any:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from filters.imu import STANDARD_GRAVITY, AxisMap, parse_mount
-from filters.runner import Settings
+from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
+from filters.motion import Profile
+from filters.reference import Trajectory
+from filters.settings import Settings
 from filters.state import PAPER_SITE, Site
 
 METADATA = "imutui.session"
@@ -16,6 +18,10 @@ METADATA = "imutui.session"
 MEASURED = "measured"
 SIMULATED = "simulated"
 UNKNOWN = "unknown"
+
+TABLE_1 = "table1"
+FROM_LOG = "log"
+NOISES = (TABLE_1, FROM_LOG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +47,11 @@ class SessionInfo:
     latitude_deg, longitude_deg, height_m, gravity_mps2 : float
         Site.
     reference, filter, measurements, seed, kappa :
-        See `filters.runner.Settings`.
+        See `filters.settings.Settings`.
+    noise : str
+        "table1", or "log": measured on the log before it is filtered.
+    reference_sha256 : str
+        Of the file that the reference comes from, if it does.
     stamps : str
         What each time stamp means.
     """
@@ -73,6 +83,8 @@ class SessionInfo:
     measurements: str = "exact"
     seed: int = 0
     kappa: float = 0.0
+    noise: str = TABLE_1
+    reference_sha256: str = ""
     software: str = ""
     stamps: str = ""
     source: str = ""
@@ -81,8 +93,19 @@ class SessionInfo:
         """Between instrument and body axes."""
         return AxisMap(parse_mount(self.mount), self.accel_sign, parse_signs(self.gyro_sign))
 
-    def settings(self) -> Settings:
-        """Settings of the filter for this session's samples; "none" as the filter gives those of the default one."""
+    def settings(
+        self,
+        motion: Profile | Trajectory | None = None,
+        noise: Noise | None = None,
+        offset: float = 0.0,
+        offset_sd: float | None = None,
+    ) -> Settings:
+        """Settings of the filter for this session's samples; "none" as the filter gives those of the default one.
+
+        What is no text or number comes from outside: a motion, noise that was measured, a profile's place in time.
+        """
+        if self.noise not in NOISES:
+            raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
         site = Site(
             float(np.deg2rad(self.latitude_deg)),
             float(np.deg2rad(self.longitude_deg)),
@@ -97,6 +120,10 @@ class SessionInfo:
             measurements=self.measurements,
             seed=self.seed,
             kappa=self.kappa,
+            noise=noise,
+            motion=motion,
+            offset=offset,
+            offset_sd=offset_sd,
         )
 
     def strings(self) -> dict[str, str]:
@@ -125,7 +152,9 @@ class SessionInfo:
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""
         decisive = {"settings": asdict(self.settings()), "mount": self.mount, "accel_sign": self.accel_sign}
-        text = json.dumps(decisive | {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}, sort_keys=True)
+        decisive |= {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}
+        decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}
+        text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

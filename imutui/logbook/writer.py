@@ -77,9 +77,13 @@ class LogWriter:
         """Write a packet as received."""
         self._add(schemas.RAW, schemas.encode_raw(packet), log_ns, stamp_ns)
 
-    def imu(self, log_ns: int, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> None:
-        """Write an output sample: rad/s and m/s² (specific force) in body axes."""
-        self.message(schemas.IMU, schemas.imu(stamp_ns, gyro, accel), log_ns, stamp_ns)
+    def imu(self, log_ns: int, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool = True) -> None:
+        """Write an output sample: rad/s and m/s² (specific force) in body axes; not `valid`: none at this stamp."""
+        self._add(schemas.IMU, schemas.encode_imu(stamp_ns, gyro, accel, valid=valid), log_ns, stamp_ns)
+
+    def encoded(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
+        """Write the bytes of a message of `schemas`."""
+        self._add(topic, data, log_ns, stamp_ns)
 
     def message(self, topic: str, message: Any, log_ns: int, stamp_ns: int) -> None:
         """Write any other message of `schemas`."""

@@ -35,7 +35,7 @@ from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import connect, wire
 from imutui.session.connect import Identity, InstrumentError
-from imutui.session.info import default_path, session_info
+from imutui.session.info import default_path, motion_of, session_info
 from imutui.session.live import LiveView
 from imutui.session.plan import Plan
 from imutui.session.snapshot import snapshot
@@ -111,6 +111,7 @@ class Engine:
         self.ended = threading.Event()
         self.streaming = threading.Event()
         self.take: Take
+        self._motion = motion_of(plan)
         self._port = port
         self._stop_reading = threading.Event()
         self._queue: queue.SimpleQueue[Arrival | Missed | Gone | Call] = queue.SimpleQueue()
@@ -130,7 +131,7 @@ class Engine:
 
     def start(self) -> None:
         """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
-        self.take = Take(self.info, self.timebase, None)
+        self.take = Take(self.info, self.timebase, None, self._motion)
         for thread in self._threads:
             thread.start()
         limit = _FIRST_PACKET_S + (1.0 / self.plan.rate_hz if self.plan.sampling == "polled" else 0.0)
@@ -370,11 +371,16 @@ class Engine:
         info = replace(self.info, note=note)
         path = path or default_path(Path(self.plan.logs), info.serial_number, note)
         writer = LogWriter(path, info, self.plan.configuration(), time.time_ns(), overwrite=self.plan.overwrite)
+        name, text = self.plan.reference_file
+        if name:
+            writer.attach(
+                name, "text/csv" if name.endswith(".csv") else "application/toml", text.encode(), time.time_ns()
+            )
         self._new_take(writer, info)
         self._event("acquisition", f"recording to {path.name}")
 
     def _new_take(self, writer: LogWriter | None, info: SessionInfo) -> None:
-        self.take = Take(info, self.timebase, writer)
+        self.take = Take(info, self.timebase, writer, self._motion)
         self._base = self._seen
 
     def _fail(self, code: int, message: str) -> None:

@@ -1,6 +1,7 @@
 """What is known of an acquisition when it begins: the metadata of its logs, and their names."""
 
 import getpass
+import hashlib
 import os
 import re
 import socket
@@ -11,9 +12,13 @@ from pathlib import Path
 import numpy as np
 
 import imutui
+from filters.motion import Profile
+from filters.reference import Trajectory
+from filters.runner import Estimator
 from filters.state import Site
 from imutui.instrument.port import Port
-from imutui.logbook.session import MEASURED, SIMULATED, UNKNOWN, SessionInfo
+from imutui.logbook import motions
+from imutui.logbook.session import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.session.connect import Identity
 from imutui.session.plan import Plan
 
@@ -51,12 +56,31 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         measurements=plan.measurements,
         seed=plan.seed,
         kappa=plan.kappa,
+        noise=plan.noise,
+        reference_sha256=hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else "",
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
     )
     latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
     site = Site.at(latitude, longitude, height, plan.gravity)
     return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
+
+
+def motion_of(plan: Plan) -> Profile | Trajectory | None:
+    """Motion of the file that the reference comes from, if it comes from one."""
+    name, text = plan.reference_file
+    return motions.parse(name, text.encode()) if name else None
+
+
+def check_live(info: SessionInfo, motion: Profile | Trajectory | None) -> None:
+    """Refuse, before the instrument is touched, what a filter cannot do live; raises ValueError with the reason."""
+    if info.noise == FROM_LOG:
+        raise ValueError(
+            '`noise` is "log": it is measured on a whole log, so it cannot be used live. Record, then replay with'
+            " --set filter.noise=log."
+        )
+    if info.filter != "none":
+        Estimator(info.settings(motion))
 
 
 def default_path(logs: Path, serial_number: str, note: str) -> Path:

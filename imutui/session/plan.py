@@ -40,6 +40,10 @@ class Plan:
         File of the first recording instead of a name made up in `logs`, and whether it may replace one.
     note, operator : str
         Go into the file.
+    noise : str
+        Of the filter; "log" is refused, since it needs the whole log.
+    reference_file : tuple of str
+        Name and text of the file that the reference comes from, both empty if it comes from none.
     virtual : tuple of str
         Further arguments of `imutui virtual`, for port "virtual".
     """
@@ -69,6 +73,8 @@ class Plan:
     measurements: str = "exact"
     seed: int = 0
     kappa: float = 0.0
+    noise: str = "table1"
+    reference_file: tuple[str, str] = ("", "")
     virtual: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -94,6 +100,7 @@ class Plan:
         """From JSON text."""
         fields = json.loads(text)
         fields["virtual"] = tuple(fields["virtual"])
+        fields["reference_file"] = tuple(fields["reference_file"])
         fields["site"] = tuple(fields["site"]) if fields["site"] is not None else None
         return cls(**fields)
 
@@ -101,6 +108,6 @@ class Plan:
         """Effective configuration as TOML, kept in the log."""
         lines = ["# effective configuration of the acquisition"]
         for key, value in asdict(self).items():
-            if value is not None:
+            if value is not None and key != "reference_file":  # an attachment of its own
                 lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
         return "\n".join(lines) + "\n"

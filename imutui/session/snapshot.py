@@ -119,6 +119,8 @@ def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
 
 
 def _waiting(take: Take, estimator: Estimator) -> str | None:
+    if take.filter is not None and take.filter.waiting > 1:
+        return f"preparing the filter, the first time on this machine; {take.filter.waiting} samples wait for it"
     if estimator.reference is None:
         return "finding level from gravity: keep the unit still for the first 10 s"
     return "waiting for the first sample" if take.samples == 0 else None

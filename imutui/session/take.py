@@ -5,15 +5,16 @@ gives the same estimates.
 """
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from filters import runner
-from filters.runner import Estimate, Estimator
-from filters.spkf import DivergenceError
+from filters.motion import Profile
+from filters.reference import Trajectory
+from filters.runner import Estimator
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Packet, Scaling
 from imutui.logbook import reader, results, schemas
@@ -21,8 +22,8 @@ from imutui.logbook.results import Counters, Timings
 from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.averaging import Averager, Sample
+from imutui.session.filtering import LiveFilter
 
-_ESTIMATE_PERIOD_S = 0.1
 _LIMIT_COUNTS = (-32768, 32767)
 
 
@@ -77,9 +78,17 @@ class Take:
         Monotonic to UTC.
     writer : LogWriter or None
         None when not recording.
+    motion : Profile, Trajectory or None
+        What the filter's reference needs.
     """
 
-    def __init__(self, info: SessionInfo, timebase: Timebase, writer: LogWriter | None) -> None:
+    def __init__(
+        self,
+        info: SessionInfo,
+        timebase: Timebase,
+        writer: LogWriter | None,
+        motion: Profile | Trajectory | None = None,
+    ) -> None:
         self.info = info
         self.writer = writer
         self.tally = Tally()
@@ -88,20 +97,27 @@ class Take:
         self.rate = _Rate()
         self.started_ns: int | None = None
         self.flushed_ns: int | None = None
-        self.failure: str | None = None
-        self.estimator = Estimator(info.settings()) if info.filter != "none" else None
+        self.filter = LiveFilter(info, motion) if info.filter != "none" else None
         self._timebase = timebase
         self._axes = info.axes()
         self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
+        self._limited = False
         self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
-        self._first_ns: int | None = None
-        self._next_estimate = 0.0
-        self._filter_s = 0.0
-        self._stamps: list[int] = []
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """The filter's, if there is one."""
+        return None if self.filter is None else self.filter.estimator
+
+    @property
+    def failure(self) -> str | None:
+        """Why the filter stopped, if it did."""
+        return None if self.filter is None else self.filter.failure
 
     def packet(self, packet: Packet, stamp: Stamp, host_ns: int) -> None:
         """Take a packet; raises OSError if the disk does not take it."""
         counts = (*packet.rates, *packet.accels)
+        limited = any(n in _LIMIT_COUNTS for n in counts)
         if self.started_ns is None:
             self.started_ns = stamp.monotonic_ns
         if self.writer is not None:
@@ -110,11 +126,13 @@ class Take:
         self.tally.lost_packets += stamp.lost
         if self._averager is None:
             values = np.array(counts, float)
-            self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns)
+            self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns, valid=not limited)
         else:
             sample = self._averager.add(stamp.monotonic_ns, counts, packet.temperature)
             if sample is not None:
-                self._sample(sample, host_ns)
+                self._sample(sample, host_ns, valid=not self._limited)
+                self._limited = False
+            self._limited |= limited
 
     def _write_raw(self, packet: Packet, counts: tuple[int, ...], stamp: Stamp, host_ns: int) -> None:
         assert self.writer is not None
@@ -127,7 +145,7 @@ class Take:
         )
         self.writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
 
-    def _sample(self, sample: Sample, host_ns: int) -> None:
+    def _sample(self, sample: Sample, host_ns: int, *, valid: bool) -> None:
         stamp_ns = self._timebase.utc_ns(sample.stamp_ns)
         gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
         accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
@@ -136,38 +154,25 @@ class Take:
         if self.writer is not None:
             log_ns = self._timebase.utc_ns(host_ns)
             degc = float(self._scaling.temperature_degc(sample.temperature))
-            self.writer.imu(log_ns, stamp_ns, gyro, accel)
+            self.writer.imu(log_ns, stamp_ns, gyro, accel, valid=valid)
             self.writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
-        self._filter(stamp_ns, gyro, accel, host_ns)
+        # a count at its limit says only "this or more": the filter predicts through it
+        if self.filter is not None and valid:
+            self._filter(self.filter.sample(stamp_ns, gyro, accel), host_ns)
 
-    def _filter(self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, host_ns: int) -> None:
-        if self.estimator is None or self.failure is not None:
-            return
-        if self._first_ns is None:
-            self._first_ns = stamp_ns
-        self._stamps.append(stamp_ns)
-        started = time.perf_counter()
-        try:
-            estimates = runner.step(self.estimator, reader.seconds_since(stamp_ns, self._first_ns), gyro, accel)
-        except (DivergenceError, ValueError) as error:
-            self.failure = f"the filter stopped, recording goes on: {error}"
-            return
-        self._filter_s += time.perf_counter() - started
-        self._write_estimates(estimates, host_ns)
-
-    def _write_estimates(self, estimates: list[Estimate], host_ns: int) -> None:
-        for estimate in estimates:
-            stamp_ns = self._stamps.pop(0)
-            if self.writer is not None and self.estimator is not None and estimate.t >= self._next_estimate - 1e-9:
-                message = results.estimate_message(estimate, self.estimator, self.info, stamp_ns)
-                self.writer.message(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
-                self._next_estimate = max(self._next_estimate + _ESTIMATE_PERIOD_S, estimate.t)
+    def _filter(self, messages: Iterator[tuple[int, bytes]], host_ns: int) -> None:
+        for stamp_ns, message in messages:
+            if self.writer is not None:
+                self.writer.encoded(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
 
     def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:
         """Write a mark or an event, if recording."""
-        self.marks += name == "mark"
+        utc = self._timebase.utc_ns(now_ns)
+        if name == "mark":
+            self.marks += 1
+            if self.filter is not None:
+                self.filter.mark(utc, text)
         if self.writer is not None:
-            utc = self._timebase.utc_ns(now_ns)
             self.writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
 
     def every_second(self, now_ns: int) -> None:
@@ -210,11 +215,8 @@ class Take:
         """
         if self.writer is None:
             return None
-        if self.estimator is not None and self.failure is None:
-            try:
-                self._write_estimates(runner.finish(self.estimator), now_ns)
-            except (DivergenceError, ValueError) as error:
-                self.failure = str(error)
+        if self.filter is not None:
+            self._filter(self.filter.finish(), now_ns)
         self.every_second(now_ns)
         summary = self._document(None)
         self.writer.finish(summary, self._timebase.utc_ns(now_ns))
@@ -223,7 +225,7 @@ class Take:
     def _document(self, sha256: str | None) -> dict[str, Any]:
         assert self.writer is not None
         counters = Counters(self.tally.lost_packets, self.tally.bad_checksums)
-        timings = Timings(self._filter_s, 0.0)
+        timings = Timings(0.0 if self.filter is None else self.filter.seconds, 0.0)
         path: Path = self.writer.path
         if self.estimator is None or self.estimator.latest is None:
             return {

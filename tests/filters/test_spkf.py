@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from filters import attitude, reference, runner, simulation, spkf, state, strapdown
-from filters.imu import IMU400CD_200, ImuSpec
-from filters.runner import Estimator, Settings
+from filters.imu import IMU400CD_200, Noise
+from filters.motion import Dwell, Profile
+from filters.runner import Estimator
+from filters.settings import Settings
 from filters.state import PAPER_SITE, NavState
 
 LEVEL = reference.level(PAPER_SITE)
@@ -23,9 +25,8 @@ def filtered(
     """Run the filter over a simulated still unit."""
     unit = simulation.StillUnit(unit_seed, LOOP_HZ)
     t, gyro, accel = averaged(unit, seconds, factor)
-    estimator = Estimator(Settings(factor / LOOP_HZ, **settings))  # type: ignore[arg-type]
-    for _ in runner.run(estimator, zip(t.tolist(), gyro, accel, strict=True)):
-        pass
+    estimator = Estimator(Settings(factor / LOOP_HZ, **settings), every=np.inf)  # type: ignore[arg-type]
+    list(runner.run(estimator, t, gyro, accel))
     return estimator, unit.truth
 
 
@@ -87,13 +88,13 @@ def test_prediction_is_that_of_a_linear_filter_for_small_errors() -> None:
     scale = np.repeat([1e-2, 1e-4, 1e-6, 1e-5, 1e-7], 3)
     P = (A @ A.T) * np.outer(scale, scale)
     gyro, accel, dt = np.array([0.3, -0.2, 0.5]), C_nb.T @ np.array([0.0, 0.0, -9.8]), 0.05
-    Q_d = spkf.process_noise(IMU400CD_200, dt)
+    Q_d = spkf.process_noise(Noise.of(IMU400CD_200), C_nb, dt)
     after = spkf.predict(spkf.Belief(nav, P), gyro, accel, dt, PAPER_SITE.gravity, Q_d)
     plus = strapdown.propagate(nav.plus(np.diag(scale)), gyro, accel, dt, PAPER_SITE.gravity)
     minus = strapdown.propagate(nav.plus(-np.diag(scale)), gyro, accel, dt, PAPER_SITE.gravity)
     centre = strapdown.propagate(nav, gyro, accel, dt, PAPER_SITE.gravity)
     Phi = ((plus.minus(centre) - minus.minus(centre)) / (2 * scale[:, None])).T
-    expected = Phi @ P @ Phi.T + np.diag(Q_d)
+    expected = Phi @ P @ Phi.T + Q_d
     sd = np.sqrt(np.diag(expected))
     assert np.max(np.abs(after.P - expected) / np.outer(sd, sd)) < 1e-6
 
@@ -103,7 +104,7 @@ def test_correction_is_that_of_the_information_form() -> None:
     rng = np.random.default_rng(9)
     A = rng.normal(size=(15, 15))
     P = A @ A.T + 15 * np.eye(15)
-    belief, innovation = spkf.correct(spkf.Belief(NavState.at_rest(PAPER_SITE, np.eye(3)), P), LEVEL)
+    belief, innovation = spkf.correct(spkf.Belief(LEVEL.nav, P), LEVEL.nav, LEVEL.rows, LEVEL.R_sd)
     information = np.linalg.inv(P)
     information[:9, :9] += np.diag(LEVEL.R_sd**-2)
     assert np.allclose(belief.P, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
@@ -112,14 +113,17 @@ def test_correction_is_that_of_the_information_form() -> None:
 
 def test_the_start_is_the_papers_noise_set() -> None:
     """P0 of the nine navigation states is R; biases start at 18 mg and 1.5 deg/s."""
-    sd = np.sqrt(np.diag(spkf.start(LEVEL).P))
+    estimator = Estimator(Settings(0.05))
+    runner.step(estimator, 0.0, *LEVEL.rates_and_forces())
+    assert estimator.latest is not None
+    sd = np.sqrt(np.diag(estimator.latest.belief.P))
     assert np.allclose(sd[:9], [10, 10, 30, 0.1, 0.1, 0.1, *np.deg2rad([0.1, 0.1, 0.5])])
     assert np.allclose(sd[9:], [18e-3 * 9.80665] * 3 + [np.deg2rad(1.5)] * 3)
 
 
 def test_process_noise_is_table_1_times_dt() -> None:
     """4.5 deg/√h and 1 m/s/√h over 1 s: 0.075 deg and 1/60 m/s; none on position and biases."""
-    sd = np.sqrt(spkf.process_noise(ImuSpec(), 1.0))
+    sd = np.sqrt(np.diag(spkf.process_noise(Noise.of(IMU400CD_200), np.eye(3), 1.0)))
     assert np.allclose(sd[state.VELOCITY], 1 / 60)
     assert np.allclose(sd[state.ATTITUDE], np.deg2rad(0.075))
     assert np.all(sd[[0, 1, 2, 9, 10, 11, 12, 13, 14]] == 0.0)
@@ -130,22 +134,29 @@ def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
     P = np.eye(15)
     P[9, 9] = -1.0
     with pytest.raises(spkf.DivergenceError, match="state covariance"):
-        spkf.predict(spkf.Belief(LEVEL.nav, P), np.zeros(3), np.zeros(3), 0.1, 9.8, np.zeros(15))
+        spkf.predict(spkf.Belief(LEVEL.nav, P), np.zeros(3), np.zeros(3), 0.1, 9.8, np.zeros((15, 15)))
+
+
+def test_a_gated_correction_changes_nothing() -> None:
+    """Beyond the gate the belief is the same object, and the innovation says so."""
+    belief = spkf.start(LEVEL.nav, np.ones(15))
+    far = LEVEL.nav.plus(np.concatenate([np.zeros(3), [50.0], np.zeros(11)]))
+    after, innovation = spkf.correct(belief, far, LEVEL.rows, LEVEL.R_sd, gate=66.0)
+    assert after is belief
+    assert not innovation.accepted
+    assert innovation.nis > 66.0
 
 
 def test_attitude_near_ninety_degrees_of_pitch_is_nothing_special() -> None:
     """At 89.9° of pitch a still unit's biases come out as at level: errors within 4 standard deviations."""
-    site_reference = reference.Reference(
-        "level", NavState.at_rest(PAPER_SITE, attitude.from_rpy(0.0, np.deg2rad(89.9), 0.0)),
-        LEVEL.rows, LEVEL.R_sd, LEVEL.P0_sd, LEVEL.observable, LEVEL.gravity,
-    )  # fmt: skip
-    rate, force = site_reference.rates_and_forces()
+    tilted = Profile((Dwell((0.0, np.deg2rad(89.9), 0.0), 20.0),))
+    C_nb = attitude.table(0.0, np.deg2rad(89.9), 0.0)
+    rate, force = (C_nb.T @ v for v in LEVEL.rates_and_forces())
     rng = np.random.default_rng(3)
-    estimator = Estimator(Settings(0.05))
-    estimator.reference = site_reference
     truth = simulation.draw(1)
-    for k in range(400):
-        gyro = rate + truth.gyro_bias + rng.normal(size=3) * IMU400CD_200.gyro_arw / np.sqrt(0.05)
-        accel = force + truth.accel_bias + rng.normal(size=3) * IMU400CD_200.accel_vrw / np.sqrt(0.05)
-        runner.step(estimator, k * 0.05, gyro, accel)
+    gyro = rate + truth.gyro_bias + rng.normal(size=(400, 3)) * IMU400CD_200.gyro_arw / np.sqrt(0.05)
+    accel = force + truth.accel_bias + rng.normal(size=(400, 3)) * IMU400CD_200.accel_vrw / np.sqrt(0.05)
+    estimator = Estimator(Settings(0.05, reference="profile", motion=tilted))
+    list(runner.run(estimator, np.arange(400) * 0.05, gyro, accel))
     assert np.all(np.abs(bias_errors(estimator, truth)) < 4.0)
+    assert np.all(np.abs(bias_errors(estimator, simulation.Truth(np.zeros(3), np.zeros(3)))) > 1e-3)

@@ -124,13 +124,17 @@ def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
 
 
 def test_no_cut_makes_the_reader_fail_or_lie(tmp_path: Path) -> None:
-    """Cut at every byte: either an error in words, or a true prefix of the samples marked unfinished."""
+    """Cut around every record and at every tenth byte: an error in words, or a true prefix marked unfinished."""
     write(tmp_path / "a.mcap", seconds=2, rate=3)
     whole = (tmp_path / "a.mcap").read_bytes()
     gyro = reader.read(tmp_path / "a.mcap").gyro
     cut = tmp_path / "cut.mcap"
     sizes = set()
-    for size in range(len(whole)):
+    at, cuts = 8, set(range(0, len(whole), 10)) | set(range(len(whole) - 12, len(whole)))
+    while at + 9 < len(whole) - 8:
+        cuts |= {at - 1, at, at + 1, at + 5, at + 9}
+        at += 9 + struct.unpack_from("<Q", whole, at + 1)[0]
+    for size in sorted(cuts):
         cut.write_bytes(whole[:size])
         try:
             log = reader.read(cut)

@@ -1,0 +1,49 @@
+"""Layout of the arrays that the runner, the engines and the compiled step share. Plain numbers: nothing to compile.
+
+`core` holds the state and the totals of a run, a row of `known` what is known at a sample, `par` what never changes in
+a run, `sums` a block of the gauge, `moments` the errors after convergence, a row of `out` one estimate. Covariances
+have 15 rows of STRIDE.
+"""
+
+STRIDE = 16
+"""Row length of the covariance: 15 states and one zero, a multiple of every vector width."""
+
+# state: latitude, longitude, height, velocity 3, quaternion n←b 4 (w first), accelerometer bias 3, gyro bias 3
+NAV = 16
+NAV_V, NAV_Q, NAV_BA, NAV_BG = 3, 6, 10, 13
+
+# totals of a run, beside the state
+CORE_T, CORE_GYRO, CORE_ACCEL = 16, 17, 20
+CORE_NIS_SUM, CORE_NIS_COUNT, CORE_NIS_FIRST, CORE_NIS_LAST, CORE_DOF_LAST = 23, 24, 25, 26, 27
+CORE_REJECTED, CORE_IN_A_ROW, CORE_OVERRULED = 28, 29, 30
+CORE_SAMPLES, CORE_NEXT_OUT = 31, 32
+CORE_SPREAD, CORE_DOF_SUM = 33, 34
+CORE_NU = 35
+"""Innovation of the last update, nine rows; NaN where a row was not known."""
+CORE = 44
+
+# what is known at a sample: position, velocity, quaternion, variances of the nine rows (negative: not known), and the
+# angular rate and specific force of a perfect unit (NaN: not known)
+KNOWN_V, KNOWN_Q, KNOWN_R, KNOWN_RATE, KNOWN_FORCE = 3, 6, 10, 19, 22
+KNOWN = 25
+
+# parameters
+PAR_PERIOD, PAR_KAPPA, PAR_GRAVITY_ANOMALY, PAR_LINEAR, PAR_EVERY = 0, 1, 2, 3, 4
+PAR_NOISE = 5  # squared densities: accel_vrw, gyro_arw, accel_walk, gyro_walk
+PAR_GATE = 17  # NIS limit by number of rows, 0..9
+PAR = 27
+
+# sums over a block of the gauge
+SUM_RESIDUAL, SUM_BIAS, SUM_RESIDUALS, SUM_BIASES = 0, 6, 12, 13
+SUMS = 14
+
+# running moments of state errors against the reference (Welford)
+MOMENT_COUNT, MOMENT_MEAN, MOMENT_SCATTER = 0, 1, 16
+MOMENTS = 16 + 15 * 15
+
+# one row of output
+OUT_INDEX, OUT_T, OUT_NAV, OUT_NIS, OUT_DOF, OUT_NU, OUT_P = 0, 1, 2, 18, 19, 20, 29
+OUT = 29 + 15 * STRIDE
+
+DONE, INDEFINITE, NOT_FINITE = -1, 1, 2
+"""Why `advance` returned early: `DONE` not at all."""

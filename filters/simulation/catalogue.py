@@ -1,0 +1,141 @@
+"""The effects by name, and what a scenario asks of one."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from filters.simulation import additive, drift, motion, output
+from filters.simulation.parameters import CHANNELS, Parameter, Setup
+
+EFFECTS: dict[str, type[Any]] = {
+    "thermal_lin": additive.ThermalLin,
+    "thermal_poly": additive.ThermalPoly,
+    "thermal_rate": additive.ThermalRate,
+    "thermal_lag": additive.ThermalLag,
+    "hysteresis": additive.Hysteresis,
+    "warmup": additive.Warmup,
+    "ramp": additive.Ramp,
+    "scale": additive.Scale,
+    "asymmetry": additive.Asymmetry,
+    "nonlinearity_cubic": additive.NonlinearityCubic,
+    "nonlinearity_quadratic": additive.NonlinearityQuadratic,
+    "thermal_scale": additive.ThermalScale,
+    "cross_axis": additive.CrossAxis,
+    "mounting": motion.Mounting,
+    "g_sensitivity": additive.GSensitivity,
+    "g_squared": additive.GSquared,
+    "earth_rate": motion.EarthRate,
+    "harmonic": additive.Harmonic,
+    "delay": motion.Delay,
+    "lever_arm": motion.LeverArm,
+    "tilt": motion.Tilt,
+    "gravity": motion.Gravity,
+    "tone": additive.Tone,
+    "step": additive.Step,
+    "telegraph": drift.Telegraph,
+    "random_walk": drift.RandomWalk,
+    "gauss_markov": drift.GaussMarkov,
+    "noise_level": output.NoiseLevel,
+    "bandwidth": output.Bandwidth,
+    "noise_crosstalk": output.NoiseCrosstalk,
+    "spikes": output.Spikes,
+    "stuck": output.Stuck,
+    "saturation": output.Saturation,
+    "coarse": output.Coarse,
+    "dropout": output.Dropout,
+    "jitter": output.Jitter,
+}
+"""Name to class. A class has `channels` (where it may be), `parameters`, and its equation in its docstring. It is made
+from a `Setup` for each channel, or once for all: with `everywhere` on all of `channels` (a scenario may name some of
+them if it has `selectable` too), with `together` on those that a scenario names."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a scenario asks of one effect.
+
+    Attributes
+    ----------
+    name : str
+        In `EFFECTS`.
+    channels : tuple of str
+        Of gx, gy, gz, ax, ay, az; empty for an effect that is everywhere by itself.
+    parameters : mapping
+        As its class names them, in the units of the names.
+
+    Raises
+    ------
+    ValueError
+        If a name, a channel, a parameter or a value does not fit; the message says what would.
+    """
+
+    name: str
+    channels: tuple[str, ...] = ()
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.name not in EFFECTS:
+            raise ValueError(f'`name` is "{self.name}", no effect; known: {", ".join(EFFECTS)}')
+        kind = EFFECTS[self.name]
+        if not self.channels and not getattr(kind, "everywhere", False):
+            raise ValueError(f"`channel` is missing for {self.name}: one or several of {', '.join(kind.channels)}")
+        for channel in self.channels:
+            if channel not in kind.channels:
+                raise ValueError(f'`channel` is "{channel}"; {self.name} can be on {", ".join(kind.channels)}')
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"`channel` is {list(self.channels)}: one is named twice")
+        whole = getattr(kind, "everywhere", False) and not getattr(kind, "selectable", False)
+        if whole and self.channels and set(self.channels) != set(kind.channels):
+            raise ValueError(f"`channel` is {list(self.channels)}; {self.name} is on all it concerns: leave it out")
+        self.made(1.0, lambda _: np.random.default_rng(0))
+
+    def made(self, rate_hz: float, rng: Callable[[int], np.random.Generator]) -> list[tuple[int, Any]]:
+        """The effect at work: an object for each channel, or one for all of them, under the first one's number.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Of the readings.
+        rng : callable
+            Gives the generator of a channel's number.
+
+        Returns
+        -------
+        list of (int, object)
+            Number of the channel, and the object, in the order of the channels.
+        """
+        kind = EFFECTS[self.name]
+        numbers = tuple(CHANNELS.index(channel) for channel in self.channels or kind.channels)
+        one = getattr(kind, "everywhere", False) or getattr(kind, "together", False)
+        return [
+            (n, kind(Setup(n, numbers, self._values(kind, n), rate_hz, rng(n))))
+            for n in (numbers[:1] if one else numbers)
+        ]
+
+    def _values(self, kind: type[Any], channel: int) -> dict[str, float | str]:
+        parameters: tuple[Parameter, ...] = kind.parameters
+        names = {parameter.name_on(channel): parameter for parameter in parameters}
+        for name in self.parameters:
+            if name not in names:
+                where = f"{self.name} on {CHANNELS[channel]}"
+                raise ValueError(f"`{name}` is no parameter of {where}; it has: {', '.join(names)}")
+        return {p.key: self._value(name, p, channel) for name, p in names.items()}
+
+    def _value(self, name: str, parameter: Parameter, channel: int) -> float | str:
+        value = self.parameters.get(name, parameter.default)
+        if value is None:
+            raise ValueError(f"`{name}` is missing for {self.name} on {CHANNELS[channel]}")
+        if parameter.choices:
+            if value not in parameter.choices:
+                raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(parameter.choices)}')
+            return value
+        given = name in self.parameters
+        if not isinstance(value, int | float) or isinstance(value, bool) or (given and not np.isfinite(value)):
+            raise ValueError(f"`{name}` is {value!r}, not a finite number")
+        if not parameter.least <= value <= parameter.most or (parameter.above and value == parameter.least):
+            bounds = f"{'more than' if parameter.above else 'at least'} {parameter.least:g}"
+            bounds += f" and at most {parameter.most:g}" if np.isfinite(parameter.most) else ""
+            raise ValueError(f"`{name}` is {value:g}; it is {bounds}")
+        return parameter.si(float(value), channel)

@@ -1,0 +1,129 @@
+"""What effects are told and what they see: parameters with units, channels, true inputs of a stretch of readings."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters.imu import STANDARD_GRAVITY
+from filters.types import Array
+
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+GYROS, ACCELS = CHANNELS[:3], CHANNELS[3:]
+
+DPS = math.pi / 180.0
+MG = 1e-3 * STANDARD_GRAVITY
+G = STANDARD_GRAVITY
+
+
+def is_gyro(channel: int) -> bool:
+    """Whether a channel's number is that of a gyro."""
+    return channel < 3
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of an effect.
+
+    Attributes
+    ----------
+    key : str
+        What the effect calls it.
+    name : str
+        What a scenario calls it, unit and all; `{e}` stands for the unit of errors, dps or mg by the channel, and
+        `{x}` for that of inputs, dps or g.
+    default : float, str or None
+        None where it must be given.
+    inputs : int
+        Power of the input's unit in the parameter's.
+    factor : float
+        To SI, of what is left of the unit.
+    choices : tuple of str
+        Of a parameter that is a word.
+    least, most : float
+        Of a parameter that is a number, in its own unit.
+    above : bool
+        Whether `least` itself is too little.
+    """
+
+    key: str
+    name: str
+    default: float | str | None = None
+    inputs: int = 0
+    factor: float = 1.0
+    choices: tuple[str, ...] = ()
+    least: float = -math.inf
+    most: float = math.inf
+    above: bool = False
+
+    def name_on(self, channel: int) -> str:
+        """Name in a scenario, for a channel's number."""
+        return self.name.format(**({"e": "dps", "x": "dps"} if is_gyro(channel) else {"e": "mg", "x": "g"}))
+
+    def si(self, value: float, channel: int) -> float:
+        """Value in SI and radians of a value in the unit of `name_on`."""
+        error, unit = (DPS, DPS) if is_gyro(channel) else (MG, G)
+        return value * self.factor * (error if "{e}" in self.name else 1.0) * unit**self.inputs
+
+
+def positive(key: str, name: str, default: float | None = None) -> Parameter:
+    """A parameter that is more than zero, in SI already."""
+    return Parameter(key, name, default, least=0.0, above=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What an effect is made from, on one channel.
+
+    Attributes
+    ----------
+    channel : int
+        Number in `CHANNELS`.
+    channels : tuple of int
+        All that the effect was asked for on.
+    values : dict
+        Key to value, SI; a word for a parameter that is one.
+    rate_hz : float
+        Of the readings.
+    rng : numpy.random.Generator
+        The effect's own, of this power-on.
+    """
+
+    channel: int
+    channels: tuple[int, ...]
+    values: dict[str, float | str]
+    rate_hz: float
+    rng: np.random.Generator
+
+    def number(self, key: str) -> float:
+        """Value of a parameter that is a number."""
+        return float(self.values[key])
+
+    def word(self, key: str) -> str:
+        """Value of a parameter that is a word."""
+        return str(self.values[key])
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What there is to sense over N successive readings.
+
+    Attributes
+    ----------
+    t : Array
+        Since power-on, s, shape (N,).
+    perfect : Array
+        What an instrument without errors reads: rates (rad/s), accelerations (m/s²), its own axes and sign, (N, 6).
+    temperature : Array
+        Inside the case, degC, shape (N,).
+    temperature_rate : Array
+        K/s, shape (N,).
+    angles : Array
+        Rotations of the table about north, east, down, rad, shape (N, 3).
+    """
+
+    t: Array
+    perfect: Array
+    temperature: Array
+    temperature_rate: Array
+    angles: Array

@@ -1,0 +1,191 @@
+"""What is simulated, as records: a unit and its biases, its power-ons, temperature, motion, effects, faults."""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from filters.imu import IMU400CD_200, AxisMap, ImuSpec
+from filters.motion import Profile
+from filters.simulation.catalogue import Effect
+from filters.state import PAPER_SITE, Site
+from filters.types import Array
+
+_WARM_UP_KELVIN = 6.0
+_WARM_UP_SECONDS = 600.0
+_ROOM_DEGC = 24.0
+
+FAULT_KINDS = {"drop_bytes": "count", "garbage": "count", "bit_flips": "count", "silence": "seconds"}
+"""Kinds of fault on the wire, and what each is measured in."""
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Constant biases of one unit, body axes.
+
+    Attributes
+    ----------
+    accel_bias, gyro_bias : Array
+        m/s² and rad/s, shape (3,).
+    """
+
+    accel_bias: Array
+    gyro_bias: Array
+
+
+def draw(seed: int, spec: ImuSpec = IMU400CD_200) -> Truth:
+    """Biases of a unit: uniform within the specification's limits.
+
+    Parameters
+    ----------
+    seed : int
+        Equal seeds give equal units.
+    spec : ImuSpec
+        Limits.
+
+    Returns
+    -------
+    Truth
+    """
+    rng = np.random.default_rng([seed, 0])
+    return Truth(rng.uniform(-1, 1, 3) * spec.accel_bias_limit, rng.uniform(-1, 1, 3) * spec.gyro_bias_limit)
+
+
+@dataclass(frozen=True, slots=True)
+class Temperature:
+    """Temperature inside the case since power-on.
+
+    Attributes
+    ----------
+    points : tuple of (float, float)
+        s and degC, times increasing; straight lines between them, constant before and after. Without any it warms up
+        by itself: 24 degC + 6 K (1 - exp(-t / 600 s)).
+    """
+
+    points: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        t = [point[0] for point in self.points]
+        if not all(math.isfinite(number) for point in self.points for number in point):
+            raise ValueError(f"`points` is {list(self.points)}, not all finite")
+        if any(b <= a for a, b in itertools.pairwise(t)):
+            raise ValueError(f"`points` is {list(self.points)}: times do not increase")
+
+    def at(self, t: Array) -> Array:
+        """Temperature, degC, shape (N,)."""
+        if not self.points:
+            return _ROOM_DEGC - _WARM_UP_KELVIN * np.expm1(-t / _WARM_UP_SECONDS)
+        times, values = np.array(self.points).T
+        return np.asarray(np.interp(t, times, values))
+
+    def rate(self, t: Array) -> Array:
+        """Its time derivative, K/s, shape (N,); at a corner that of what follows."""
+        if not self.points:
+            return _WARM_UP_KELVIN / _WARM_UP_SECONDS * np.exp(-t / _WARM_UP_SECONDS)
+        times, values = np.array(self.points).T
+        slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+        return slopes[np.searchsorted(times, t, side="right")]
+
+
+@dataclass(frozen=True, slots=True)
+class PowerOn:
+    """What differs at one power-on.
+
+    Attributes
+    ----------
+    seed : int or None
+        Of noise and of random effects, instead of the scenario's.
+    temperature : Temperature or None
+        Instead of the scenario's.
+    accel_bias, gyro_bias : tuple of float or None
+        Instead of the scenario's, instrument axes, m/s² and rad/s; nothing from run to run is added to them.
+    """
+
+    seed: int | None = None
+    temperature: Temperature | None = None
+    accel_bias: Triple | None = None
+    gyro_bias: Triple | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault on the wire, for whoever puts readings on one.
+
+    Attributes
+    ----------
+    at : float
+        Since the first request for data, s.
+    kind : str
+        "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between. "bit_flips": one bit
+        in each of the next `count` messages. "silence": nothing arrives for `seconds`.
+    count : int
+    seconds : float
+    """
+
+    at: float
+    kind: str
+    count: int = 0
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in FAULT_KINDS:
+            raise ValueError(f'`kind` is "{self.kind}", not one of: {", ".join(FAULT_KINDS)}')
+        if not 0.0 <= self.at < math.inf:
+            raise ValueError(f"`at` is {self.at}, not a time from 0 on")
+        amount = self.count if FAULT_KINDS[self.kind] == "count" else self.seconds
+        if not 0 < amount < math.inf:
+            raise ValueError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A unit, what is done with it, and what is wrong with it.
+
+    Attributes
+    ----------
+    seed : int
+        Of all that is drawn.
+    spec : ImuSpec
+        Noise densities and bandwidths (0: no limit); bias limits, within which biases are drawn.
+    accel_bias, gyro_bias : tuple of float or None
+        Instrument axes and sign, m/s² and rad/s; drawn from the seed if None.
+    accel_bias_run_sd, gyro_bias_run_sd : float
+        Standard deviations of what comes to the biases at each power-on.
+    temperature : Temperature
+        Since power-on.
+    profile : Profile or None
+        Motion of the table from power-on; level and still without.
+    effects : tuple of Effect
+    power_ons : tuple of PowerOn
+        At least one.
+    faults : tuple of Fault
+    site : Site
+    axes : AxisMap
+        Sign of the accelerometers, mounting on the table.
+    """
+
+    seed: int = 0
+    spec: ImuSpec = IMU400CD_200
+    accel_bias: Triple | None = None
+    gyro_bias: Triple | None = None
+    accel_bias_run_sd: float = 0.0
+    gyro_bias_run_sd: float = 0.0
+    temperature: Temperature = Temperature()
+    profile: Profile | None = None
+    effects: tuple[Effect, ...] = ()
+    power_ons: tuple[PowerOn, ...] = (PowerOn(),)
+    faults: tuple[Fault, ...] = ()
+    site: Site = PAPER_SITE
+    axes: AxisMap = field(default_factory=AxisMap)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ValueError(f"`seed` is {self.seed}, negative")
+        if not self.power_ons:
+            raise ValueError("`power_ons` is empty: there is at least one")
+        for name in ("accel_bias_run_sd", "gyro_bias_run_sd"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"`{name}` is {getattr(self, name)}, not a finite number from 0 on")

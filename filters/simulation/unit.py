@@ -1,0 +1,366 @@
+"""Units: readings at the loop's rate from a scenario, as arrays or one after the other, the same numbers either way."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from filters.imu import IMU400CD_200, ImuSpec, Samples
+from filters.motion import Profile
+from filters.simulation.additive import Additive
+from filters.simulation.catalogue import Effect
+from filters.simulation.motion import MotionEffect, World
+from filters.simulation.output import (
+    Bandwidth,
+    Coarse,
+    Dropout,
+    Jitter,
+    NoiseCrosstalk,
+    NoiseLevel,
+    Output,
+    Saturation,
+    Spikes,
+    Stuck,
+)
+from filters.simulation.parameters import Inputs
+from filters.simulation.scenario import Scenario, Truth, draw
+from filters.state import PAPER_SITE, Site
+from filters.types import Array
+
+LOOP_HZ = 400.0 / 3.0
+"""Readings a second of the IMU400CD's own loop."""
+
+# Readings come in blocks of this many whoever asks: noise and memories then cannot depend on how they are asked for.
+_BLOCK = 1024
+
+# what is drawn, as the second word of a generator's seed
+_NOISE, _EFFECT, _RUN = 1, 2, 3
+
+# from sensor to register: what is behind acts on what came before
+_OUTPUT_ORDER = (Saturation, Coarse, Stuck, Spikes)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Readings with what only a simulation knows, of the same N instants.
+
+    Attributes
+    ----------
+    samples : Samples
+        Stamps, rates and specific forces, body axes.
+    number : integer array
+        Number of each reading since power-on, shape (N,); lost ones are missing.
+    temperature_degc : Array
+        Shape (N,).
+    angles, rates : Array
+        Rotations of the table about north, east, down and their derivatives, rad and rad/s, shape (N, 3).
+    truth : Truth
+        Biases.
+    """
+
+    samples: Samples
+    number: NDArray[np.int_]
+    temperature_degc: Array
+    angles: Array
+    rates: Array
+    truth: Truth
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Successive readings."""
+
+    stamps: Array  # (N,), s since power-on, as they arrive
+    gyro: Array  # (N, 3), body
+    accel: Array  # (N, 3), body
+    temperature: Array  # (N,)
+    lost: NDArray[np.bool_]  # (N,)
+
+
+class Unit:
+    """A unit at one of its power-ons.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Unit, motion, effects.
+    power_on : int
+        Which, from 0.
+    rate_hz : float
+        Readings a second.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has no such power-on, or the rate is not positive.
+    """
+
+    def __init__(self, scenario: Scenario, power_on: int = 0, rate_hz: float = LOOP_HZ) -> None:
+        if not 0 <= power_on < len(scenario.power_ons):
+            raise ValueError(f"`power_on` is {power_on}; the scenario has 0 to {len(scenario.power_ons) - 1}")
+        if not 0.0 < rate_hz < np.inf:
+            raise ValueError(f"`rate_hz` is {rate_hz}, not positive")
+        self.scenario = scenario
+        self.power_on = power_on
+        self.rate_hz = rate_hz
+        self.temperature = scenario.power_ons[power_on].temperature or scenario.temperature
+        self.truth = _biases(scenario, power_on)
+        self._blocks = self._stream()
+        self._start = 0
+        self._block = next(self._blocks)
+
+    def reading(self, k: int) -> tuple[Array, Array]:
+        """Rate (rad/s) and specific force (m/s²) of reading k, body axes, shape (3,); k must not go back a block.
+
+        A lost reading is given too: `lost` says so.
+        """
+        row = self._row(k)
+        return self._block.gyro[row], self._block.accel[row]
+
+    def lost(self, k: int) -> bool:
+        """Whether reading k never arrives; k as in `reading`."""
+        row = self._row(k)
+        return bool(self._block.lost[row])
+
+    def late(self, k: int) -> float:
+        """Error of the stamp of reading k, s; k as in `reading`."""
+        row = self._row(k)
+        return float(self._block.stamps[row]) - k / self.rate_hz
+
+    def temperature_degc(self, k: int) -> float:
+        """Temperature inside the case at reading k, degC."""
+        return float(self.temperature.at(np.array([k / self.rate_hz]))[0])
+
+    def samples(self, count: int) -> Samples:
+        """What arrives of readings 0 to `count` - 1; the unit is not used up."""
+        return self.record(count).samples
+
+    def record(self, count: int) -> Recording:
+        """What arrives of readings 0 to `count` - 1, and the truth beside it; the unit is not used up.
+
+        Parameters
+        ----------
+        count : int
+            Readings made.
+
+        Returns
+        -------
+        Recording
+        """
+        if count < 0:
+            raise ValueError(f"`count` is {count}, negative")
+        blocks = [block for block, _ in zip(self._stream(), range(0, max(count, 1), _BLOCK), strict=False)]
+        kept = np.flatnonzero(~np.concatenate([block.lost for block in blocks])[:count])
+        gyro, accel, stamps, temperature = (
+            np.concatenate([getattr(block, name) for block in blocks])[kept]
+            for name in ("gyro", "accel", "stamps", "temperature")
+        )
+        t = kept / self.rate_hz
+        profile = self.scenario.profile
+        angles, rates = (
+            (np.zeros((kept.size, 3)), np.zeros((kept.size, 3)))
+            if profile is None
+            else (profile.angles(t), profile.rates(t))
+        )
+        return Recording(Samples(stamps, gyro, accel), kept, temperature, angles, rates, self.truth)
+
+    def _row(self, k: int) -> int:
+        if k < self._start:
+            raise ValueError(f"`k` is {k}: readings before {self._start} are gone")
+        while k >= self._start + _BLOCK:
+            self._start += _BLOCK
+            self._block = next(self._blocks)
+        return k - self._start
+
+    # ---------------------------------------------------------------------------------------------- how they are made
+
+    def _stream(self) -> Iterator[_Block]:
+        """Blocks of readings from power-on."""
+        scenario, axes = self.scenario, self.scenario.axes
+        made = [pair for number, effect in enumerate(scenario.effects) for pair in self._made(number, effect)]
+        world = World(scenario.profile, scenario.site, axes)
+        for _, thing in made:
+            if isinstance(thing, MotionEffect):
+                world = thing.changed(world)
+        errors = [(channel, thing) for channel, thing in made if isinstance(thing, Additive)]
+        outputs = [(channel, thing) for channel, thing in made if isinstance(thing, Output)]
+        outputs.sort(key=lambda pair: _OUTPUT_ORDER.index(type(pair[1])))
+        poles = _poles(scenario.spec, made, self.rate_hz)
+        band = _BandLimit(poles)
+        noise = _noise(self, made, _BandLimit(poles))
+        bias = np.concatenate(
+            [axes.gyro_to_instrument(self.truth.gyro_bias), axes.accel_to_instrument(self.truth.accel_bias)]
+        )
+        for start in itertools.count(0, _BLOCK):
+            t = (start + np.arange(_BLOCK)) / self.rate_hz
+            inputs = Inputs(t, world.perfect(t), self.temperature.at(t), self.temperature.rate(t), world.angles(t))
+            values = inputs.perfect + bias
+            for channel, error in errors:
+                values[:, channel] += error.error(inputs)
+            if errors or scenario.profile is not None:
+                band.settle(values[0])
+                values = band.limited(values)
+            values += noise(inputs)
+            for channel, output in outputs:
+                values[:, channel] = output.spoiled(values[:, channel], t)
+            late = sum((thing.late(t) for _, thing in made if isinstance(thing, Jitter)), np.zeros(_BLOCK))
+            lost = np.zeros(_BLOCK, bool)
+            for _, thing in made:
+                if isinstance(thing, Dropout):
+                    lost |= thing.lost(t)
+            gyro, accel = axes.gyro_to_body(values[:, :3]), axes.accel_to_body(values[:, 3:])
+            yield _Block(t + late, gyro, accel, inputs.temperature, lost)
+
+    def _made(self, number: int, effect: Effect) -> list[tuple[int, object]]:
+        key = [_seed(self.scenario, self.power_on), _EFFECT, self.power_on, number]
+        return effect.made(self.rate_hz, lambda channel: np.random.default_rng([*key, channel]))
+
+
+class StillUnit(Unit):
+    """A still, level unit with nothing wrong but its biases, drawn within the specification, and noise.
+
+    Parameters
+    ----------
+    seed : int
+        Of biases and noise.
+    rate_hz : float
+        Readings a second of unit time.
+    site : Site
+        Where it stands.
+    spec : ImuSpec
+        Noise densities, bandwidths, bias limits.
+    """
+
+    def __init__(self, seed: int, rate_hz: float, site: Site = PAPER_SITE, spec: ImuSpec = IMU400CD_200) -> None:
+        super().__init__(Scenario(seed=seed, site=site, spec=spec), rate_hz=rate_hz)
+
+
+def simulate(
+    profile: Profile | None = None,
+    *,
+    rate_hz: float,
+    seconds: float,
+    seed: int = 0,
+    spec: ImuSpec = IMU400CD_200,
+    truth: Truth | None = None,
+    effects: tuple[Effect, ...] = (),
+    site: Site = PAPER_SITE,
+    band_limit: bool = False,
+) -> tuple[Samples, Truth]:
+    """Samples for a filter's tests: the truth at the instants k / rate, plus bias, effects and white noise.
+
+    Noise of a sample has standard deviation density · √rate: what a filter with that specification believes.
+
+    Parameters
+    ----------
+    profile : Profile or None
+        Motion from the first sample on; level and still without.
+    rate_hz, seconds : float
+        ``round(seconds * rate_hz)`` samples.
+    seed : int
+        Of noise, random effects, and biases that are not given.
+    spec : ImuSpec
+        Densities, bias limits.
+    truth : Truth or None
+        Biases, body axes; drawn within the limits if None.
+    effects : tuple of Effect
+        In the axes and sign of an instrument that sits straight on the table and reads +1 g when level.
+    site : Site
+        Where the table stands.
+    band_limit : bool
+        Whether the specification's bandwidths act, on signal and noise.
+
+    Returns
+    -------
+    Samples
+        Body axes.
+    Truth
+        Biases.
+    """
+    if not band_limit:
+        spec = replace(spec, gyro_bandwidth=0.0, accel_bandwidth=0.0)
+    scenario = Scenario(seed=seed, spec=spec, effects=effects, profile=profile, site=site)
+    if truth is not None:
+        accel = scenario.axes.accel_to_instrument(truth.accel_bias)
+        gyro = scenario.axes.gyro_to_instrument(truth.gyro_bias)
+        scenario = replace(scenario, accel_bias=tuple(accel.tolist()), gyro_bias=tuple(gyro.tolist()))
+    unit = Unit(scenario, rate_hz=rate_hz)
+    return unit.samples(round(seconds * rate_hz)), unit.truth
+
+
+def _seed(scenario: Scenario, power_on: int) -> int:
+    own = scenario.power_ons[power_on].seed
+    return scenario.seed if own is None else own
+
+
+def _biases(scenario: Scenario, power_on: int) -> Truth:
+    """Biases of a unit at a power-on, body axes."""
+    axes, drawn, this = scenario.axes, draw(scenario.seed, scenario.spec), scenario.power_ons[power_on]
+    rng = np.random.default_rng([_seed(scenario, power_on), _RUN, power_on])
+    accel_more = rng.standard_normal(3) * scenario.accel_bias_run_sd
+    gyro_more = rng.standard_normal(3) * scenario.gyro_bias_run_sd
+    accel = axes.accel_to_body(np.array(scenario.accel_bias)) if scenario.accel_bias else drawn.accel_bias
+    gyro = axes.gyro_to_body(np.array(scenario.gyro_bias)) if scenario.gyro_bias else drawn.gyro_bias
+    return Truth(
+        axes.accel_to_body(np.array(this.accel_bias)) if this.accel_bias else accel + accel_more,
+        axes.gyro_to_body(np.array(this.gyro_bias)) if this.gyro_bias else gyro + gyro_more,
+    )
+
+
+def _poles(spec: ImuSpec, made: list[tuple[int, object]], rate_hz: float) -> Array:
+    """Poles of the six first-order band limits; 0 where there is none."""
+    hz = np.repeat([spec.gyro_bandwidth, spec.accel_bandwidth], 3)
+    for channel, thing in made:
+        if isinstance(thing, Bandwidth):
+            hz[channel] = thing.hz
+    return np.where(hz > 0.0, np.exp(-2.0 * np.pi * hz / rate_hz), 0.0)
+
+
+class _BandLimit:
+    """First-order band limits of unit gain at zero frequency: a density that a filter integrates passes unchanged."""
+
+    def __init__(self, poles: Array) -> None:
+        self._poles = poles
+        self._memory = np.zeros((1, 6))
+        self._settled = False
+
+    def settle(self, values: Array) -> None:
+        """Let the first values of all, shape (6,), have been there for ever."""
+        if not self._settled:
+            self._memory[0] = self._poles * values
+            self._settled = True
+
+    def limited(self, values: Array) -> Array:
+        """The next values, shape (N, 6)."""
+        out = np.empty_like(values)
+        for pole in np.unique(self._poles):
+            c = self._poles == pole
+            out[:, c], self._memory[:, c] = signal.lfilter(
+                [1.0 - pole], [1.0, -pole], values[:, c], axis=0, zi=self._memory[:, c]
+            )
+        return out
+
+
+def _noise(unit: Unit, made: list[tuple[int, object]], band: _BandLimit) -> Callable[[Inputs], Array]:
+    """What gives the band-limited noise of the next readings, instrument axes, shape (N, 6)."""
+    spec, axes = unit.scenario.spec, unit.scenario.axes
+    rng = np.random.default_rng([_seed(unit.scenario, unit.power_on), _NOISE, unit.power_on])
+    sd = np.repeat([spec.gyro_arw, spec.accel_vrw], 3) * np.sqrt(unit.rate_hz)
+
+    def following(inputs: Inputs) -> Array:
+        # drawn in body axes: one seed gives one physics however the unit sits and whatever sign it reads with
+        drawn = rng.standard_normal((inputs.t.size, 6))
+        white = np.hstack([axes.gyro_to_instrument(drawn[:, :3]), axes.accel_to_instrument(drawn[:, 3:])])
+        for _, thing in made:
+            if isinstance(thing, NoiseCrosstalk):
+                white = thing.mixed(white)
+        white = white * sd
+        for channel, thing in made:
+            if isinstance(thing, NoiseLevel):
+                white[:, channel] *= thing.ratio(inputs)
+        return band.limited(white)
+
+    return following

@@ -1,0 +1,121 @@
+"""Samples, temperatures and packets as columns that grow, filled from batches of messages or one by one."""
+
+import numpy as np
+from mcap.records import Message
+
+from imutui.logbook import fast, schemas
+from imutui.logbook.records import Batch
+
+_BLOCK = 2**16
+
+
+class Growing:
+    """Rows of one kind of message, in blocks: what is there never moves.
+
+    Parameters
+    ----------
+    width : int
+        Elements in a row.
+    dtype : type
+        Of an element.
+    """
+
+    def __init__(self, width: int, dtype: type) -> None:
+        self._blocks: list[np.ndarray] = [np.empty((0, width), dtype)]
+        self._filled = 0
+
+    def room(self, more: int) -> np.ndarray:
+        """So many rows after the last, to be filled, shape (more, width)."""
+        block = self._blocks[-1]
+        if self._filled + more > len(block):
+            self._blocks[-1] = block[: self._filled]
+            self._blocks.append(np.empty((max(more, _BLOCK), block.shape[1]), block.dtype))
+            self._filled = 0
+        return self._blocks[-1][self._filled : self._filled + more]
+
+    def keep(self, more: int) -> None:
+        """Take rows given by `room` as filled."""
+        self._filled += more
+
+    def columns(self, first: int, last: int) -> np.ndarray:
+        """Columns from `first` up to `last` of all rows, shape (N, last - first)."""
+        *whole, latest = self._blocks
+        return np.concatenate([block[:, first:last] for block in (*whole, latest[: self._filled])])
+
+
+class Columns:
+    """The fields that are read of every sample."""
+
+    def __init__(self) -> None:
+        self._imu = Growing(9, np.uint64)
+        self._temperature = Growing(2, np.uint64)
+        self._raw = Growing(fast.RAW_SIZE, np.uint8)
+
+    def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
+        """Take the samples, temperatures and packets of a batch, if all are plain.
+
+        Parameters
+        ----------
+        batch : Batch
+            Messages.
+        roles : np.ndarray
+            Role of each channel id, uint8, shape (65536,).
+        counts : np.ndarray
+            How many of the messages have each role, see `fast.tally`.
+
+        Returns
+        -------
+        bool
+            False if some message has another layout than the plain one; then none is taken.
+        """
+        _, _, imu, temperature, raw = counts.tolist()
+        rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw)
+        if not fast.gather(batch.data, batch.table, roles, *rooms):
+            return False
+        self._imu.keep(imu)
+        self._temperature.keep(temperature)
+        self._raw.keep(raw)
+        return True
+
+    def sample(self, message: Message) -> None:
+        """One Imu message of any layout that rosbags can decode."""
+        m = schemas.decode(schemas.TYPES[schemas.IMU], message.data)
+        w, f = m.angular_velocity, m.linear_acceleration
+        row = self._imu.room(1)
+        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        unknown = (m.angular_velocity_covariance[0], m.linear_acceleration_covariance[0])
+        row[0, 1:] = np.array([w.x, w.y, w.z, f.x, f.y, f.z, *unknown]).view(np.uint64)
+        self._imu.keep(1)
+
+    def temperature(self, message: Message) -> None:
+        """One Temperature message of any layout."""
+        m = schemas.decode(schemas.TYPES[schemas.TEMPERATURE], message.data)
+        row = self._temperature.room(1)
+        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        row[0, 1] = np.float64(m.temperature).view(np.uint64)
+        self._temperature.keep(1)
+
+    def packet(self, message: Message) -> None:
+        """One RawPacket, which has one layout only."""
+        schemas.decode_raw(message.data)
+        self._raw.room(1)[0] = np.frombuffer(message.data, np.uint8)
+        self._raw.keep(1)
+
+    def imu(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Stamps (ns, int64, (N,)), angular rate (rad/s, (N, 3)), specific force (m/s², (N, 3)), validity (bool, (N,)).
+
+        A covariance that begins with -1 says, in sensor_msgs/Imu, that there is no estimate of its quantity.
+        """
+        stamps = self._imu.columns(0, 1)[:, 0].view(np.int64)
+        gyro, accel = (self._imu.columns(first, first + 3).view(np.float64) for first in (1, 4))
+        valid = (self._imu.columns(7, 9).view(np.float64) != schemas.NO_ESTIMATE).all(axis=1)
+        return stamps, gyro, accel, valid
+
+    def temperatures(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stamps (ns, int64, (M,)) and degC (M,)."""
+        stamps, values = (self._temperature.columns(column, column + 1)[:, 0] for column in range(2))
+        return stamps.view(np.int64), values.view(np.float64)
+
+    def packets(self) -> np.ndarray:
+        """Records of `schemas.RAW_DTYPE`, shape (K,)."""
+        return self._raw.columns(0, fast.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]

@@ -1,0 +1,65 @@
+"""Estimates as messages: rows of the runner to packed imutui_msgs/Estimate, many at a time."""
+
+import numpy as np
+
+from filters import attitude, layout, state
+from filters.runner import Estimator
+from imutui.logbook import results, schemas
+from imutui.logbook.session import SessionInfo
+
+
+def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: SessionInfo) -> list[bytes]:
+    """CDR bytes of estimates.
+
+    Parameters
+    ----------
+    rows : np.ndarray
+        As `filters.runner.rows` gives them, shape (K, layout.OUT); the estimator's verdict holds for all.
+    stamps_ns : np.ndarray
+        Sampling instants, UTC, ns, shape (K,).
+    estimator : Estimator
+        Whose rows they are.
+    info : SessionInfo
+        Axes and units.
+
+    Returns
+    -------
+    list of bytes
+    """
+    axes, g_unit = info.axes(), info.g_unit
+    hidden = ~results.seen_axes(estimator, axes)
+    nav = rows[:, layout.OUT_NAV : layout.OUT_NIS]
+    P = rows[:, layout.OUT_P :].reshape(-1, state.SIZE, layout.STRIDE)[:, :, : state.SIZE]
+    sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+    C_nb = attitude.from_quaternion(nav[:, layout.NAV_Q : layout.NAV_BA])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        J = attitude.rpy_jacobian(C_nb)
+        rpy_sd = np.sqrt(np.einsum("kij,kjl,kil->ki", J, P[:, state.ATTITUDE, state.ATTITUDE], J))
+    longitude = np.remainder(np.rad2deg(nav[:, 1]) + 180.0, 360.0) - 180.0
+    accel = axes.accel_to_instrument(nav[:, layout.NAV_BA : layout.NAV_BG]) / g_unit * 1e3
+    accel_sd = axes.sd_to_instrument(sd[:, state.ACCEL_BIAS]) / g_unit * 1e3
+    accel[:, hidden] = accel_sd[:, hidden] = np.nan
+    values = np.column_stack(
+        [
+            np.rad2deg(nav[:, 0]),
+            longitude,
+            nav[:, 2],
+            nav[:, layout.NAV_V : layout.NAV_Q],
+            np.rad2deg(attitude.to_rpy(C_nb)),
+            accel,
+            np.rad2deg(axes.gyro_to_instrument(nav[:, layout.NAV_BG :])),
+            sd[:, state.POSITION],
+            sd[:, state.VELOCITY],
+            np.rad2deg(rpy_sd),
+            accel_sd,
+            np.rad2deg(axes.sd_to_instrument(sd[:, state.GYRO_BIAS])),
+            rows[:, layout.OUT_NIS],
+        ]
+    )
+    since = results.converged_since(estimator, axes)
+    converged = [s is not None for name in ("accel_bias", "gyro_bias") for s in since[name]]
+    dofs = rows[:, layout.OUT_DOF].astype(int).tolist()
+    return [
+        schemas.encode_estimate(stamp, numbers, dof, converged)
+        for stamp, numbers, dof in zip(stamps_ns.tolist(), values.tolist(), dofs, strict=True)
+    ]

@@ -1,0 +1,139 @@
+"""What a recording's own arrays or a file beside it say of the motion, as the attachment that travels in the log."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from filters import attitude
+from filters.motion import Profile, attitudes
+from filters.reference import Trajectory
+from filters.types import Array
+from imutui.logbook import motions, trajectory
+from imutui.logbook.importer import ImportDataError
+from imutui.logbook.motions import ReferenceFile
+
+# east-north-up to north-east-down
+_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_NORM_SLACK = 0.1
+
+
+def from_file(path: Path) -> ReferenceFile:
+    """Reference from a file that --reference names: a trajectory (CSV) or a table's profile (TOML, or CSV of angles).
+
+    Raises
+    ------
+    ImportDataError
+        If it cannot be read, or is neither.
+    """
+    try:
+        content = path.read_bytes()
+        motion = motions.parse(str(path), content)
+    except OSError as error:
+        raise ImportDataError(f"{path}: {error.strerror or error}. --reference names a CSV or TOML file.") from error
+    except ValueError as error:
+        raise ImportDataError(str(error)) from error
+    kind = "profile" if isinstance(motion, Profile) else "trajectory"
+    if path.suffix.lower() == ".toml":
+        return ReferenceFile(kind, "reference.toml", "application/toml", content)
+    return ReferenceFile(kind, "reference.csv", "text/csv", content)
+
+
+def from_arrays(t: Array, known: Mapping[str, Array], mount: Array) -> ReferenceFile | None:
+    """Trajectory from the arrays of a recording.
+
+    Parameters
+    ----------
+    t : Array
+        s, shape (N,).
+    known : Mapping
+        `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as contracts section 2 has them, NaN where unknown.
+    mount : Array
+        M from instrument to body axes, shape (3, 3).
+
+    Returns
+    -------
+    ReferenceFile or None
+        None if nothing is known anywhere.
+
+    Raises
+    ------
+    ImportDataError
+        If a row can't be; the message names array and row.
+    """
+    values = np.full((t.size, 9), np.nan)
+    if "gps_pos" in known or "gps_vel_ned" in known:
+        values[:, :6] = _fixes(known, t.size)
+    if "ang" in known:
+        values[:, 6:] = attitude.to_rpy(attitudes(np.deg2rad(known["ang"])))
+    elif "ref_quat" in known:
+        values[:, 6:] = attitude.to_rpy(body_attitude(known["ref_quat"], mount))
+    rows = np.isfinite(values).any(axis=1)
+    if not rows.any():
+        return None
+    text = trajectory.format(Trajectory(t[rows] - t[0], values[rows]))
+    return ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
+
+
+def body_attitude(ref_quat: Array, mount: Array) -> Array:
+    """C_nb of quaternions w, x, y, z from instrument to east-north-up, shape (N, 4); NaN where unknown.
+
+    Raises
+    ------
+    ImportDataError
+        If one is far from unit length, or the mounting mirrors.
+    """
+    if np.linalg.det(mount) < 0.0:
+        raise ImportDataError(
+            "`ref_quat` can't be used with a left-handed --mount: no rotation leads from mirrored instrument axes to"
+            " east-north-up. Name a right-handed mounting and mend the rates with --gyro-sign, or leave `ref_quat` out."
+        )
+    norm = np.linalg.norm(ref_quat, axis=1)
+    # zeros are how some programs say "unknown"
+    norm = np.where(norm == 0.0, np.nan, norm)
+    bad = np.abs(norm - 1.0) > _NORM_SLACK
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise ImportDataError(
+            f"`ref_quat` has length {norm[k]:.3g} in row {k} of the part taken (first is 0); a rotation's is 1."
+            " Write NaN where attitude is unknown."
+        )
+    w, x, y, z = (ref_quat / norm[:, None]).T
+    C = np.empty((norm.size, 3, 3))
+    C[:, 0] = np.stack([w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1)
+    C[:, 1] = np.stack([2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)], axis=1)
+    C[:, 2] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z], axis=1)
+    return np.asarray(_NED @ C @ mount.T)
+
+
+def _fixes(known: Mapping[str, Array], n: int) -> Array:
+    """Position (rad, rad, m) and velocity (m/s) where a receiver has a new fix, shape (N, 6), else NaN.
+
+    A receiver's last fix stands in every row until the next: what stood there from the first row on is of unknown age
+    and is taken only if nothing else ever comes.
+    """
+    unknown = np.full((n, 3), np.nan)
+    position, velocity = known.get("gps_pos", unknown), known.get("gps_vel_ned", unknown)
+    _check_degrees(position)
+    held = np.nan_to_num(np.hstack([position, velocity]), nan=-1e9)
+    new = np.r_[False, (np.diff(held, axis=0) != 0.0).any(axis=1)]
+    if not new.any():
+        new[0] = True
+    # a receiver without a fix writes zeros
+    new &= ~(position == 0.0).all(axis=1)
+    out = np.hstack([position * [np.pi / 180.0, np.pi / 180.0, 1.0], velocity])
+    for group in (slice(0, 3), slice(3, 6)):
+        out[~np.isfinite(out[:, group]).all(axis=1), group] = np.nan
+    out[~new] = np.nan
+    return out
+
+
+def _check_degrees(position: Array) -> None:
+    for axis, (what, low, high) in enumerate((("latitude", -90.0, 90.0), ("longitude", -180.0, 360.0))):
+        bad = (position[:, axis] < low) | (position[:, axis] > high)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise ImportDataError(
+                f"`gps_pos` has {what} {position[k, axis]:g} in row {k} of the part taken (first is 0), outside {low:g}"
+                f" to {high:g} degrees. It must be degrees, degrees, metres."
+            )

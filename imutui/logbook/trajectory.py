@@ -1,0 +1,126 @@
+"""A known motion as text: CSV of `t, lat, lon, h, vn, ve, vd[, roll, pitch, yaw]`, empty cells where nothing is known.
+
+The form in which a reference lies beside a recording or travels in a log; contracts sections 1 and 2.
+"""
+
+import csv
+import io
+
+import numpy as np
+
+from filters.reference import Trajectory
+
+COLUMNS = ("t", "lat", "lon", "h", "vn", "ve", "vd", "roll", "pitch", "yaw")
+_REQUIRED = COLUMNS[:7]
+_DEGREES = ("lat", "lon", "roll", "pitch", "yaw")
+_SCALE = np.array([np.pi / 180.0 if name in _DEGREES else 1.0 for name in COLUMNS[1:]])
+# 1e-10 deg is 11 um on the ground; 1e-8 deg of attitude is far below what any reference knows
+_DIGITS = dict.fromkeys(("lat", "lon"), 10) | dict.fromkeys(("roll", "pitch", "yaw"), 8) | {"t": 9, "h": 5}
+_LIMITS = {"lat": (-90.0, 90.0), "lon": (-180.0, 360.0), "pitch": (-90.0, 90.0)}
+
+
+class TrajectoryError(ValueError):
+    """The text is no trajectory; the message names file, line and column."""
+
+
+def parse(text: str, name: str) -> Trajectory:
+    """Trajectory from CSV text.
+
+    Parameters
+    ----------
+    text : str
+        First row names the columns, in any order; roll, pitch, yaw may be absent.
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    TrajectoryError
+        If a column is missing, unknown or named twice, a cell is no number or outside its range, or time does not
+        increase.
+    """
+    try:
+        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text.lstrip("\ufeff"))), 1) if row]
+    except csv.Error as error:
+        raise TrajectoryError(f"{name} is not CSV text ({error}).") from error
+    if not rows:
+        raise TrajectoryError(f"{name} is empty. Its first row must name the columns: {', '.join(COLUMNS)}.")
+    names = [cell.strip() for cell in rows[0][1]]
+    _check_names(names, rows[0][0], name)
+    lines = [number for number, _ in rows[1:]]
+    for number, row in rows[1:]:
+        if len(row) != len(names):
+            raise TrajectoryError(f"{name}, line {number}: {len(row)} cells where the first row names {len(names)}.")
+    if not lines:
+        raise TrajectoryError(f"{name} has column names and no rows.")
+    columns = {column: _numbers([row[i] for _, row in rows[1:]], column, lines, name) for i, column in enumerate(names)}
+    _check_time(columns["t"], lines, name)
+    unknown = np.full(len(lines), np.nan)
+    values = np.column_stack([columns.get(column, unknown) for column in COLUMNS[1:]])
+    return Trajectory(columns["t"], values * _SCALE)
+
+
+def format(trajectory: Trajectory) -> str:  # noqa: A001 - the pair of parse
+    """CSV text of a trajectory: degrees, m, m/s; what `parse` reads."""
+    table = np.column_stack([trajectory.t, trajectory.values / _SCALE])
+    digits = [_DIGITS.get(column, 6) for column in COLUMNS]
+    lines = [",".join(map(_cell, row, digits)) for row in table.tolist()]
+    return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+
+
+def _cell(value: float, digits: int) -> str:
+    if value != value:  # NaN
+        return ""
+    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def _check_names(names: list[str], line: int, name: str) -> None:
+    wanted = ", ".join(COLUMNS)
+    for column in names:
+        if column not in COLUMNS:
+            raise TrajectoryError(f'{name}, line {line}: unknown column "{column}". Columns are: {wanted}.')
+        if names.count(column) > 1:
+            raise TrajectoryError(f"{name}, line {line}: column `{column}` is named twice.")
+    missing = [column for column in _REQUIRED if column not in names]
+    if missing:
+        raise TrajectoryError(
+            f"{name}, line {line}: no column `{missing[0]}`. Columns are: {wanted}; only roll, pitch, yaw may be"
+            " absent, and cells may be empty."
+        )
+
+
+def _numbers(cells: list[str], column: str, lines: list[int], name: str) -> np.ndarray:
+    filled = [cell.strip() or "nan" for cell in cells]
+    try:
+        out = np.array(filled).astype(float)
+    except ValueError:
+        out = np.array([_number(cell, column, line, name) for cell, line in zip(filled, lines, strict=True)])
+    bad = np.isinf(out) | (np.isnan(out) if column == "t" else False)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise TrajectoryError(f'{name}, line {lines[row]}, column `{column}`: "{cells[row]}" is not a number.')
+    low, high = _LIMITS.get(column, (-np.inf, np.inf))
+    outside = (out < low) | (out > high)
+    if outside.any():
+        row = int(np.argmax(outside))
+        raise TrajectoryError(
+            f"{name}, line {lines[row]}, column `{column}`: {out[row]:g} is outside {low:g} to {high:g} degrees."
+        )
+    return out
+
+
+def _number(cell: str, column: str, line: int, name: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise TrajectoryError(f'{name}, line {line}, column `{column}`: "{cell}" is not a number.') from None
+
+
+def _check_time(t: np.ndarray, lines: list[int], name: str) -> None:
+    bad = np.flatnonzero(~(np.diff(t) > 0.0))
+    if bad.size:
+        k = int(bad[0]) + 1
+        raise TrajectoryError(
+            f"{name}, line {lines[k]}, column `t`: time does not increase: {t[k - 1]:g} s, then {t[k]:g} s."
+        )

@@ -1,0 +1,390 @@
+"""Files that say what a table does and what is simulated: profiles (TOML or CSV) and scenarios (TOML).
+
+The format of a profile is in `filters.motion`, effects and their parameters in `filters.simulation`. A scenario::
+
+    seed = 7
+    profile = "tumble.toml"            # relative to this file; or [[profile.segment]] tables here
+    power_ons = 3                      # how often the unit is switched on, default 1
+
+    [biases]                           # instrument axes and sign; what is absent is drawn from the seed
+    accel_mg = [5.0, -3.0, 8.0]
+    gyro_dps = [0.5, -0.2, 0.1]
+    accel_run_mg = 0.5                 # standard deviations of what comes to them at each power-on, default 0
+    gyro_run_dps = 0.02
+
+    [noise]                            # default: the paper's Table 1
+    gyro_arw_deg_sqrt_h = 4.5
+    accel_vrw_mps_sqrt_h = 1.0
+    gyro_bandwidth_hz = 25.0           # 0: no band limit
+    accel_bandwidth_hz = 75.0
+
+    [temperature]                      # default: 24 degC, warming up by 6 K in ten minutes
+    history = [[0.0, 20.0], [600.0, 35.0]]   # s, degC, straight lines between; or: constant_degc = 25.0
+
+    [site]                             # default: the paper's
+    latitude_deg = -23.2
+    longitude_deg = -45.9
+    height_m = 641.0
+    gravity_mps2 = 9.78637             # default: WGS-84 normal gravity there
+
+    [instrument]                       # how it reads and sits
+    accel_sign = -1
+    mount = "x,y,z"
+
+    [[effect]]
+    name = "thermal_lin"
+    channel = "gy"                     # or several: ["gx", "gy"]
+    dps_per_k = 0.02
+
+    [[power_on]]                       # of the first, second … what differs; all optional
+    seed = 11
+    accel_mg = [5.2, -3.0, 8.1]
+    gyro_dps = [0.5, -0.2, 0.1]
+    temperature = { constant_degc = 40.0 }
+
+    [[fault]]                          # on the wire, seconds after the first request for data
+    at_s = 5.0
+    kind = "drop_bytes"                # "drop_bytes", "garbage", "bit_flips" with `count`, "silence" with `seconds`
+    count = 7
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from filters import motion
+from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
+from filters.motion import Profile
+from filters.simulation import FAULT_KINDS, Effect, Fault, PowerOn, Scenario, Temperature
+from filters.state import PAPER_SITE, Site
+from imutui.logbook import motions
+
+_DPS = math.pi / 180.0
+_MG = 1e-3 * STANDARD_GRAVITY
+_SQRT_HOUR = 60.0
+_MOST_POWER_ONS = 1000
+
+# a number in the file and what it is multiplied with, by the field of ImuSpec
+_NOISE = {
+    "gyro_arw_deg_sqrt_h": ("gyro_arw", _DPS / _SQRT_HOUR),
+    "accel_vrw_mps_sqrt_h": ("accel_vrw", 1.0 / _SQRT_HOUR),
+    "gyro_bandwidth_hz": ("gyro_bandwidth", 1.0),
+    "accel_bandwidth_hz": ("accel_bandwidth", 1.0),
+}
+
+Triple = tuple[float, float, float]
+
+
+class ScenarioError(ValueError):
+    """A profile or scenario is not what it should be; the message says which file, which key, and what it may be."""
+
+
+def load_profile(path: Path) -> Profile:
+    """Motion of a table from a file.
+
+    Parameters
+    ----------
+    path : Path
+        TOML, or CSV with a heading `t, outer, middle, inner` (s, deg) by its suffix. A TOML file may name a CSV, as
+        `samples = "angles.csv"` relative to it, in place of segments, and so give it `sign`, `align`, `offset_sd_s`.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    ScenarioError
+        If it can't be read, or something in it does not fit.
+    """
+    if path.suffix.lower() == ".csv":
+        return _csv_profile(path)
+    return _profile(_parsed(path), path)
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Scenario from a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a profile it names is looked for beside it.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        If it can't be read, or something in it does not fit.
+    """
+    document = _parsed(path)
+    try:
+        return _scenario(document, path)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise ScenarioError(f"{path}: {error}") from error
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as stream:
+            return tomllib.load(stream)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
+    except OSError as error:
+        raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error
+
+
+# ------------------------------------------------------------------------------------------------------------ profiles
+
+
+def _profile(document: Mapping[str, Any], path: Path) -> Profile:
+    try:
+        if "samples" not in document:
+            return motion.from_document(document)
+        _known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
+        if not isinstance(document["samples"], str):
+            raise ValueError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
+        rest = {key: value for key, value in document.items() if key != "samples"}
+        # what comes beside the samples is what comes beside segments: checked by the one who knows
+        model = motion.from_document(
+            {**rest, "segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
+        )
+        sampled = _csv_profile(path.parent / document["samples"])
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    return replace(sampled, sign=model.sign, align=model.align, offset_sd=model.offset_sd)
+
+
+def _csv_profile(path: Path) -> Profile:
+    try:
+        return motions.parse_angles(path.read_text(encoding="utf-8-sig"), str(path))
+    except OSError as error:
+        raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error
+    except ValueError as error:
+        raise ScenarioError(str(error)) from error
+
+
+# ----------------------------------------------------------------------------------------------------------- scenarios
+
+_TOP = (
+    "seed",
+    "profile",
+    "power_ons",
+    "biases",
+    "noise",
+    "temperature",
+    "site",
+    "instrument",
+    "effect",
+    "power_on",
+    "fault",
+)
+
+
+def _scenario(document: Mapping[str, Any], path: Path) -> Scenario:
+    _known(document, _TOP, "in a scenario")
+    biases = _table(document, "biases")
+    _known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
+    return Scenario(
+        seed=_whole(document, "seed", 0, "") if "seed" in document else 0,
+        spec=_spec(_table(document, "noise")),
+        accel_bias=_triple(biases, "accel_mg", _MG, "[biases]: "),
+        gyro_bias=_triple(biases, "gyro_dps", _DPS, "[biases]: "),
+        accel_bias_run_sd=_number(biases, "accel_run_mg", "[biases]: ", 0.0, least=0.0) * _MG,
+        gyro_bias_run_sd=_number(biases, "gyro_run_dps", "[biases]: ", 0.0, least=0.0) * _DPS,
+        temperature=_temperature(document["temperature"], "") if "temperature" in document else Temperature(),
+        profile=_profile_of(document, path),
+        effects=tuple(_effect(table, f"effect {n}: ") for n, table in enumerate(_tables(document, "effect"), 1)),
+        power_ons=_power_ons(document),
+        faults=tuple(_fault(table, f"fault {n}: ") for n, table in enumerate(_tables(document, "fault"), 1)),
+        site=_site(_table(document, "site")),
+        axes=_axes(_table(document, "instrument")),
+    )
+
+
+def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
+    profile = document.get("profile")
+    if profile is None:
+        return None
+    if isinstance(profile, str):
+        return load_profile(path.parent / profile)
+    if isinstance(profile, dict):
+        try:
+            return _profile(profile, path)
+        except ScenarioError as error:
+            if str(error).startswith(f"{path}: "):
+                raise ScenarioError(f"{path}: profile, {str(error).removeprefix(f'{path}: ')}") from error
+            raise
+    raise ValueError(f"`profile` is {profile!r}; it is the name of a file, or [[profile.segment]] tables")
+
+
+def _spec(table: Mapping[str, Any]) -> ImuSpec:
+    _known(table, tuple(_NOISE), "in [noise]")
+    fields = {
+        field: _number(table, key, "[noise]: ", least=0.0) * unit
+        for key, (field, unit) in _NOISE.items()
+        if key in table
+    }
+    return replace(IMU400CD_200, **fields)
+
+
+def _temperature(value: Any, where: str) -> Temperature:
+    if not isinstance(value, dict) or set(value) not in ({"constant_degc"}, {"history"}):
+        raise ValueError(
+            f"{where}`temperature` is {value!r}; it has either `constant_degc = 25.0`"
+            " or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)"
+        )
+    if "constant_degc" in value:
+        return Temperature(((0.0, _number(value, "constant_degc", f"{where}[temperature]: ")),))
+    history = value["history"]
+    pairs = (
+        isinstance(history, list)
+        and history
+        and all(isinstance(pair, list) and len(pair) == 2 and all(_is_number(v) for v in pair) for pair in history)
+    )
+    if not pairs:
+        raise ValueError(f"{where}`temperature.history` is {history!r}, not pairs [s, degC]")
+    try:
+        return Temperature(tuple((float(t), float(degc)) for t, degc in history))
+    except ValueError as error:
+        raise ValueError(f"{where}`temperature.history` is {history}: times do not increase") from error
+
+
+def _effect(table: Mapping[str, Any], where: str) -> Effect:
+    name = table.get("name")
+    if not isinstance(name, str):
+        raise ValueError(f"{where}`name` is {name!r}, not the name of an effect")
+    channel = table.get("channel", [])
+    channels = [channel] if isinstance(channel, str) else channel
+    if not isinstance(channels, list) or not all(isinstance(c, str) for c in channels):
+        raise ValueError(f'{where}`channel` is {channel!r}; it is one such as "gx", or a list of them')
+    parameters = {key: value for key, value in table.items() if key not in ("name", "channel")}
+    try:
+        return Effect(name, tuple(channels), parameters)
+    except ValueError as error:
+        raise ValueError(f"{where}{error}") from error
+
+
+def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
+    given = tuple(_power_on(table, f"power_on {n}: ") for n, table in enumerate(_tables(document, "power_on"), 1))
+    count = _whole(document, "power_ons", 1, "") if "power_ons" in document else max(len(given), 1)
+    if count > _MOST_POWER_ONS:
+        raise ValueError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
+    if count < len(given):
+        raise ValueError(f"`power_ons` is {count}, but there are {len(given)} [[power_on]] tables")
+    return given + (PowerOn(),) * (count - len(given))
+
+
+def _power_on(table: Mapping[str, Any], where: str) -> PowerOn:
+    _known(table, ("seed", "accel_mg", "gyro_dps", "temperature"), f"in {where.removesuffix(': ')}")
+    return PowerOn(
+        seed=_whole(table, "seed", 0, where) if "seed" in table else None,
+        temperature=_temperature(table["temperature"], where) if "temperature" in table else None,
+        accel_bias=_triple(table, "accel_mg", _MG, where),
+        gyro_bias=_triple(table, "gyro_dps", _DPS, where),
+    )
+
+
+def _fault(table: Mapping[str, Any], where: str) -> Fault:
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in FAULT_KINDS:
+        raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
+    measure = FAULT_KINDS[kind]
+    _known(table, ("at_s", "kind", measure), f"in {where}{kind}")
+    at = _number(table, "at_s", where, least=0.0)
+    if measure == "count":
+        return Fault(at, kind, count=_whole(table, "count", 1, where))
+    seconds = _number(table, "seconds", where, least=0.0)
+    if seconds == 0.0:
+        raise ValueError(f"{where}`seconds` is 0, not a positive number")
+    return Fault(at, kind, seconds=seconds)
+
+
+def _site(table: Mapping[str, Any]) -> Site:
+    _known(table, ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2"), "in [site]")
+    if not table:
+        return PAPER_SITE
+    where = "[site]: "
+    gravity = _number(table, "gravity_mps2", where) if "gravity_mps2" in table else None
+    if set(table) == {"gravity_mps2"}:
+        assert gravity is not None
+        return replace(PAPER_SITE, gravity=gravity)
+    latitude, longitude, height = (_number(table, key, where) for key in ("latitude_deg", "longitude_deg", "height_m"))
+    if not -90.0 <= latitude <= 90.0:
+        raise ValueError(f"{where}`latitude_deg` is {latitude:g}, not within ±90")
+    return Site.at(latitude, longitude, height, gravity)
+
+
+def _axes(table: Mapping[str, Any]) -> AxisMap:
+    _known(table, ("accel_sign", "mount"), "in [instrument]")
+    sign, mount = table.get("accel_sign", -1), table.get("mount", "x,y,z")
+    if sign not in (-1, 1):
+        raise ValueError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
+    if not isinstance(mount, str):
+        raise ValueError(f'[instrument]: `mount` is {mount!r}, not a text such as "x,-y,-z"')
+    return AxisMap(parse_mount(mount), int(sign))
+
+
+# ------------------------------------------------------------------------------------------------------- small readers
+
+
+def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise ValueError(f"`{key}` is unknown {where}; known: {', '.join(keys)}")
+
+
+def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = document.get(key, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"`{key}` is {value!r}, not a table [{key}]")
+    return value
+
+
+def _tables(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    value = document.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(table, dict) for table in value):
+        raise ValueError(f"`{key}` is {value!r}; each is a table [[{key}]]")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _number(
+    table: Mapping[str, Any], key: str, where: str, default: float | None = None, *, least: float = -math.inf
+) -> float:
+    value = table.get(key, default)
+    if value is None:
+        raise ValueError(f"{where}`{key}` is missing")
+    if not _is_number(value) or value < least:
+        raise ValueError(
+            f"{where}`{key}` is {value!r}, not a finite number{f' from {least:g} on' * (least > -math.inf)}"
+        )
+    return float(value)
+
+
+def _whole(table: Mapping[str, Any], key: str, least: int, where: str) -> int:
+    value = table.get(key)
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
+    return value
+
+
+def _triple(table: Mapping[str, Any], key: str, unit: float, where: str) -> Triple | None:
+    if key not in table:
+        return None
+    value = table[key]
+    if not isinstance(value, list) or len(value) != 3 or not all(_is_number(v) for v in value):
+        raise ValueError(f"{where}`{key}` is {value!r}, not three numbers: [x, y, z]")
+    return value[0] * unit, value[1] * unit, value[2] * unit

@@ -1,0 +1,97 @@
+"""The filter of a take: samples wait while its step is being compiled, then all go through in order."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from filters import layout, runner
+from filters.motion import Profile
+from filters.reference import Trajectory
+from filters.runner import Estimator
+from filters.spkf import DivergenceError
+from imutui.logbook import estimates, reader
+from imutui.logbook.session import SessionInfo
+
+ESTIMATE_PERIOD_S = 0.1
+_ready = threading.Event()
+_started = threading.Event()
+
+
+def prepare() -> None:
+    """Begin to load or compile the filter's step; the first time on a machine it takes some seconds."""
+    if not _started.is_set():
+        _started.set()
+        threading.Thread(target=_prepare, name="compiler", daemon=True).start()
+
+
+def _prepare() -> None:
+    try:
+        runner.warm_up()
+    finally:
+        # if that failed, the first step will say why
+        _ready.set()
+
+
+class LiveFilter:
+    """The estimator of one take, and what keeps it from stopping a recording.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Settings.
+    motion : Profile, Trajectory or None
+        What the reference needs.
+
+    """
+
+    def __init__(self, info: SessionInfo, motion: Profile | Trajectory | None = None) -> None:
+        self.info = info
+        self.estimator = Estimator(info.settings(motion), every=ESTIMATE_PERIOD_S)
+        self.failure: str | None = None
+        self.seconds = 0.0
+        self.waiting = 0
+        self._first_ns: int | None = None
+        self._waiting: list[tuple[float, np.ndarray, np.ndarray]] = []
+        prepare()
+
+    def mark(self, stamp_ns: int, text: str) -> None:
+        """Take an operator's mark."""
+        if self._first_ns is not None:
+            self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns), text)
+
+    def sample(self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> Iterator[tuple[int, bytes]]:
+        """Take a sample; yield stamps and messages of estimates that are due."""
+        if self.failure is not None:
+            return
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+        self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel))
+        self.waiting = len(self._waiting)
+        if _ready.is_set():
+            yield from self._use(last=False)
+
+    def finish(self) -> Iterator[tuple[int, bytes]]:
+        """Use all that still waits; yield as `sample`."""
+        if self.failure is None:
+            _ready.wait()
+            yield from self._use(last=True)
+
+    def _use(self, *, last: bool) -> Iterator[tuple[int, bytes]]:
+        waiting, self._waiting, self.waiting = self._waiting, [], 0
+        t = np.array([sample[0] for sample in waiting])
+        gyro = np.array([sample[1] for sample in waiting]).reshape(-1, 3)
+        accel = np.array([sample[2] for sample in waiting]).reshape(-1, 3)
+        started = time.perf_counter()
+        try:
+            for rows in runner.rows(self.estimator, t, gyro, accel, last=last):
+                yield from self._messages(rows)
+        except (DivergenceError, ValueError) as error:
+            self.failure = f"the filter stopped, recording goes on: {error}"
+        self.seconds += time.perf_counter() - started
+
+    def _messages(self, rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
+        assert self._first_ns is not None
+        stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
+        yield from zip(stamps.tolist(), estimates.encode(rows, stamps, self.estimator, self.info), strict=True)

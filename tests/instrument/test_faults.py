@@ -1,0 +1,121 @@
+"""A faulty line: which bytes arrive, which don't, and when."""
+
+import itertools
+
+import pytest
+
+from imutui.instrument.crossbow import PACKET_BYTES, Decoder, Discarded, Event, Mode, Packet, encode
+from imutui.instrument.virtual import LOOP_HZ, FaultyLine, LineFault, transfer_s
+
+PACKET_S = transfer_s(PACKET_BYTES, 38400)
+COUNT = 400
+
+
+def packets() -> list[bytes]:
+    return [encode(Packet(Mode.SCALED, (n, -n, 3), (1, 2, 3), 100, n)) for n in range(COUNT)]
+
+
+def sent_through(line: FaultyLine, first_request: float = 50.0) -> bytes:
+    """All that arrives of packets that leave at the loop's rate after the first request."""
+    line.started(first_request)
+    out = b""
+    for n, message in enumerate(packets()):
+        sent = first_request + n / LOOP_HZ
+        line.put(message, sent, sent + PACKET_S)
+        out += line.take(sent + PACKET_S)
+    return out + line.take(first_request + COUNT)
+
+
+def events(data: bytes) -> list[Event]:
+    decoder = Decoder()
+    decoder.expect_packets(Mode.SCALED, streaming=True)
+    return [*decoder.feed(data), *decoder.quiet()]
+
+
+def arrived(data: bytes) -> list[int]:
+    """Numbers of the packets that a decoder finds."""
+    return [event.ticks for event in events(data) if isinstance(event, Packet)]
+
+
+def test_a_line_without_faults_changes_nothing() -> None:
+    """Every byte, in order, at the time it left."""
+    assert sent_through(FaultyLine(())) == b"".join(packets())
+
+
+def test_dropped_bytes_are_the_next_ones() -> None:
+    """Seven bytes at one second cost one packet, the first that ends after it."""
+    data = sent_through(FaultyLine((LineFault(1.0, "drop_bytes", count=7),)))
+    first = next(n for n in range(COUNT) if n / LOOP_HZ + PACKET_S >= 1.0)
+    whole = b"".join(packets())
+    assert data == whole[: 18 * first] + whole[18 * first + 7 :]
+    assert arrived(data) == [n for n in range(COUNT) if n != first]
+
+
+def test_dropped_bytes_reach_over_packets() -> None:
+    """Forty bytes are two packets and a bit."""
+    data = sent_through(FaultyLine((LineFault(1.0, "drop_bytes", count=40),)))
+    assert len(data) == 18 * COUNT - 40
+    assert COUNT - len(arrived(data)) == 3
+
+
+def test_garbage_comes_in_between() -> None:
+    """All packets arrive, and the garbage is discarded; the same garbage at every run."""
+    faults = (LineFault(1.0, "garbage", count=100),)
+    data = sent_through(FaultyLine(faults, seed=1))
+    assert len(data) == 18 * COUNT + 100
+    assert len(arrived(data)) >= COUNT - 1
+    assert any(isinstance(event, Discarded) for event in events(data))
+    assert data == sent_through(FaultyLine(faults, seed=1))
+    assert data != sent_through(FaultyLine(faults, seed=2))
+
+
+def test_turned_bits_cost_a_packet_each() -> None:
+    """One bit in each of three messages, no byte more or less."""
+    data, whole = sent_through(FaultyLine((LineFault(2.0, "bit_flips", count=3),))), b"".join(packets())
+    wrong = [(a ^ b).bit_count() for a, b in zip(data, whole, strict=True)]
+    assert sum(wrong) == 3
+    assert len({n // 18 for n, bits in enumerate(wrong) if bits}) == 3
+
+
+def test_silence_lasts_its_seconds() -> None:
+    """Packets that end within half a second from 1 s on never arrive."""
+    numbers = arrived(sent_through(FaultyLine((LineFault(1.0, "silence", seconds=0.5),))))
+    assert numbers == [n for n in range(COUNT) if not 1.0 <= n / LOOP_HZ + PACKET_S < 1.5]
+
+
+def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
+    """Only packets have a fate, and a late one holds up those behind it."""
+    line = FaultyLine((), lambda t: (round(t * LOOP_HZ) % 10 == 3, 0.02 if round(t * LOOP_HZ) == 5 else 0.0))
+    line.started(0.0)
+    line.put(b"C", 0.0, 0.001)
+    assert line.take(0.001) == b"C"
+    times = {}
+    for n, message in enumerate(packets()[:20]):
+        line.put(message, n / LOOP_HZ, n / LOOP_HZ + PACKET_S)
+        due = n / LOOP_HZ + PACKET_S
+        while (event := line.next_event()) is not None and event <= due:
+            data = line.take(event)
+            times |= {packets().index(data[at : at + 18]): event for at in range(0, len(data), 18)}
+    assert sorted(times) == [n for n in range(20) if n % 10 != 3]
+    assert times[5] == pytest.approx(5 / LOOP_HZ + PACKET_S + 0.02)
+    assert all(a <= b for a, b in itertools.pairwise(times[n] for n in sorted(times)))
+    assert times[4] == pytest.approx(4 / LOOP_HZ + PACKET_S)
+
+
+def test_nothing_happens_before_data_is_asked_for() -> None:
+    """Times count from the first request: a ping an hour before is answered."""
+    line = FaultyLine((LineFault(0.0, "silence", seconds=10.0),))
+    line.put(b"H", 5.0, 5.001)
+    assert line.take(6.0) == b"H"
+    line.started(100.0)
+    line.started(200.0)
+    line.put(b"H", 105.0, 105.001)
+    assert line.take(106.0) == b""
+    line.put(b"H", 111.0, 111.001)
+    assert line.take(112.0) == b"H"
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    """With the kinds there are."""
+    with pytest.raises(ValueError, match=r"`kind`.*silence"):
+        LineFault(0.0, "fire")

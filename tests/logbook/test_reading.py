@@ -1,0 +1,309 @@
+"""The fast walk over a log against mcap's own message loop, which knows nothing of it."""
+
+import io
+import random
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
+
+from imutui.logbook import SessionInfo, fast, reader, schemas
+from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.schemas import RawPacket
+from imutui.logbook.session import METADATA
+from imutui.logbook.writer import LogWriter
+
+START = 1_795_257_000_000_000_000
+numbers = st.floats(width=64, allow_nan=False)
+vectors = st.tuples(numbers, numbers, numbers)
+
+
+def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
+    """A log as the recorder writes it, with an estimate, an event and an invalid sample in each second."""
+    log = LogWriter(path, SessionInfo(rate_hz=rate, kind="simulated"), "", START)
+    rng = np.random.default_rng(2)
+    for k in range(seconds * rate):
+        stamp = START + k * 1_000_000_000 // rate
+        counts = tuple(rng.integers(-32768, 32768, 6).tolist())
+        log.raw(RawPacket(k, k * 7, counts, int(rng.integers(65536)), 65535 - k, k % 2, k % 8), stamp + 9, stamp)
+        log.imu(stamp + 9, stamp, rng.normal(size=3), rng.normal(size=3), valid=k % rate != 5)
+        log.message(schemas.TEMPERATURE, schemas.temperature(stamp, rng.normal()), stamp, stamp)
+        if k % rate == rate - 1:
+            angles = np.full(3, k)
+            log.message(schemas.REFERENCE, schemas.table_reference(stamp, f"kind {k}", angles, angles), stamp, stamp)
+            log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp)
+            log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
+            log.flush()
+    log.finish({}, START)
+    return path
+
+
+def with_frame(data: bytes, typename: str, frame: str) -> bytes:
+    """The same stamped message with another frame_id."""
+    m = schemas.decode(typename, data)
+    m.header.frame_id = frame
+    return bytes(schemas.typestore().serialize_cdr(m, typename))
+
+
+def rewritten(source: Path, path: Path, frame: str | None = None, **options: Any) -> Path:
+    """The same records written anew: other chunks, another compression, another frame_id."""
+    with source.open("rb") as old, path.open("wb") as new:
+        writer = Writer(new, enable_data_crcs=True, **options)
+        writer.start(profile="ros2", library="test")
+        writer.add_metadata(METADATA, SessionInfo(rate_hz=20, kind="simulated").strings())
+        channels: dict[int, int] = {}
+        topics: dict[int, str] = {}
+        for record in StreamReader(old).records:
+            if isinstance(record, Channel) and record.id not in channels:
+                typename = schemas.TYPES[record.topic]
+                schema = writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
+                channels[record.id] = writer.register_channel(record.topic, "cdr", schema)
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                data = record.data
+                if frame is not None and topics[record.channel_id] in (schemas.IMU, schemas.TEMPERATURE):
+                    data = with_frame(data, schemas.TYPES[topics[record.channel_id]], frame)
+                writer.add_message(channels[record.channel_id], record.log_time, data, record.publish_time)
+            elif isinstance(record, Attachment):
+                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
+        writer.finish()
+    return path
+
+
+def messages(content: bytes) -> Iterator[tuple[str, Message]]:
+    """Topic and message by mcap's own loop, up to where it stops."""
+    topics: dict[int, str] = {}
+    try:
+        for record in StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records:
+            for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]:
+                if isinstance(part, Channel):
+                    topics[part.id] = part.topic
+                elif isinstance(part, Message):
+                    yield topics[part.channel_id], part
+    except (McapError, ValueError, struct.error, ZstdError):
+        return
+
+
+def assert_same(log: Log, content: bytes) -> None:
+    """Every field of every message is what rosbags makes of it, to the last bit."""
+    imu, temperature, packets, events = [], [], [], []
+    for topic, message in messages(content):
+        m = schemas.decode(schemas.TYPES[topic], message.data)
+        if topic == schemas.IMU:
+            w, f = m.angular_velocity, m.linear_acceleration
+            valid = m.angular_velocity_covariance[0] != -1.0 and m.linear_acceleration_covariance[0] != -1.0
+            imu.append((schemas.stamp_ns(m.header) or message.publish_time, w.x, w.y, w.z, f.x, f.y, f.z, valid))
+        elif topic == schemas.TEMPERATURE:
+            temperature.append((schemas.stamp_ns(m.header), m.temperature))
+        elif topic == schemas.RAW:
+            packets.append(schemas.decode_raw(message.data))
+        elif topic == schemas.EVENTS:
+            events.append(m.msg)
+    assert log.stamp_ns.tolist() == [row[0] for row in imu]
+    columns = np.array([row[1:7] for row in imu])
+    assert np.hstack([log.gyro, log.accel]).tobytes() == columns.tobytes()
+    assert log.valid.tolist() == [row[7] for row in imu]
+    assert log.temperature_stamp_ns.tolist() == [row[0] for row in temperature]
+    assert log.temperature_degc.tobytes() == np.array([row[1] for row in temperature]).tobytes()
+    assert log.raw == packets
+    assert [event.text for event in log.events] == events
+
+
+LAYOUTS: dict[str, dict[str, Any]] = {
+    "zstd": {"compression": CompressionType.ZSTD},
+    "lz4": {"compression": CompressionType.LZ4},
+    "uncompressed": {"compression": CompressionType.NONE},
+    "small chunks": {"chunk_size": 700},
+    "no chunks": {"use_chunking": False},
+    "no checksums": {"enable_crcs": False},
+    "no index": {"index_types": 0, "use_statistics": False, "use_summary_offsets": False},
+    "schemas in the chunks only": {"repeat_channels": False, "repeat_schemas": False},
+    "short frame_id": {"frame": "a"},
+    "long frame_id": {"frame": "a frame with quite a long name"},
+    "no frame_id": {"frame": ""},
+    "frame_id that is no ASCII": {"frame": "Gehäuse"},
+}
+
+
+@pytest.mark.parametrize("case", LAYOUTS)
+def test_every_field_is_what_the_message_loop_reads(tmp_path: Path, case: str) -> None:
+    """However the file is laid out, and whether the fast walk or rosbags decoded it."""
+    from mcap.writer import IndexType
+
+    options = dict(LAYOUTS[case])
+    if "index_types" in options:
+        options["index_types"] = IndexType.NONE
+    path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", **options)
+    log = reader.read(path, raw=True)
+    assert (log.finished, log.damage, log.stamp_ns.size) == (True, "", 60)
+    assert log.reference == "kind 59"
+    assert log.diagnostics == {"packets": "59"}
+    assert_same(log, path.read_bytes())
+
+
+def test_the_recorders_own_file_is_read_without_decoding_a_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fast walk takes all of them; so does it with another frame_id."""
+    path = recorded(tmp_path / "a.mcap")
+    other = rewritten(path, tmp_path / "b.mcap", "someone's imu")
+    decode, decoded = schemas.decode, []
+    monkeypatch.setattr(schemas, "decode", lambda typename, data: decoded.append(typename) or decode(typename, data))
+    for log in (reader.read(path, raw=True), reader.read(other, raw=True)):
+        assert log.stamp_ns.size == 60
+    assert set(decoded) == {schemas.TYPES[t] for t in (schemas.REFERENCE, schemas.DIAGNOSTICS, schemas.EVENTS)}
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_cut_file_gives_what_the_message_loop_gives(tmp_path: Path, chunked: bool) -> None:
+    """At seeded places all over the file: every whole chunk, or message outside chunks, and nothing else."""
+    path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", chunk_size=3000, use_chunking=chunked)
+    content = path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    sizes = set()
+    for length in sorted(random.Random(1).sample(range(len(content)), 200)):
+        cut.write_bytes(content[:length])
+        try:
+            log = reader.read(cut, raw=True)
+        except UnreadableLogError:
+            assert not any(topic == schemas.IMU for topic, _ in messages(content[:length]))
+            continue
+        assert not log.finished
+        assert "ends in the middle" in log.damage
+        assert_same(log, content[:length])
+        sizes.add(log.stamp_ns.size)
+    assert len(sizes) >= 10
+
+
+def test_a_changed_byte_costs_no_more_than_the_message_loop_loses(tmp_path: Path) -> None:
+    """The same samples are given up as with mcap's own reader, since each chunk has its checksum."""
+    path = rewritten(recorded(tmp_path / "a.mcap"), tmp_path / "b.mcap", chunk_size=3000)
+    content = path.read_bytes()
+    at, spans = 8, []
+    while at + 9 < len(content) - 8:
+        (length,) = struct.unpack_from("<Q", content, at + 1)
+        if content[at] == 6:
+            spans.append((at + 60, at + 9 + length))
+        at += 9 + length
+    rng = random.Random(2)
+    for first, last in spans[1:]:
+        spoilt = bytearray(content)
+        spoilt[rng.randrange(first, last)] ^= 1 << rng.randrange(8)
+        (tmp_path / "c.mcap").write_bytes(spoilt)
+        try:
+            log = reader.read(tmp_path / "c.mcap", raw=True)
+        except UnreadableLogError:
+            assert not any(topic == schemas.IMU for topic, _ in messages(bytes(spoilt)))
+            continue
+        assert log.damage
+        assert_same(log, bytes(spoilt))
+
+
+def test_a_record_longer_than_the_limit_ends_the_reading(tmp_path: Path) -> None:
+    """A damaged length asks for no memory: what came before is there, and the limit is named."""
+    content = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
+    at, chunks = 8, []
+    while at + 9 < len(content) - 8:
+        if content[at] == 6:
+            chunks.append(at)
+        at += 9 + struct.unpack_from("<Q", content, at + 1)[0]
+    struct.pack_into("<Q", content, chunks[1] + 1, 2**40)
+    (tmp_path / "b.mcap").write_bytes(content)
+    log = reader.read(tmp_path / "b.mcap")
+    assert log.stamp_ns.size == 20
+    assert "exceeds limit" in log.damage
+
+
+def test_a_message_that_cannot_be_decoded_ends_the_reading_at_its_place(tmp_path: Path) -> None:
+    """All samples before it are used, none after it, though they share a chunk."""
+    spoils = {schemas.IMU: 30, schemas.TEMPERATURE: 12, schemas.RAW: 5, schemas.EVENTS: 0}
+    for topic, number in spoils.items():
+        path = tmp_path / "bad.mcap"
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start(profile="ros2", library="test")
+            writer.add_metadata(METADATA, SessionInfo().strings())
+            ids = {
+                t: writer.register_channel(t, "cdr", writer.register_schema(n, "ros2msg", b""))
+                for t, n in schemas.TYPES.items()
+            }
+            seen = dict.fromkeys(schemas.TYPES, 0)
+            samples = None
+            for t, message in messages(recorded(tmp_path / f"{number}.mcap").read_bytes()):
+                bad = t == topic and seen[t] == number
+                samples = seen[schemas.IMU] if bad else samples
+                seen[t] += 1
+                writer.add_message(ids[t], 1, message.data[:-9] if bad else message.data, message.publish_time)
+            writer.finish()
+        log = reader.read(path, raw=True)
+        assert "cannot be decoded" in log.damage
+        assert not log.finished
+        assert log.stamp_ns.size == samples, topic
+
+
+def test_only_the_latest_diagnostics_must_be_decodable(tmp_path: Path) -> None:
+    """They replace one another; if the last one is spoilt, the log says so and keeps its samples."""
+    log = LogWriter(tmp_path / "a.mcap", SessionInfo(), "", START)
+    log.imu(START, START, np.zeros(3), np.zeros(3))
+    log._add(schemas.DIAGNOSTICS, b"\0\1\0\0", START, START)
+    log.finish({}, START)
+    read = reader.read(tmp_path / "a.mcap")
+    assert read.stamp_ns.size == 1
+    assert "cannot be decoded" in read.damage
+    assert not read.finished
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), vectors, vectors, st.booleans())
+def test_the_packed_sample_is_what_rosbags_writes(stamp: int, gyro: Any, accel: Any, valid: bool) -> None:
+    """By hand and by definition, byte for byte; so a flagged sample has the same layout."""
+    made = schemas.imu(stamp, np.array(gyro), np.array(accel), valid=valid)
+    assert schemas.encode_imu(stamp, np.array(gyro), np.array(accel), valid=valid) == schemas.encode(schemas.IMU, made)
+
+
+def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -> None:
+    """As ROS says it, so that others' programs see it too; every other sample is valid."""
+    log = reader.read(recorded(tmp_path / "a.mcap"))
+    assert np.flatnonzero(~log.valid).tolist() == [5, 25, 45]
+    m = schemas.decode(schemas.TYPES[schemas.IMU], schemas.encode_imu(START, np.ones(3), np.ones(3), valid=False))
+    assert m.angular_velocity_covariance.tolist() == [-1.0, *[0.0] * 8]
+    assert m.linear_acceleration_covariance.tolist() == [-1.0, *[0.0] * 8]
+    assert m.angular_velocity.x == 1.0
+
+
+def test_a_sample_without_stamp_has_its_publish_time(tmp_path: Path) -> None:
+    """A foreign header may be empty; the fast walk and rosbags take the same."""
+    for frame in ("imu", ""):
+        with (tmp_path / "a.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start(profile="ros2", library="another program")
+            channel = writer.register_channel(
+                "/x", "cdr", writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
+            )
+            data = with_frame(schemas.encode_imu(0, np.zeros(3), np.ones(3)), schemas.TYPES[schemas.IMU], frame)
+            for k in range(3):
+                writer.add_message(channel, 7, data, START + k)
+            writer.finish()
+        log = reader.read(tmp_path / "a.mcap")
+        assert log.stamp_ns.tolist() == [START, START + 1, START + 2]
+        assert log.valid.all()
+
+
+def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
+    """`packets` has the fields of `raw` in one record each; neither is read unless asked for."""
+    path = recorded(tmp_path / "a.mcap")
+    log = reader.read(path, raw=True)
+    assert log.packets["sequence"].tolist() == [packet.sequence for packet in log.raw]
+    assert log.packets["counts"].tolist() == [list(packet.counts) for packet in log.raw]
+    assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
+    assert reader.read(path).packets.size == 0
+    assert fast.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
