@@ -36,7 +36,7 @@ def write(path: Path, seconds: int, rate: int) -> None:
     rng = np.random.default_rng(1)
     values = {"packets": 0}
     for second in range(seconds):
-        counts = np.round(rng.normal(size=(rate, 6)) * 30.0 + [0, 0, 0, 0, 0, 8176]).astype(int)
+        counts = np.round(rng.normal(size=(rate, 6)) * 30.0 + [0, 0, 0, 0, 0, 5450]).astype(int)
         gyro = np.deg2rad(counts[:, :3] * (200.0 * 1.5 / 2**15))
         accel = -counts[:, 3:] * (4.0 * 1.5 / 2**15 * 9.80665)
         for k in range(rate):

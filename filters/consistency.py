@@ -95,7 +95,8 @@ class Gauge:
         self._window = max(1, round(HOLD / self._block))
         self._end = np.inf
         self._means: deque[Array] = deque(maxlen=self._window)
-        self._steps: deque[Array] = deque(maxlen=_NOISE_BLOCKS)
+        self._squares = np.zeros((_NOISE_BLOCKS, 6))
+        self._steps = 0
         self._ok_from: list[float | None] = [None] * 6
         self._out_from: list[float | None] = [None] * 6
         self._since: list[float | None] = [None] * 6
@@ -129,7 +130,8 @@ class Gauge:
         if self._means:
             step = (mean - self._means[-1])[:6]
             if np.isfinite(step).all():
-                self._steps.append(step)
+                self._squares[self._steps % _NOISE_BLOCKS] = step**2
+                self._steps += 1
         self._means.append(mean)
         if len(self._means) == self._window:
             self._judge(self._end, bias, bias_sd)
@@ -175,9 +177,12 @@ class Gauge:
         Array or None
             Accelerometer m/s/√s, gyro rad/√s, shape (6,); None before two differences exist.
         """
-        if len(self._steps) < 2:
+        count = min(self._steps, _NOISE_BLOCKS)
+        if count < 2:
             return None
-        variance = np.median(np.square(self._steps), axis=0) / _MEDIAN_OF_CHI2_1 / 2.0
+        low, high = (count - 1) // 2, count // 2
+        ordered = np.partition(self._squares[:count], [low, high] if high > low else low, axis=0)
+        variance = 0.5 * (ordered[low] + ordered[high]) / _MEDIAN_OF_CHI2_1 / 2.0
         return np.asarray(np.sqrt(variance * self._block))
 
     def convergence(self) -> Convergence:

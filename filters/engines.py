@@ -105,6 +105,10 @@ class Engine(Protocol):
         """Present belief."""
         ...
 
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases, accelerometer then gyro, and their standard deviations; each (6,)."""
+        ...
+
     def alarm(self) -> str | None:
         """A sentence where this filter knows that it is not to be trusted."""
         ...
@@ -213,6 +217,11 @@ class Compiled:
         """Present belief."""
         return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._P))
 
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases and their standard deviations."""
+        variances = self._P[9 * (STRIDE + 1) :: STRIDE + 1]
+        return self.core[layout.NAV_BA : layout.NAV].copy(), np.sqrt(variances)
+
     def alarm(self) -> str | None:
         """None: no attitude is special to it."""
         return None
@@ -245,6 +254,12 @@ class Stepwise:
         """Present belief."""
         common: Belief = self._module.common(self._belief)
         return common
+
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases and their standard deviations."""
+        belief = self.belief()
+        bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
+        return bias, np.sqrt(np.diag(belief.P)[9:])
 
     def alarm(self) -> str | None:
         """What the filter says of itself."""

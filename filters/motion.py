@@ -55,7 +55,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate
 
 from filters.types import Array
 
@@ -645,6 +644,9 @@ def _swings(at: Array, segment: Sine, number: int) -> list[_Piece]:
 
 
 def _cubics(segment: Sampled, turns: Array, number: int) -> list[_Piece]:
+    # here, since it would double the start-up time of every command that runs a filter
+    from scipy import interpolate
+
     t, angles = np.array(segment.t), np.array(segment.angles) + turns
     c = interpolate.PchipInterpolator(t, angles, axis=0).c  # (4, N - 1, 3), descending powers
     rests = (np.abs(np.diff(angles, axis=0)).max(axis=1) < _REST_RATE * np.diff(t)).tolist()

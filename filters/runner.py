@@ -181,8 +181,10 @@ class Estimator:
         """For the six biases (accelerometer then gyro, body axes), whether this reference shows them."""
         if self.reference is None or self._engine is None:
             return (True,) * 6
-        bias_sd = np.sqrt(np.diag(self._engine.belief().P)[9:])
-        return self.reference.observable(bias_sd, self._P0_sd[9:])
+        P0_sd = self._P0_sd[9:]
+        # at rest it does not depend on how far the filter has come
+        bias_sd = self._engine.biases()[1] if self.reference.moving else P0_sd
+        return self.reference.observable(bias_sd, P0_sd)
 
     @property
     def converged(self) -> bool:
@@ -389,9 +391,7 @@ def _close_block(estimator: Estimator, t: float) -> None:
     with np.errstate(invalid="ignore"):
         residual = sums[layout.SUM_RESIDUAL : layout.SUM_BIAS] / sums[layout.SUM_RESIDUALS]
     mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]
-    belief = engine.belief()
-    bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
-    gauge.close(t, residual, mean_bias, bias, np.sqrt(np.diag(belief.P)[9:]))
+    gauge.close(t, residual, mean_bias, *engine.biases())
     sums[:] = 0.0
     still = estimator.reference is not None and not estimator.reference.moving
     engine.core[layout.CORE_SPREAD] = float(still and estimator.converged)

@@ -62,13 +62,24 @@ def _lines(d: dict[str, Any]) -> list[str]:
         out.append(
             f"noise of this log: gyro {_triple(arw)} deg/√h (Table 1: 4.5), accel {_triple(vrw)} m/s/√h (Table 1: 1)"
         )
+    used = d["noise"]["used"]
+    if used["source"] == "log":
+        walk = f"gyro {_triple(used['gyro_walk_dps_sqrt_h'], 3)} deg/s/√h"
+        walk += f", accel {_triple(used['accel_walk_mps2_sqrt_h'], 4)} m/s²/√h"
+        arw, vrw = _triple(used["gyro_arw_deg_sqrt_h"]), _triple(used["accel_vrw_mps_sqrt_h"])
+        out.append(
+            f"noise used, by Allan deviation: gyro {arw} deg/√h, accel {vrw} m/s/√h; drift of the biases: {walk}"
+        )
+    if d["rejected"]:
+        out.append(f"{d['rejected']} updates left out as outliers")
     if d["gaps"]:
         longest = max(d["gaps"], key=lambda gap: gap["seconds"])
         out.append(f"{len(d['gaps'])} gaps, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
     if d["lost_packets"] or d["bad_checksums"]:
         out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
+    out += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d["confounded"]]
     return out + [f"ALARM: {alarm}" for alarm in d["alarms"]]
 
 
-def _triple(values: list[float]) -> str:
-    return " ".join(f"{v:.2f}" for v in values)
+def _triple(values: list[float], digits: int = 2) -> str:
+    return " ".join(f"{v:.{digits}f}" for v in values)

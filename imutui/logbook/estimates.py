@@ -38,7 +38,10 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: 
     longitude = np.remainder(np.rad2deg(nav[:, 1]) + 180.0, 360.0) - 180.0
     accel = axes.accel_to_instrument(nav[:, layout.NAV_BA : layout.NAV_BG]) / g_unit * 1e3
     accel_sd = axes.sd_to_instrument(sd[:, state.ACCEL_BIAS]) / g_unit * 1e3
-    accel[:, hidden] = accel_sd[:, hidden] = np.nan
+    gyro = np.rad2deg(axes.gyro_to_instrument(nav[:, layout.NAV_BG :]))
+    gyro_sd = np.rad2deg(axes.sd_to_instrument(sd[:, state.GYRO_BIAS]))
+    accel[:, hidden[:3]] = accel_sd[:, hidden[:3]] = np.nan
+    gyro[:, hidden[3:]] = gyro_sd[:, hidden[3:]] = np.nan
     values = np.column_stack(
         [
             np.rad2deg(nav[:, 0]),
@@ -47,12 +50,12 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: 
             nav[:, layout.NAV_V : layout.NAV_Q],
             np.rad2deg(attitude.to_rpy(C_nb)),
             accel,
-            np.rad2deg(axes.gyro_to_instrument(nav[:, layout.NAV_BG :])),
+            gyro,
             sd[:, state.POSITION],
             sd[:, state.VELOCITY],
             np.rad2deg(rpy_sd),
             accel_sd,
-            np.rad2deg(axes.sd_to_instrument(sd[:, state.GYRO_BIAS])),
+            gyro_sd,
             rows[:, layout.OUT_NIS],
         ]
     )

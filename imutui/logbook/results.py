@@ -18,10 +18,11 @@ from imutui.logbook.session import SessionInfo
 
 VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")
-_AXES = ("x", "y", "z")
+_NAMES = tuple(f"{bias}_{axis}" for bias in _BIASES for axis in "xyz")
 
 EXACT = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
 DRAWN = "measurements are drawn with covariance R"
+MOVING = "the trajectory is fed as it is: NIS compares its own errors with R, which was not made for it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) 
     g_unit : float
         m/s² of one g.
     seen : np.ndarray
-        Whether each accelerometer bias is observable, instrument axes, bool, shape (3,).
+        Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,).
     """
     accel = axes.accel_to_instrument(nav.accel_bias) / g_unit * 1e3
     longitude = np.remainder(np.rad2deg(nav.longitude) + 180.0, 360.0) - 180.0
@@ -65,8 +66,8 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) 
         "position_deg_m": [float(np.rad2deg(nav.latitude)), float(longitude), float(nav.height)],
         "velocity_mps": _floats(nav.velocity_n),
         "rpy_deg": _floats(np.rad2deg(attitude.to_rpy(nav.C_nb))),
-        "accel_bias_mg": [float(b) if s else None for b, s in zip(accel, seen, strict=True)],
-        "gyro_bias_dps": _floats(np.rad2deg(axes.gyro_to_instrument(nav.gyro_bias))),
+        "accel_bias_mg": _where(accel, seen[:3]),
+        "gyro_bias_dps": _where(np.rad2deg(axes.gyro_to_instrument(nav.gyro_bias)), seen[3:]),
     }
 
 
@@ -80,14 +81,15 @@ def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: 
         "position_m": _floats(sd[state.POSITION]),
         "velocity_mps": _floats(sd[state.VELOCITY]),
         "rpy_deg": [float(x) if np.isfinite(x) else None for x in np.rad2deg(rpy)],
-        "accel_bias_mg": [float(b) if s else None for b, s in zip(accel, seen, strict=True)],
-        "gyro_bias_dps": _floats(np.rad2deg(axes.sd_to_instrument(sd[state.GYRO_BIAS]))),
+        "accel_bias_mg": _where(accel, seen[:3]),
+        "gyro_bias_dps": _where(np.rad2deg(axes.sd_to_instrument(sd[state.GYRO_BIAS])), seen[3:]),
     }
 
 
 def seen_axes(estimator: Estimator, axes: AxisMap) -> np.ndarray:
-    """Whether each accelerometer bias is observable, instrument axes, bool, shape (3,)."""
-    return to_instrument_order(np.array(estimator.observable[:3], float), axes) > 0.5
+    """Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,)."""
+    seen = np.array(estimator.observable, float).reshape(2, 3)
+    return np.concatenate([to_instrument_order(part, axes) for part in seen]) > 0.5
 
 
 def to_instrument_order(values: np.ndarray, axes: AxisMap) -> np.ndarray:
@@ -163,7 +165,7 @@ def document(
         "measurements": info.measurements,
         "seed": info.seed if info.measurements == "drawn" else None,
         "finished": finished,
-        "unobservable": [f"accel_bias_{a}" for a, s in zip(_AXES, seen, strict=True) if not s],
+        "unobservable": [name for name, s in zip(_NAMES, seen, strict=True) if not s],
         "final": state_fields(nav, axes, g_unit, seen),
         "sd": sd_fields(P, nav, axes, g_unit, seen),
         "spread": _spread(estimator, axes, g_unit, seen),
@@ -192,7 +194,9 @@ TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 
 def nis_fields(estimator: Estimator) -> dict[str, Any]:
     """Mean NIS with its band, and whether it is a test."""
-    is_test = estimator.settings.measurements == "drawn"
+    # noise drawn on top of a trajectory's own errors makes no test of it
+    followed = estimator.settings.reference == "trajectory"
+    is_test = estimator.settings.measurements == "drawn" and not followed
     dof = estimator.dof
     band = consistency.nis_band(dof, estimator.nis_count) if dof else (None, None)
     return {
@@ -201,7 +205,7 @@ def nis_fields(estimator: Estimator) -> dict[str, Any]:
         "dof": int(dof) if dof == int(dof) else dof,
         "band95": list(band),
         "is_test": is_test,
-        "why": DRAWN if is_test else EXACT,
+        "why": DRAWN if is_test else MOVING if followed else EXACT,
     }
 
 
@@ -251,6 +255,10 @@ def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray
 def dumps(result: Any) -> str:
     """JSON text; NaN and infinity are errors, since other programs cannot read them."""
     return json.dumps(result, indent=2, allow_nan=False)
+
+
+def _where(values: np.ndarray, seen: np.ndarray) -> list[float | None]:
+    return [float(value) if s else None for value, s in zip(values, seen, strict=True)]
 
 
 def _floats(values: np.ndarray) -> list[float]:

@@ -161,7 +161,7 @@ def _biases(take: Take, estimator: Estimator) -> list[dict[str, Any]]:
                     "limit": limit,
                     "change_10s": float(moved) if np.isfinite(moved) else None,
                     "converged_s": since[f"{kind}_bias"][i],
-                    "observable": kind == "gyro" or bool(seen[i]),
+                    "observable": bool(seen[i + 3 * (kind == "gyro")]),
                 }
             )
     return out

@@ -515,7 +515,10 @@ REPLAY_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
     "missing.mcap": (3, ("missing.mcap", "no such file")),
     "folder": (3, ("folder", "is a folder")),
     "empty.mcap": (3, ("empty.mcap", "0 bytes")),
-    "good.mcap missing.mcap": (3, ("missing.mcap",)),
+    "good.mcap --set filter.noise=guess": (2, ("guess", "table1, log")),
+    "good.mcap --reference missing.toml": (3, ("missing.toml", "No such file")),
+    "good.mcap --reference profile": (2, ("good.mcap", "--reference FILE")),
+    "good.mcap --estimates -1": (2, ("--estimates",)),
     "good.mcap --start 100": (3, ("--start", "2.750 s")),
     "good.mcap --start 2 --end 1": (3, ("--end",)),
     "good.mcap --set filter.kapa=1": (2, ("filter.kapa", "filter.kappa")),
@@ -554,6 +557,15 @@ def test_replay_refuses_what_cannot_be_and_overwrites_nothing(run: Run, home: Pa
     assert (home / "good.mcap").read_bytes() == log
     assert (home / "kept").read_bytes() == KEPT
     assert not (home / "out.mcap").exists()
+
+
+def test_one_logs_trouble_is_not_the_others(run: Run, home: Path, log: bytes) -> None:
+    """Of two logs one is missing: exit 3 and its error, and the other one's result all the same."""
+    (home / "good.mcap").write_bytes(log)
+    outcome = run("replay", "good.mcap", "missing.mcap", "--json")
+    assert outcome.code == 3
+    assert "missing.mcap: no such file" in outcome.stderr
+    assert [document["log"] for document in json.loads(outcome.stdout)] == [str(home / "good.mcap")]
 
 
 # -- virtual, demo ----------------------------------------------------------------------------------------------------

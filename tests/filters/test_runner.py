@@ -109,7 +109,7 @@ def test_the_compiled_step_is_the_readable_one() -> None:
                 assert x[layout.OUT_DOF] == y[layout.OUT_DOF]
                 assert np.allclose(x[layout.OUT_NIS], y[layout.OUT_NIS], rtol=1e-6, equal_nan=True)
             k = after[0]
-        assert np.allclose(fast.sums, slow.sums, rtol=1e-9, atol=1e-9)
+        assert np.allclose(fast.sums, slow.sums, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["spkf", "ekf", "spkf-paper"])
@@ -181,7 +181,7 @@ def test_outliers_of_a_reference_are_left_out_and_counted() -> None:
 
 def test_a_partly_known_attitude_corrects_what_it_knows() -> None:
     """Yaw alone in the trajectory: the vertical gyro bias is seen; without it, it is not."""
-    n = 600
+    n = 200
     bias = np.array([0, 0, 0, 0, 0, 0.01])
     t, gyro, accel = noisy(n, bias=bias)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, np.nan, np.nan, 0], (n, 1))
@@ -350,7 +350,7 @@ def test_spread_is_the_scatter_after_convergence() -> None:
     assert moments is not None
     errors = np.array([e.belief.nav.minus(reference.level(PAPER_SITE).nav) for e in estimates[-moments.count :]])
     assert np.allclose(moments.mean, errors.mean(axis=0), rtol=1e-6, atol=1e-12)
-    assert np.allclose(moments.covariance, np.cov(errors.T), rtol=1e-6, atol=1e-15)
+    assert np.max(np.abs(moments.covariance - np.cov(errors.T)) / np.outer(errors.std(0), errors.std(0))) < 1e-6
 
 
 def test_draws_are_standard_normal_and_each_samples_own() -> None:
