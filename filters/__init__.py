@@ -36,9 +36,22 @@ Names
     arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
 
 Where things are
-    `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification · `reference` what is
-    known of the motion · `state` and `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15) · `consistency` NIS,
-    noise, convergence · `runner` one step and the loop over it · `simulation` a still unit with known truth.
+    `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `motion`
+    what a table does · `reference` what is known of the motion · `alignment` how that is found in data · `state` and
+    `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same step, compiled ·
+    `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its
+    arrays · `settings`, `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences
+    on what contradicts the model · `allan` white noise and drift of a log · `simulation` units with known truth.
+
+Measurements of the reference
+    exact        the known state itself is fed: a table at rest is known; NIS is then no test
+    drawn        with noise of covariance R, from a counter-based generator: NIS and NEES are chi-square
+    Rows of R (10 m, 10 m, 30 m; 0.1 m/s; 0.1°, 0.1°, 0.5°) belong to north, east, down. P0 of the navigation states is
+    R, of biases (18 mg, 1.5 deg/s)². Q is white noise of Table 1 times dt and constant biases, unless measured.
+
+Readings between samples
+    A unit at rest: a sample is held over the step that it ends. A unit that may move: linear from sample to sample.
+    Across a gap a held sample's noise adds up coherently, and the angle it may have turned unseen is added.
 
 Source: H. K. Kuga, R. V. F. Lopes, W. Einwoegerer, "Experimental static calibration of an IMU based on MEMS", whose
 equation numbers (1)-(15) and tables 1-3 the docstrings cite. Misprints corrected: P in (10) is (I - KH) P, here in

@@ -54,3 +54,15 @@ def test_the_two_set_up_commands_stand_there() -> None:
     assert "    pip install . && imutui demo\n" in README
     assert "    pip install '.[test]' && pytest\n" in README
     assert "pip install '.[test]' && pytest" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_the_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """The ten lines print six rows of estimates, converged and without alarms, near the truth."""
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    names: dict[str, object] = {}
+    exec(code, names)
+    rows = capsys.readouterr().out.splitlines()
+    assert len(rows) == 7
+    assert rows[-1].endswith("True []")
+    bias = [re.findall(r"-?\d+\.\d+", row)[:3] for row in (rows[-2].split("s", 1)[1], rows[-1])]
+    assert all(abs(float(a) - float(b)) < 0.05 for a, b in zip(*bias, strict=True))

@@ -1,0 +1,436 @@
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from filters import attitude, motion, reference, runner, simulation, state
+from filters.imu import IMU400CD_200, STANDARD_GRAVITY, Samples
+from filters.motion import Profile
+from filters.runner import Estimate, Estimator
+from filters.simulation import Truth
+from filters.state import PAPER_SITE
+from imutui.jobs import replay as job
+from imutui.jobs.replay import Options, replay
+from imutui.logbook import SessionInfo, reader, results, schemas, trajectory
+from imutui.logbook.motions import ReferenceFile
+from imutui.logbook.trajectory import Trajectory
+from imutui.logbook.writer import LogWriter
+
+START = 1_795_257_000_000_000_000
+SPEC = IMU400CD_200
+BIAS = Truth(np.array([0.06, -0.04, 0.08]), np.deg2rad([0.5, -0.7, 0.3]))
+
+TUMBLE = """\
+offset_sd_s = 0.0
+
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 6.0
+
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 90.0, 0.0]
+seconds = 8.0
+
+[[segment]]
+kind = "dwell"
+angles_deg = [90.0, 0.0, 0.0]
+seconds = 8.0
+
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = 20.0
+seconds = 5.0
+"""
+MARKED = 'align = "marks"\n' + TUMBLE.replace("offset_sd_s = 0.0\n", "")
+GYRO = 'align = "gyro"\n' + TUMBLE.replace("offset_sd_s = 0.0\n", "")
+
+
+def profile_file(text: str) -> ReferenceFile:
+    return ReferenceFile("profile", "reference.toml", "application/toml", text.encode())
+
+
+def simulated(text: str | None, hz: float = 20.0, seconds: float | None = None, seed: int = 1) -> Samples:
+    profile = None if text is None else profile_file(text).motion()
+    assert profile is None or isinstance(profile, Profile)
+    length = seconds if seconds is not None else profile.duration if profile is not None else 30.0
+    return simulation.simulate(profile, rate_hz=hz, seconds=length, seed=seed, truth=BIAS)[0]
+
+
+def record(
+    path: Path,
+    samples: Samples,
+    hz: float = 20.0,
+    kind: str = "level",
+    attachment: ReferenceFile | None = None,
+    marks: Iterable[tuple[float, str]] = (),
+    **info: Any,
+) -> Path:
+    """A log of these samples, as an acquisition leaves it."""
+    log = LogWriter(path, SessionInfo(rate_hz=hz, kind="simulated", reference=kind, **info), "x = 1\n", START)
+    if attachment is not None:
+        log.attach(attachment.name, attachment.media_type, attachment.content, START)
+    still = np.zeros(3)
+    log.message(schemas.REFERENCE, schemas.table_reference(START, kind, still, still), START, START)
+    for t, gyro, accel in zip(samples.t.tolist(), samples.gyro, samples.accel, strict=True):
+        stamp = START + round(t * 1e9)
+        log.imu(stamp, stamp, gyro, accel)
+    for t, text in marks:
+        stamp = START + round(t * 1e9)
+        log.message(schemas.EVENTS, schemas.event(stamp, "mark", text), stamp, stamp)
+    log.finish({}, START)
+    return path
+
+
+def tumbled(path: Path, text: str = TUMBLE, **info: Any) -> Path:
+    """A log that carries its profile."""
+    return record(path, simulated(text), kind="profile", attachment=profile_file(text), **info)
+
+
+def shift(result: dict[str, Any]) -> np.ndarray:
+    """Errors of the six biases over their sd; the truth is in body axes, the result in the instrument's."""
+    axes = SessionInfo().axes()
+    truth = np.concatenate(
+        [
+            axes.accel_to_instrument(BIAS.accel_bias) / STANDARD_GRAVITY * 1e3,
+            np.rad2deg(axes.gyro_to_instrument(BIAS.gyro_bias)),
+        ]
+    )
+    final = np.array(result["final"]["accel_bias_mg"] + result["final"]["gyro_bias_dps"], float)
+    return (final - truth) / np.array(result["sd"]["accel_bias_mg"] + result["sd"]["gyro_bias_dps"], float)
+
+
+def untimed(result: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in result.items() if key not in results.TIMINGS}
+
+
+# ---------------------------------------------------------------------------------------------------------- references
+
+
+def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
+    """A log with a profile attached is filtered along it: every sample is used, and six biases are within 4 sd."""
+    path = tumbled(tmp_path / "a.mcap")
+    result = replay(path, Options())
+    assert result["reference"] == "profile"
+    assert result["samples"] == simulated(TUMBLE).t.size
+    assert result["nis"]["dof"] == 9
+    assert result["unobservable"] == []
+    assert result["alarms"] == []
+    assert result["rejected"] == 0
+    assert np.all(np.abs(shift(result)) < 4.0)
+
+
+def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) -> None:
+    """The log's profile is wrong by 90°, the named one is right; and its hash decides the configuration's."""
+    wrong = TUMBLE.replace("[0.0, 90.0, 0.0]", "[0.0, -90.0, 0.0]")
+    path = record(tmp_path / "a.mcap", simulated(TUMBLE), kind="profile", attachment=profile_file(wrong))
+    own, named = replay(path, Options()), replay(path, Options(reference=profile_file(TUMBLE)))
+    assert own["rejected"] > 0
+    assert any("left out" in text or "off the reference" in text for text in own["alarms"])
+    assert named["rejected"] == 0
+    assert np.all(np.abs(shift(named)) < 4.0)
+    assert own["config_sha256"] != named["config_sha256"]
+    # the kind goes with the file: a log made level takes a named profile as well
+    level = record(tmp_path / "b.mcap", simulated(TUMBLE))
+    assert untimed(replay(level, Options(reference=profile_file(TUMBLE))))["final"] == named["final"]
+
+
+def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
+    """Reference "profile", and no file anywhere."""
+    path = record(tmp_path / "a.mcap", simulated(None), kind="profile")
+    with pytest.raises(ValueError, match=r"none of its own.*--reference FILE"):
+        replay(path, Options())
+
+
+def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
+    """Aligned by marks, numbered or plain: dwells are used, and six biases are within 4 sd."""
+    profile = profile_file(MARKED).motion()
+    assert isinstance(profile, Profile)
+    samples = simulated(MARKED)
+    for name, texts in (("a", ("segment 1", "segment 2", "segment 3")), ("b", ("on", "turned", "segment 3"))):
+        marks = [(float(t) + 0.3, text) for t, text in zip(profile.rest_starts[:3], texts, strict=True)]
+        path = record(tmp_path / f"{name}.mcap", samples, kind="profile", attachment=profile_file(MARKED), marks=marks)
+        result = replay(path, Options())
+        assert np.all(np.abs(shift(result)) < 4.0)
+        assert result["rejected"] == 0
+        assert result["alarms"] == []
+    unmarked = replay(tumbled(tmp_path / "c.mcap", MARKED), Options())
+    assert unmarked["nis"]["mean"] is None
+
+
+def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
+    """Six seconds late, found; the wrong sign is refused in words."""
+    profile = profile_file(GYRO).motion()
+    assert isinstance(profile, Profile)
+    early = simulated(GYRO, seconds=profile.duration + 3.0)
+    still = simulation.simulate(rate_hz=20.0, seconds=6.0, seed=8, truth=BIAS)[0]
+    late = Samples(
+        np.arange(early.t.size + still.t.size) / 20.0,
+        np.concatenate([still.gyro, early.gyro]),
+        np.concatenate([still.accel, early.accel]),
+    )
+    path = record(tmp_path / "a.mcap", late, kind="profile", attachment=profile_file(GYRO))
+    log = reader.read(path)
+    _, settings = job.prepare(log, job.select(log, None, None), Options())
+    assert settings.offset_sd is not None
+    assert abs(settings.offset - 6.0) < 4.0 * settings.offset_sd
+    result = replay(path, Options())
+    assert np.all(np.abs(shift(result)) < 4.0)
+    assert result["rejected"] == 0
+    with pytest.raises(ValueError, match="another `sign`"):
+        replay(path, Options(reference=profile_file(GYRO.replace("\n\n", "\nsign = [1, -1, 1]\n\n", 1))))
+
+
+def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Path) -> None:
+    """A profile that turns between two samples, and readings that do: nothing is known of the rate in between."""
+    slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, "profile", profile_file(TUMBLE))
+    with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz.*nothing is known of the rate"):
+        replay(slow, Options())
+    still = simulated(None, hz=0.1, seconds=100.0)
+    turning = record(tmp_path / "b.mcap", replace(still, gyro=still.gyro + np.deg2rad([0.0, 0.0, 10.0])), 0.1)
+    with pytest.raises(ValueError, match=r"10[0-9] deg between two samples at .*nothing is known of the rate"):
+        replay(turning, Options())
+    # at rest a tenth of a hertz is fine
+    assert np.all(np.abs(shift(replay(record(tmp_path / "c.mcap", still, 0.1), Options()))) < 4.0)
+
+
+# ---------------------------------------------------------------------------------------------------------------- parts
+
+
+def rows(path: Path, options: Options) -> tuple[np.ndarray, np.ndarray]:
+    """Times since the log's first sample, and what is known then."""
+    log = reader.read(path)
+    part = job.select(log, options.start, options.end)
+    _, settings = job.prepare(log, part, options)
+    estimator = Estimator(settings)
+    if estimator.aligning is not None:
+        found = estimator.aligning.found(part.t, part.gyro, part.accel)
+    else:
+        assert estimator.reference is not None
+        found = estimator.reference
+    for event in log.events:
+        if event.name == "mark":
+            assert isinstance(found, reference.TableMotion)
+            found.mark(float(reader.seconds_since(event.stamp_ns, part.first_ns)), event.text)
+    return part.t + part.start, found.known(part.t, -np.inf, part.gyro)
+
+
+def table_trajectory(samples: Samples) -> ReferenceFile:
+    profile = profile_file(TUMBLE).motion()
+    assert isinstance(profile, Profile)
+    t = np.arange(0.0, samples.t[-1], 0.25)
+    values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
+    values[:, 6:9] = attitude.to_rpy(motion.attitudes(profile.angles(t)))
+    text = trajectory.format(Trajectory(t, values))
+    return ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
+
+
+@pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
+def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, kind: str) -> None:
+    """--start and --end shift profile, marks and trajectory with the samples."""
+    samples = simulated(TUMBLE)
+    file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
+    marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
+    path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
+    t, whole = rows(path, Options())
+    part_t, part = rows(path, Options(start=9.99, end=27.01))
+    here = (t >= 9.99) & (t <= 27.01)
+    assert np.allclose(part_t, t[here], atol=1e-9)
+    # at its first sample a part may take a trajectory's row that is a little older than it
+    begin = 1 if kind == "trajectory" else 0
+    assert np.allclose(part[begin:], whole[here][begin:], rtol=1e-9, atol=1e-11, equal_nan=True)
+    assert (part[:, reference.VARIANCES] > 0.0).any()
+
+
+@pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
+def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
+    """From the middle of the second dwell, at 90°: no update is left out, and six biases are within 4 sd."""
+    # FAILS: a bug. All three start at the first attitude of the profile or trajectory, 90° away from the part's.
+    samples = simulated(TUMBLE)
+    file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
+    marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
+    path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
+    result = replay(path, Options(start=13.0))
+    assert result["rejected"] == 0
+    assert np.all(np.abs(shift(result)) < 4.0)
+
+
+def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
+    """A part of a still log gives what a log of those samples alone gives."""
+    samples = simulated(None)
+    whole = record(tmp_path / "a.mcap", samples)
+    here = (samples.t >= 5.0) & (samples.t <= 20.0)
+    alone = Samples(samples.t[here] - 5.0, samples.gyro[here], samples.accel[here])
+    part, cut = replay(whole, Options(start=5.0, end=20.0)), replay(record(tmp_path / "b.mcap", alone), Options())
+    own = ("log", "log_sha256")
+    assert {k: v for k, v in untimed(part).items() if k not in own} == {
+        k: v for k, v in untimed(cut).items() if k not in own
+    }
+
+
+# ------------------------------------------------------------------------------------------------ noise measured on it
+
+
+def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -> None:
+    """A unit four times quieter than Table 1: arw and vrw within 10 % of the truth, in use, and errors within 4 sd."""
+    quiet = replace(SPEC, gyro_arw=SPEC.gyro_arw / 4, accel_vrw=SPEC.accel_vrw / 4)
+    samples = simulation.simulate(rate_hz=50.0, seconds=300.0, seed=3, spec=quiet, truth=BIAS)[0]
+    path = record(tmp_path / "a.mcap", samples, 50.0)
+    table, measured = replay(path, Options()), replay(path, Options(overrides={"noise": "log"}))
+    used = measured["noise"]["used"]
+    assert used["source"] == "log"
+    assert np.allclose(used["gyro_arw_deg_sqrt_h"], 4.5 / 4, rtol=0.1)
+    assert np.allclose(used["accel_vrw_mps_sqrt_h"], 1.0 / 4, rtol=0.1)
+    assert table["noise"]["used"]["source"] == "table1"
+    assert np.allclose(table["noise"]["used"]["gyro_arw_deg_sqrt_h"], 4.5)
+    assert np.all(np.abs(shift(measured)) < 4.0)
+    ratio = np.array(measured["sd"]["gyro_bias_dps"]) / np.array(table["sd"]["gyro_bias_dps"])
+    # four times less white noise, and whatever drift the log shows
+    assert np.all((ratio > 0.2) & (ratio < 1.0))
+    assert measured["config_sha256"] != table["config_sha256"]
+
+
+def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
+    """With reference profile the error says why and what to do; so with a trajectory."""
+    samples = simulated(TUMBLE)
+    for name, file in (("a", profile_file(TUMBLE)), ("b", table_trajectory(samples))):
+        path = record(tmp_path / f"{name}.mcap", samples, kind=file.kind, attachment=file)
+        with pytest.raises(ValueError, match=r"`noise` is \"log\".*at rest"):
+            replay(path, Options(overrides={"noise": "log"}))
+
+
+# ------------------------------------------------------------------------------------------------------------ estimates
+
+
+def written(path: Path) -> tuple[list[int], list[Any]]:
+    """Stamps and messages of the estimates in a file, decoded by rosbags from the file's own bytes."""
+    stamps, messages = [], []
+    with path.open("rb") as stream:
+        for schema, _, message in make_reader(stream, validate_crcs=True).iter_messages(schemas.ESTIMATE):
+            assert schema is not None
+            assert schema.encoding == "ros2msg"
+            stamps.append(message.publish_time)
+            messages.append(schemas.decode(schema.name, message.data))
+    return stamps, messages
+
+
+def check_estimate(message: Any, estimate: Estimate) -> None:
+    """A message says in degrees, mg and the instrument's axes (accelerometers' sign turned) what an estimate holds."""
+    nav, P = estimate.belief.nav, estimate.belief.P
+    sd = np.sqrt(np.diag(P))
+    expected = {
+        "position_deg_m": [*np.rad2deg([nav.latitude, nav.longitude]), nav.height],
+        "velocity_mps": nav.velocity_n,
+        "rpy_deg": np.rad2deg(attitude.to_rpy(nav.C_nb)),
+        "accel_bias_mg": -nav.accel_bias / STANDARD_GRAVITY * 1e3,
+        "gyro_bias_dps": np.rad2deg(nav.gyro_bias),
+        "position_sd_m": sd[state.POSITION],
+        "velocity_sd_mps": sd[state.VELOCITY],
+        "accel_bias_sd_mg": sd[state.ACCEL_BIAS] / STANDARD_GRAVITY * 1e3,
+        "gyro_bias_sd_dps": np.rad2deg(sd[state.GYRO_BIAS]),
+    }
+    for name, value in expected.items():
+        assert np.allclose(getattr(message, name), value, rtol=1e-12, atol=1e-12), name
+    # level: the three angles' errors are those about north, east, down to first order in the angles
+    assert np.allclose(message.rpy_sd_deg, np.rad2deg(sd[state.ATTITUDE]), rtol=1e-2)
+    assert message.nis_dof == estimate.dof
+    assert np.array_equal(message.nis, estimate.nis, equal_nan=True)
+
+
+@pytest.mark.parametrize(("name", "seconds"), [("spkf", 45.0), ("ekf", 8.0), ("spkf-paper", 8.0)])
+def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, seconds: float) -> None:
+    """With 0 estimates a second asked for, each sample's: stamps, numbers, NIS and verdict; for all three filters."""
+    samples = simulated(None, seconds=seconds)
+    path = record(tmp_path / "a.mcap", samples, filter=name)
+    result = replay(path, Options(output=tmp_path / "e.mcap", estimates_hz=0.0))
+    assert result["filter"] == name
+    stamps, messages = written(tmp_path / "e.mcap")
+    log = reader.read(path)
+    estimator = Estimator(log.info.settings())
+    estimates = list(runner.run(estimator, log.seconds(), log.gyro, log.accel))
+    assert stamps == log.stamp_ns.tolist()
+    assert len(messages) == len(estimates)
+    for message, estimate in zip(messages, estimates, strict=True):
+        check_estimate(message, estimate)
+    assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.gauge.convergence().since]
+    if name == "spkf":
+        assert all(messages[-1].converged)
+    assert not any(messages[0].converged)
+    assert np.all(np.abs(shift(result)) < 4.0)
+
+
+def test_ten_estimates_a_second_are_written_unless_asked(tmp_path: Path) -> None:
+    """Of 133 samples a second every thirteenth or fourteenth goes into the file, each the runner's own."""
+    samples = simulated(None, hz=133.0, seconds=6.0)
+    path = record(tmp_path / "a.mcap", samples, 133.0)
+    replay(path, Options(output=tmp_path / "e.mcap"))
+    stamps, messages = written(tmp_path / "e.mcap")
+    assert len(messages) == 60
+    steps = np.diff(stamps) / 1e9
+    assert np.all(np.abs(steps - 0.1) < 1.01 / 133.0)
+    log = reader.read(path)
+    estimates = {
+        int(log.stamp_ns[e.index]): e
+        for e in runner.run(Estimator(log.info.settings()), log.seconds(), log.gyro, log.accel)
+    }
+    for stamp, message in zip(stamps, messages, strict=True):
+        check_estimate(message, estimates[stamp])
+
+
+@pytest.mark.parametrize("text", [None, TUMBLE])
+def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str | None) -> None:
+    """Without a file, with ten a second and with all: equal in every field but the timings; and it is in the file."""
+    path = record(tmp_path / "a.mcap", simulated(None)) if text is None else tumbled(tmp_path / "a.mcap", text)
+    plain = replay(path, Options())
+    for hz in (10.0, 0.0, 3.0):
+        output = tmp_path / f"{hz}.mcap"
+        result = replay(path, Options(output=output, estimates_hz=hz))
+        assert untimed(result) == untimed(plain)
+        with output.open("rb") as stream:
+            attached = {a.name: a.data for a in make_reader(stream).iter_attachments()}
+        assert json.loads(attached["summary.json"]) == result
+
+
+def test_one_by_one_at_a_pace_gives_what_all_at_once_gives(tmp_path: Path) -> None:
+    """With a speed samples are fed singly; the result is the same."""
+    path = tumbled(tmp_path / "a.mcap")
+    assert untimed(replay(path, Options(speed=1e6))) == untimed(replay(path, Options()))
+
+
+@pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
+def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str) -> None:
+    """Named in the options, not in the log: on ten still seconds they agree with `spkf` within a tenth of an sd."""
+    path = record(tmp_path / "a.mcap", simulated(None, seconds=10.0))
+    own, other = replay(path, Options()), replay(path, Options(overrides={"filter": name}))
+    assert (own["filter"], other["filter"]) == ("spkf", name)
+    assert np.allclose(shift(own), shift(other), atol=0.1)
+    assert own["nis"]["mean"] == pytest.approx(other["nis"]["mean"], rel=0.01)
+
+
+def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
+    """An existing file stays as it is; with `overwrite` it is replaced."""
+    path, output = record(tmp_path / "a.mcap", simulated(None, seconds=5.0)), tmp_path / "e.mcap"
+    output.write_bytes(b"dear")
+    with pytest.raises(FileExistsError):
+        replay(path, Options(output=output))
+    assert output.read_bytes() == b"dear"
+    replay(path, Options(output=output, overwrite=True))
+    assert len(written(output)[1]) == 50
+
+
+def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
+    """Estimates into the log they are made from: refused, and not a byte of the log is gone, `overwrite` or not."""
+    # FAILS with `overwrite`: a gap. The command looks for it, the job (campaigns and the UI call it) does not.
+    path = record(tmp_path / "a.mcap", simulated(None, seconds=5.0))
+    content = path.read_bytes()
+    for overwrite in (False, True):
+        with pytest.raises((FileExistsError, ValueError)):
+            replay(path, Options(output=path, overwrite=overwrite))
+        assert path.read_bytes() == content
