@@ -17,6 +17,16 @@ import pytest
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile once, before processes under test would all do so at the same time and miss their deadlines."""
+    if not hasattr(session.config, "workerinput"):
+        from filters import runner
+        from imutui.logbook import reader
+
+        runner.warm_up()
+        reader.read(Path(__file__).parents[1] / "logs" / "sample.mcap", raw=True)
+
+
 @pytest.fixture
 def recording() -> Callable[[str], Path]:
     """Path of a measured recording; skips the test where the folder of recordings is absent."""

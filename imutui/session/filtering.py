@@ -54,12 +54,19 @@ class LiveFilter:
         self.waiting = 0
         self._first_ns: int | None = None
         self._waiting: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self._marks: list[tuple[int, str]] = []
         prepare()
 
     def mark(self, stamp_ns: int, text: str) -> None:
         """Take an operator's mark."""
+        self._marks.append((stamp_ns, text))
         if self._first_ns is not None:
-            self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns), text)
+            self._pass_marks()
+
+    def _pass_marks(self) -> None:
+        for stamp_ns, text in self._marks:
+            self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns or 0), text)
+        self._marks.clear()
 
     def sample(self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> Iterator[tuple[int, bytes]]:
         """Take a sample; yield stamps and messages of estimates that are due."""
@@ -67,6 +74,7 @@ class LiveFilter:
             return
         if self._first_ns is None:
             self._first_ns = stamp_ns
+            self._pass_marks()
         self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel))
         self.waiting = len(self._waiting)
         if _ready.is_set():

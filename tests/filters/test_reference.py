@@ -154,25 +154,27 @@ def rows(marks: list[tuple[float, str]], t: np.ndarray, gyro: np.ndarray | None 
     return table.known(t, -np.inf, np.zeros((t.size, 3)) if gyro is None else gyro)
 
 
-def test_rows_are_used_from_two_seconds_after_a_mark_to_the_dwells_end() -> None:
-    """Nothing before the first mark, nothing from a dwell's end to the next mark, the named dwell's attitude in it."""
+def test_rows_are_used_from_two_seconds_after_a_mark_and_never_beyond_the_dwells_end() -> None:
+    """Nothing before the first mark nor from a dwell's end to the next mark; in it, the named dwell's attitude."""
     t = np.arange(0.0, 60.0, 0.25)
     known = rows([(3.0, "segment 1"), (20.0, "segment 2"), (45.0, "segment 4")], t)
-    used = known[:, reference.VARIANCES] >= 0.0
-    assert np.array_equal(used.all(axis=1), used.any(axis=1))
-    expected = np.zeros(t.size, bool)
+    used = (known[:, reference.VARIANCES] >= 0.0).all(axis=1)
+    assert np.array_equal(used, (known[:, reference.VARIANCES] >= 0.0).any(axis=1))
+    may = np.zeros(t.size, bool)
     for at, angles in ((3.0, (0, 0, 0)), (20.0, (0, 90, 0)), (45.0, (90, 0, 0))):
-        here = (t >= at + 2.0) & (t <= at + 8.0)
-        expected |= here
+        # how much of a dwell's end is left to marks that come late is the reference's own affair, up to 2 s
+        assert used[(t >= at + 2.0) & (t <= at + 6.0)].all()
+        may |= (t >= at + 2.0) & (t <= at + 8.0)
+        here = used & (t >= at) & (t <= at + 8.0)
         C_nb = attitude.table(*np.deg2rad(angles))
         for quaternion in known[here, reference.QUATERNION]:
             assert np.allclose(attitude.from_quaternion(quaternion), C_nb, atol=1e-12)
         assert np.allclose(known[here, reference.FORCE], C_nb.T @ [0, 0, -PAPER_SITE.gravity], atol=1e-12)
         assert np.allclose(known[here, reference.RATE], C_nb.T @ earth.earth_rate_n(PAPER_SITE.latitude), atol=1e-15)
-    assert np.array_equal(used.all(axis=1), expected)
+    assert not used[~may].any()
     # in between a perfect unit's readings are not known either: no residual is made of them
-    assert np.isnan(known[~expected, reference.RATE]).all()
-    assert np.isnan(known[~expected, reference.FORCE]).all()
+    assert np.isnan(known[~used, reference.RATE]).all()
+    assert np.isnan(known[~used, reference.FORCE]).all()
 
 
 def test_plain_marks_take_the_dwells_in_order() -> None:
@@ -258,9 +260,9 @@ def test_a_move_is_predicted_through_and_found_where_the_table_stops() -> None:
     updated = np.array([e.dof > 0 for e in estimates])
     start = profile.rest_starts[1]
     assert not updated[(t > 8.01) & (t < start + 1.99)].any()
-    assert updated[(t > start + 2.01) & (t < profile.duration - 0.01)].all()
+    assert updated[(t > start + 2.01) & (t < start + 5.99)].all()
     sd = np.array([np.sqrt(e.belief.P[state.ATTITUDE.start, state.ATTITUDE.start]) for e in estimates])
-    between = np.flatnonzero(~updated & (t > 8.0))
+    between = np.flatnonzero(~updated & (t > 8.0) & (t < start + 3.0))
     assert all(b > a for a, b in pairwise(sd[between]))
     meets = estimates[between[-1] + 1]
     assert meets.nis < chi2.ppf(0.999, 9)

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from filters import reference, runner
+from filters.motion import Dwell, Profile
+from filters.runner import Estimator
+from filters.state import PAPER_SITE
+from imutui.logbook import reader, schemas
+from imutui.logbook.session import SessionInfo
+from imutui.session import filtering, info
+from imutui.session.filtering import LiveFilter
+from imutui.session.plan import Plan
+
+FIRST_NS = 1_790_000_000_000_000_000
+GYRO = 'align = "gyro"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
+RATE, FORCE = reference.level(PAPER_SITE).rates_and_forces()
+
+
+def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(2)
+    return RATE + rng.normal(size=(n, 3)) * 5e-3, FORCE + rng.normal(size=(n, 3)) * 0.07
+
+
+def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
+    """Nothing is estimated before the step is there, nothing is lost, and the estimates are those of a replay."""
+    session = SessionInfo(rate_hz=20.0)
+    filtering.prepare()
+    assert filtering._ready.wait(120.0)
+    live = LiveFilter(session)
+    gyro, accel = samples(200)
+    stamps = [FIRST_NS + k * 50_000_000 for k in range(200)]
+    filtering._ready.clear()
+    try:
+        for k in range(100):
+            assert list(live.sample(stamps[k], gyro[k], accel[k])) == []
+        assert live.waiting == 100
+    finally:
+        filtering._ready.set()
+    written = [m for k in range(100, 200) for m in live.sample(stamps[k], gyro[k], accel[k])]
+    written += list(live.finish())
+    replayed = Estimator(session.settings(), every=filtering.ESTIMATE_PERIOD_S)
+    estimates = list(runner.run(replayed, reader.seconds_since(np.array(stamps), FIRST_NS), gyro, accel))
+    assert [stamp for stamp, _ in written] == [FIRST_NS + round(e.t * 1e9) for e in estimates]
+    last = schemas.decode(schemas.TYPES[schemas.ESTIMATE], written[-1][1])
+    assert np.array_equal(last.velocity_mps, estimates[-1].belief.nav.velocity_n)
+    assert last.nis == estimates[-1].nis
+
+
+def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
+    """A mark 0.2 s early begins the first dwell, whose rows are used from 2 s after it."""
+    profile = Profile((Dwell((0.0, 0.0, 0.0), 60.0),), align="marks")
+    live = LiveFilter(SessionInfo(rate_hz=20.0, reference="profile"), profile)
+    live.mark(FIRST_NS - 200_000_000, "level")
+    gyro, accel = samples(60)
+    dofs = []
+    for k in range(60):
+        for _, message in live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k]):
+            dofs.append(schemas.decode(schemas.TYPES[schemas.ESTIMATE], message).nis_dof)
+    list(live.finish())
+    assert dofs[:18] == [0] * 18  # 10 estimates a second, up to 1.8 s
+    assert dofs[-1] == 9
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"noise": "log"}, "whole log"),
+        ({"reference": "profile", "reference_file": ("t.toml", GYRO)}, "align by"),
+        ({"reference": "profile"}, "motion"),
+    ],
+)
+def test_what_a_filter_cannot_do_live_is_refused_with_the_reason(fields: dict[str, object], words: str) -> None:
+    """Before the instrument is touched, in words; without a filter all of it may be recorded."""
+    plan = Plan("virtual", **fields)  # type: ignore[arg-type]
+    session = SessionInfo(noise=plan.noise, reference=plan.reference)
+    with pytest.raises(ValueError, match=words):
+        info.check_live(session, info.motion_of(plan))
