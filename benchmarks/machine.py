@@ -26,6 +26,10 @@ def describe(*packages: str) -> str:
     )
 
 
-def told(values: list[float], form: str = ".3g") -> str:
-    """Median and, in brackets, least and greatest."""
-    return f"{statistics.median(values):{form}} ({min(values):{form}}..{max(values):{form}})"
+def told(values: list[float], form: str = "") -> str:
+    """Median and, in brackets, least and greatest; three digits of each unless `form` says otherwise."""
+
+    def text(value: float) -> str:
+        return f"{value:{form or ('.0f' if abs(value) >= 100.0 else '.3g')}}"
+
+    return f"{text(statistics.median(values))} ({text(min(values))}..{text(max(values))})"

@@ -11,6 +11,7 @@ from filters.types import Array
 _ALARM_FACTOR = 3.0
 _TURNING = np.deg2rad(0.2)
 _TURNING_HARD = np.deg2rad(5.0)
+_ONE_WAY = 0.25
 
 
 @dataclass(slots=True)
@@ -37,7 +38,10 @@ class Turns:
             return np.zeros(4), np.zeros(4, bool)
         mean = self.first / self.count
         deviation = np.sqrt(np.maximum(self.second / self.count - mean**2, 0.0))
-        return mean, np.asarray(deviation < 0.1 * np.abs(mean))
+        return mean, np.asarray(deviation < 0.25 * np.abs(mean))
+
+    def _mean_square(self, i: int) -> float:
+        return float(self.second[i] / self.count) if self.second is not None else 0.0
 
     def confounded(self) -> list[str]:
         """Sentences on biases that this motion cannot tell from other effects, body axes."""
@@ -48,6 +52,12 @@ class Turns:
                 out.append(
                     f"{axis} gyro bias: the table turned at {np.rad2deg(mean[i]):.1f} deg/s about {axis} all the time,"
                     f" where scale factor and delay look like bias; turn both ways, at two rates"
+                )
+            elif mean[i] ** 2 > _ONE_WAY * self._mean_square(i) and abs(mean[i]) > _TURNING_HARD:
+                dps = np.rad2deg(mean[i])
+                out.append(
+                    f"{axis} gyro bias: the table turned about {axis} mostly one way, {dps:.1f} deg/s in the mean; 1 %"
+                    f" of scale factor would shift the bias by {abs(dps) * 0.01:.2f} deg/s. Turn both ways alike"
                 )
         if same[3] and mean[3] > _TURNING_HARD**2:
             out.append(

@@ -28,6 +28,8 @@ _INTERVAL = 1.0
 _TILT_SD = np.deg2rad(2.0)
 _HEADING_SD = np.deg2rad(10.0)
 _STEP = 0.05
+_BIAS = np.deg2rad(5.0)
+_NOT_THIS_ONE = "is not what the gyros saw (another profile, another `sign`, or another mounting)"
 
 
 class Alignment(Protocol):
@@ -132,10 +134,14 @@ class InMotion:
     """
 
     def __init__(self, trajectory: Trajectory, site: Site, accel_bias_sd: float) -> None:
-        whole = np.isfinite(trajectory.values[:, :6]).all(axis=1)
-        if not whole.any():
+        whole = np.flatnonzero(np.isfinite(trajectory.values[:, :6]).all(axis=1))
+        if not whole.size:
             raise ValueError("`trajectory` has no row with both position and velocity: the filter has nowhere to start")
-        self._first = int(np.argmax(whole))
+        # what is before the first sample is the past; only the last of it says where the unit is then
+        past = whole[trajectory.t[whole] <= 0.0]
+        self._first = int(past[-1] if past.size else whole[0])
+        trajectory = Trajectory(trajectory.t[self._first :], trajectory.values[self._first :])
+        self._first = 0
         self._trajectory = trajectory
         self._site = site
         self._accel_bias_sd = accel_bias_sd
@@ -266,13 +272,8 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
         raise ValueError("`profile` never turns: there is nothing to find its time by; use marks")
     seen_t = np.arange(t[0], t[-1], _STEP)
     seen = np.stack([np.interp(seen_t, t, gyro[:, i]) for i in range(3)], axis=-1)
-    seen = seen - np.median(seen, axis=0)
-    size = 1 << int(np.ceil(np.log2(len(seen) + len(wanted))))
-    score = sum(
-        np.fft.irfft(np.fft.rfft(seen[:, i], size) * np.conj(np.fft.rfft(wanted[:, i], size)), size) for i in range(3)
-    )
-    shift = int(np.argmax(score))
-    offset = float(seen_t[0]) + _STEP * (shift if shift < size // 2 else shift - size)
+    shift = _best_shift(seen, wanted)
+    offset = float(seen_t[0]) + _STEP * shift
     sd = np.inf
     for _ in range(8):
         expected = _rates(profile, t - offset)
@@ -281,18 +282,52 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
         residual = residual - residual.mean(axis=0)
         slope = slope - slope.mean(axis=0)
         information = float(np.sum(slope**2))
+        if information == 0.0:
+            raise ValueError(f"`profile` {_NOT_THIS_ONE}: it does not lie in this log")
         step = float(np.sum(slope * residual)) / information
         offset += float(np.clip(step, -_STEP, _STEP))
         sd = float(np.sqrt(np.mean(residual**2) / information))
         if abs(step) < 1e-5:
             break
-    explained = 1.0 - np.sum(residual**2) / np.sum((gyro - gyro.mean(axis=0)) ** 2)
-    if explained < 0.5:
-        raise ValueError(
-            f"`profile` explains {max(0.0, explained) * 100:.0f} % of what the gyros saw: another profile, another"
-            " `sign`, or another mounting"
-        )
+    _check_fit(gyro, expected)
     return offset, sd
+
+
+def _best_shift(seen: Array, wanted: Array) -> int:
+    """Shift of `wanted` (zero outside) at which seen - wanted - a constant has the least sum of squares."""
+    n = len(seen)
+    size = 1 << int(np.ceil(np.log2(n + len(wanted))))
+
+    def correlated(a: Array, b: Array) -> Array:
+        product = np.fft.rfft(a, size, axis=0) * np.conj(np.fft.rfft(b, size, axis=0))
+        return np.asarray(np.fft.irfft(product, size, axis=0))
+
+    seen = seen - seen.mean(axis=0)
+    inside = np.ones((n, 1))
+    cost = correlated(inside, wanted**2) - 2.0 * correlated(seen, wanted) - correlated(inside, wanted) ** 2 / n
+    shift = int(np.argmin(cost.sum(axis=1)))
+    return shift if shift < n else shift - size
+
+
+def _check_fit(gyro: Array, expected: Array) -> None:
+    """Refuse a profile that the gyros did not follow: in all, by each axis' own share, and by the bias it takes."""
+    bias = np.mean(gyro - expected, axis=0)
+    if np.any(np.abs(bias) > _BIAS):
+        raise ValueError(
+            f"`profile` {_NOT_THIS_ONE}: it fits only with a gyro bias of {np.rad2deg(np.abs(bias).max()):.0f} deg/s"
+        )
+    centred, wanted = gyro - gyro.mean(axis=0), expected - expected.mean(axis=0)
+    explained = 1.0 - np.sum((centred - wanted) ** 2) / np.sum(centred**2)
+    if explained < 0.5:
+        raise ValueError(f"`profile` {_NOT_THIS_ONE}: it explains {max(0.0, explained) * 100:.0f} % of it")
+    energy = np.sum(wanted**2, axis=0)
+    noise = np.mean((centred - wanted) ** 2, axis=0)
+    for i, axis in enumerate("xyz"):
+        # an axis that hardly turns says nothing
+        if energy[i] > 100.0 * noise.min() and energy[i] > 0.0:
+            share = float(np.sum(centred[:, i] * wanted[:, i]) / energy[i])
+            if not 0.5 < share < 1.5:
+                raise ValueError(f"`profile` {_NOT_THIS_ONE}: the {axis} gyro saw {share * 100:.0f} % of its rate")
 
 
 def _rates(profile: Profile, t: Array) -> Array:

@@ -245,6 +245,7 @@ class Stepwise:
         self._anomaly = parameters.gravity_anomaly()
         self._gates = nis_gates()
         self._belief: Any = None
+        self._alarm: str | None = None
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief."""
@@ -262,9 +263,8 @@ class Stepwise:
         return bias, np.sqrt(np.diag(belief.P)[9:])
 
     def alarm(self) -> str | None:
-        """What the filter says of itself."""
-        text: str | None = self._module.alarm(self._belief) if hasattr(self._module, "alarm") else None
-        return text
+        """What the filter says of itself, or last said: what the biases went through stays in them."""
+        return self._alarm
 
     def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
         """Feed samples; see `Engine`."""
@@ -278,6 +278,8 @@ class Stepwise:
             core[layout.CORE_GYRO : layout.CORE_GYRO + 3] = feed.gyro[k]
             core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3] = feed.accel[k]
             belief = self.belief()
+            if hasattr(self._module, "alarm"):
+                self._alarm = self._module.alarm(self._belief) or self._alarm
             self._tally(belief, feed.gyro[k], feed.accel[k], known)
             core[layout.CORE_SAMPLES] += 1.0
             if feed.t[k] >= core[layout.CORE_NEXT_OUT] - 1e-9:

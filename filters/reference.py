@@ -200,8 +200,9 @@ class TableMotion:
             self._marks.append((t, segment))
 
     def start(self) -> tuple[NavState, Array]:
-        """At rest with the angles of the profile's start."""
-        C_nb = motion.attitudes(self.profile.angles(np.zeros(1)))[0]
+        """At rest with the angles of the first sample's time; aligned by marks, those of the last dwell marked."""
+        profile_t = self._by_marks(np.zeros(1))[0] if self.profile.align == "marks" else np.zeros(1) - self.offset
+        C_nb = motion.attitudes(self.profile.angles(profile_t))[0]
         return NavState.at_rest(self._site, C_nb), PAPER_R_SD
 
     def known(self, t: Array, before: float, gyro: Array) -> Array:
@@ -247,7 +248,7 @@ class TableMotion:
             assert isinstance(dwell, Dwell)
             here = t >= at
             since = t[here] - at
-            rests[here] = (since >= SETTLE) & (since <= dwell.seconds)
+            rests[here] = (since >= SETTLE) & (since <= dwell.seconds - SETTLE)
             # held at the dwell's rest: past its end nobody says when the table moves on
             profile_t[here] = self._rest_starts[segment]
         return profile_t, rests, aligned

@@ -195,7 +195,12 @@ class Estimator:
 
     def mark(self, t: float, text: str) -> None:
         """Take an operator's mark at `t` s since the first sample; a profile aligned by marks needs them."""
-        self._marks.append((t, text))
+        if isinstance(self.reference, TableMotion) and not self.samples and t <= 0.0:
+            # from before the first sample: it says where the table is at the start
+            self.reference.mark(t, text)
+            self._begin(self.reference)
+        else:
+            self._marks.append((t, text))
 
     def alarms(self) -> list[str]:
         """Sentences about data that contradict the model, in body axes; empty when there are none."""
@@ -208,6 +213,10 @@ class Estimator:
                 f"the first innovation is far outside what the filter expects (NIS {first:.0f}): wrong accelerometer"
                 " sign, mounting or attitude"
             )
+        if not out and self._forces_are_off():
+            out.append(
+                "accelerometers are off the reference by over 0.5 g: wrong accelerometer sign, mounting or attitude"
+            )
         if self._core(layout.CORE_OVERRULED):
             out.append(
                 f"{self.rejected} updates were left out as outliers, until they came too many in a row: the reference"
@@ -215,6 +224,15 @@ class Estimator:
             )
         own = self._engine.alarm()
         return out if own is None else [*out, own]
+
+    def _forces_are_off(self) -> bool:
+        """Whether, before there is a mean over 10 s, that of the present second says so."""
+        assert self._engine is not None
+        sums = self._engine.sums
+        if self.gauge.convergence().apparent is not None or not sums[layout.SUM_RESIDUALS]:
+            return False
+        mean = sums[layout.SUM_RESIDUAL : layout.SUM_RESIDUAL + 3] / sums[layout.SUM_RESIDUALS]
+        return bool(np.any(np.abs(mean) > 0.5 * STANDARD_GRAVITY))
 
     def confounded(self) -> list[str]:
         """Sentences on biases that the motion cannot tell from other effects, body axes; empty for a unit at rest."""

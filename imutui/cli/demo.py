@@ -67,7 +67,7 @@ def truth(seed: int) -> dict[str, Any]:
         rest.latitude, rest.longitude, rest.height, rest.velocity_n, rest.C_nb, unit.accel_bias, unit.gyro_bias
     )
     info = SessionInfo()
-    return state_fields(nav, info.axes(), info.g_unit, np.ones(3, bool))
+    return state_fields(nav, info.axes(), info.g_unit, np.ones(6, bool))
 
 
 def _show(plan: Any) -> None:

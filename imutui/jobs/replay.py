@@ -114,6 +114,8 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     DivergenceError
         If the filter broke down; the message names the sample.
     """
+    if options.output is not None and options.output.exists() and options.output.samefile(path):
+        raise ValueError(f"{options.output} is the log itself: estimates go into a file of their own")
     started = time.perf_counter()
     log = reader.read(path)
     part = select(log, options.start, options.end)

@@ -116,7 +116,7 @@ def _port(plan: Plan) -> Iterator[Port]:
 @contextlib.contextmanager
 def _virtual(plan: Plan) -> Iterator[str]:
     """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes."""
-    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin", *plan.virtual]
+    command = [sys.executable, "-P", "-m", "imutui", "virtual", "--while-stdin", *plan.virtual]
     unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert unit.stdin is not None
     assert unit.stdout is not None

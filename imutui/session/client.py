@@ -174,7 +174,7 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     """
     with wire.log_path(plan.name).open("ab") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "imutui.session"],
+            [sys.executable, "-P", "-m", "imutui.session"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

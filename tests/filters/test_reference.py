@@ -239,7 +239,6 @@ def test_marks_that_come_late_do_not_harm_the_biases(late: float, at_rest: bool)
 
 def test_a_late_mark_on_a_slow_table_does_not_harm_the_biases_either() -> None:
     """At 5 deg/s the gyros look quiet while the table moves on; the dwell's end by the clock is not enough."""
-    # FAILS: a bug. After a mark a second late, rows are used for a second of the move; biases are 8 to 20 sd off.
     slow = Profile(
         (*MARKED.segments[:2], dwell(90, 0, 0, 8.0), dwell(0, 90, 0, 8.0)), align="marks", slew=np.deg2rad(5)
     )
@@ -274,7 +273,6 @@ def test_a_move_is_predicted_through_and_found_where_the_table_stops() -> None:
 @pytest.mark.parametrize("align", ["none", "gyro"])
 def test_a_log_that_begins_in_the_middle_of_a_profile_starts_where_the_table_is(align: str) -> None:
     """Profile time 16 s at the first sample: the filter starts at the angles of then, not at those of the beginning."""
-    # FAILS: a bug. `TableMotion.start` takes the angles at profile time 0, here 90° off, and updates are left out.
     profile = Profile((dwell(0, 0, 0, 8.0), dwell(90, 0, 0, 20.0), dwell(0, 0, 0, 8.0)), align=align, offset_sd=0.0)
     samples, truth = simulation.simulate(profile, rate_hz=20.0, seconds=profile.duration, seed=1)
     use = samples.t >= 16.0

@@ -252,7 +252,6 @@ def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, k
 @pytest.mark.parametrize("kind", ["none", "marks", "trajectory"])
 def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_path: Path, kind: str) -> None:
     """From the middle of the second dwell, at 90°: no update is left out, and six biases are within 4 sd."""
-    # FAILS: a bug. All three start at the first attitude of the profile or trajectory, 90° away from the part's.
     samples = simulated(TUMBLE)
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
@@ -427,7 +426,6 @@ def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
 
 def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
     """Estimates into the log they are made from: refused, and not a byte of the log is gone, `overwrite` or not."""
-    # FAILS with `overwrite`: a gap. The command looks for it, the job (campaigns and the UI call it) does not.
     path = record(tmp_path / "a.mcap", simulated(None, seconds=5.0))
     content = path.read_bytes()
     for overwrite in (False, True):
