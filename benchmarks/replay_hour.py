@@ -11,7 +11,8 @@ The commands are run as a user would, each a process of its own:
 Their CPU time is the kernel's account of the child (user and system, all threads). From it are taken away the start,
 which is the CPU time of the same command on a log of two seconds, and the filter, which is that of
 `imutui.jobs.replay.run` on the same samples without writing, in a process of its own. What is left, divided by the
-samples, is reading (with the checksum of the file) and writing together. Values are simulated.
+samples, is reading (with the checksum of the file) and writing together. Being a difference of three noisy numbers it
+wants a quiet machine; reading is also timed directly in that process. Values are simulated.
 """
 
 import argparse
@@ -73,41 +74,49 @@ def run(log: Path, options: list[str], cache: Path | None = None) -> Cost:
     return Cost(usage.ru_utime + usage.ru_stime, wall_s, usage.ru_maxrss / 1024.0, document)
 
 
-def filter_seconds(log: Path) -> float:
-    """CPU seconds of the filter alone over a log, in this process."""
+def parts_of(log: Path, short: Path) -> tuple[float, float]:
+    """CPU seconds of reading a log, with its checksum, and of the filter over it, in this process."""
     from filters import runner
     from filters.runner import Estimator
     from imutui.jobs import replay
     from imutui.logbook import reader
 
+    reader.read(short)
+    started = time.process_time()
     read = reader.read(log)
-    options = replay.Options()
     part = replay.select(read, None, None)
+    reader.sha256(log)
+    reading_s = time.process_time() - started
+    options = replay.Options()
     _, settings = replay.prepare(read, part, options)
     runner.warm_up()
     estimator = Estimator(settings, np.inf)
     started = time.process_time()
     for _ in replay.run(estimator, part, None, lambda share: None):
         pass
-    return time.process_time() - started
+    return reading_s, time.process_time() - started
 
 
 def report(log: Path, short: Path, seconds: int, repeat: int) -> None:
     """Measure in turn and print."""
     starts: dict[str, list[float]] = {name: [] for name in COMMANDS}
     costs: dict[str, list[Cost]] = {name: [] for name in COMMANDS}
+    readings: list[float] = []
     filters: list[float] = []
     run(short, [])
     for _ in range(repeat):
-        words = [sys.executable, __file__, "--filter", str(log)]
-        filters.append(float(subprocess.run(words, capture_output=True, text=True, check=True).stdout))
+        words = [sys.executable, __file__, "--parts", str(log), str(short)]
+        printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+        readings.append(float(printed[0]))
+        filters.append(float(printed[1]))
         for name, options in COMMANDS.items():
             starts[name].append(run(short, options).cpu_s)
             costs[name].append(run(log, options))
     samples = costs["read, filter"][0].document["samples"]
     assert isinstance(samples, int)
     per = 1e6 / samples
-    print(f"filter alone: {machine.told([s * per for s in filters])} us of CPU a sample\n")
+    each = [machine.told([s * per for s in part]) for part in (readings, filters)]
+    print(f"us of CPU a sample, timed directly: reading {each[0]}, filter {each[1]}\n")
     head = "CPU s | start, CPU s | read and write, us a sample | wall s | times real time | filter_s, read_s | peak MB"
     print(f"| command | {head} |\n| --- |{' ---: |' * 7}")
     for name, runs in costs.items():
@@ -149,10 +158,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=int, default=3600, help="length of the log (default 3600)")
     parser.add_argument("--rate", type=int, default=133, help="samples a second (default 133)")
     parser.add_argument("--repeat", type=int, default=3, help="rounds (default 3)")
-    parser.add_argument("--filter", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--parts", type=Path, nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.filter:
-        print(filter_seconds(options.filter))
+    if options.parts:
+        print(*parts_of(*options.parts))
         return
     print(machine.describe("numpy", "numba", "mcap", "rosbags"))
     with tempfile.TemporaryDirectory() as folder:

@@ -364,7 +364,9 @@ class Stepwise:
         row[layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
         row[layout.OUT_NU : layout.OUT_P] = core[layout.CORE_NU :]
         row[layout.OUT_P :] = _padded(belief.P)
-        core[layout.CORE_NEXT_OUT] = max(core[layout.CORE_NEXT_OUT] + self._parameters.every, t)
+        core[layout.CORE_NEXT_OUT] += self._parameters.every
+        if core[layout.CORE_NEXT_OUT] <= t:
+            core[layout.CORE_NEXT_OUT] = t + self._parameters.every
 
 
 def _totals(parameters: Parameters) -> tuple[Array, Array, Array, Array]:

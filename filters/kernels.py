@@ -741,7 +741,9 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
             for i in range(15 * STRIDE):
                 out[rows, OUT_P + i] = P[i]
             rows += 1
-            core[CORE_NEXT_OUT] = max(core[CORE_NEXT_OUT] + par[PAR_EVERY], t[k])
+            core[CORE_NEXT_OUT] += par[PAR_EVERY]
+            if core[CORE_NEXT_OUT] <= t[k]:
+                core[CORE_NEXT_OUT] = t[k] + par[PAR_EVERY]
         k += 1
     return k, rows, DONE, 0
 

@@ -1,5 +1,6 @@
 """The filter over a log: the same step as live, fed with what the file holds."""
 
+import errno
 import hashlib
 import time
 from collections.abc import Callable, Iterator
@@ -130,9 +131,14 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     runner.warm_up()
     sink = _EstimateSink(options.output, options.overwrite, info, log) if options.output is not None else None
     started = time.perf_counter()
-    for rows in run(estimator, part, options.speed, progress):
+    try:
+        for rows in run(estimator, part, options.speed, progress):
+            if sink is not None:
+                sink.take(rows, estimator, part.first_ns)
+    except BaseException:
         if sink is not None:
-            sink.take(rows, estimator, part.first_ns)
+            sink.abandon()
+        raise
     filter_s = time.perf_counter() - started
     result = results.document(
         estimator,
@@ -263,12 +269,16 @@ def run(
 
 
 class _EstimateSink:
-    """Writes estimates as they come."""
+    """Writes estimates as they come, beside the file that they will replace only when they are all there."""
 
     def __init__(self, output: Path, overwrite: bool, info: SessionInfo, log: Log) -> None:
+        if output.exists() and not overwrite:
+            raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
         self._info = info
+        self._output = output
+        self._part = output.with_name(output.name + ".part")
         text = f'# replay of {log.path.name}\nfilter = "{info.filter}"\nreference = "{info.reference}"\n'
-        self._writer = LogWriter(output, info, text, time.time_ns(), overwrite=overwrite)
+        self._writer = LogWriter(self._part, info, text, time.time_ns(), overwrite=True)
 
     def take(self, rows: np.ndarray, estimator: Estimator, first_ns: int) -> None:
         """Write rows of estimates."""
@@ -278,5 +288,10 @@ class _EstimateSink:
             self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Close the file with the result as its summary."""
+        """Close the file with the result as its summary, and put it in its place."""
         self._writer.finish(result, time.time_ns())
+        self._part.replace(self._output)
+
+    def abandon(self) -> None:
+        """Leave nothing behind."""
+        self._part.unlink(missing_ok=True)
