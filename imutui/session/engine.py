@@ -47,6 +47,7 @@ EXIT_DISK = 5
 _FIRST_PACKET_S = 3.0
 _POLL_S = 0.3
 _CLOCK_STEP_NS = 100_000_000
+_CLOCK_READINGS = 5
 _EVENTS = 20
 
 
@@ -107,7 +108,7 @@ class Engine:
         self.live = LiveView()
         self.events: deque[dict[str, str]] = deque(maxlen=_EVENTS)
         self.last_packet_ns = self.started_ns
-        self.timebase = Timebase(time.time_ns() - time.monotonic_ns())
+        self.timebase = Timebase(_utc_minus_monotonic_ns())
         self.ended = threading.Event()
         self.streaming = threading.Event()
         self.take: Take
@@ -356,7 +357,7 @@ class Engine:
             self._silent = silent
             text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
             self._event("acquisition", text, 30 if silent else 20)
-        step = time.time_ns() - now - self.timebase.utc_minus_monotonic_ns - self._stepped_ns
+        step = _utc_minus_monotonic_ns() - self.timebase.utc_minus_monotonic_ns - self._stepped_ns
         if abs(step) > _CLOCK_STEP_NS:
             self._stepped_ns += step
             self._event("acquisition", f"the system clock stepped by {step / 1e9:+.3f} s; stamps are not affected", 30)
@@ -393,6 +394,11 @@ class Engine:
     def _finish(self) -> None:
         result = self.take.finish(time.monotonic_ns()) if self.exit_code != EXIT_DISK else None
         self.result = result if result is not None else self.result
+
+
+def _utc_minus_monotonic_ns() -> int:
+    """System clock less monotonic clock; the least of a few readings, since this thread may be held up between two."""
+    return min(time.time_ns() - time.monotonic_ns() for _ in range(_CLOCK_READINGS))
 
 
 def disk_message(writer: LogWriter | None, error: OSError) -> str:
