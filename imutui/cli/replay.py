@@ -31,7 +31,7 @@ def command(
     output: Output = None,
     estimates: Annotated[
         float, typer.Option("--estimates", metavar="HZ", help="Estimates a second in the output; 0 for all.")
-    ] = 10.0,
+    ] = 1.0,
     force: Force = False,
     json: Json = False,
 ) -> None:

@@ -12,7 +12,6 @@ def command(name: Name = None, json: Json = False) -> None:
 
     Example: imutui status
     """
-    from imutui.logbook.results import dumps
     from imutui.session import client
 
     names = [name] if name is not None else client.running()
@@ -25,6 +24,8 @@ def command(name: Name = None, json: Json = False) -> None:
     for state in states:
         del state["series"]
     if json:
+        from imutui.logbook.results import dumps
+
         print(dumps(states + [{"name": one, "state": "connecting"} for one in connecting]))
     elif not names:
         print("no acquisition is running")

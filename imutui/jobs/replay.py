@@ -17,13 +17,15 @@ from filters.reference import Trajectory
 from filters.runner import Estimator
 from filters.settings import Settings
 from imutui.logbook import estimates, motions, reader, results, schemas
+from imutui.logbook.estimates import Verdict
 from imutui.logbook.motions import ReferenceFile
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.results import Counters, Timings
 from imutui.logbook.session import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 
-ESTIMATES_HZ = 10.0
+ESTIMATES_HZ = 1.0
+_ROWS = 1024
 _PART = 65536
 _LONG_GAP = 2.5
 
@@ -129,12 +131,14 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
     runner.warm_up()
-    sink = _EstimateSink(options.output, options.overwrite, info, log) if options.output is not None else None
+    sink = None
+    if options.output is not None:
+        sink = _EstimateSink(options.output, options.overwrite, info, log, part.first_ns)
     started = time.perf_counter()
     try:
         for rows in run(estimator, part, options.speed, progress):
             if sink is not None:
-                sink.take(rows, estimator, part.first_ns)
+                sink.take(rows, estimator)
     except BaseException:
         if sink is not None:
             sink.abandon()
@@ -271,7 +275,7 @@ def run(
 class _EstimateSink:
     """Writes estimates as they come, beside the file that they will replace only when they are all there."""
 
-    def __init__(self, output: Path, overwrite: bool, info: SessionInfo, log: Log) -> None:
+    def __init__(self, output: Path, overwrite: bool, info: SessionInfo, log: Log, first_ns: int) -> None:
         if output.exists() and not overwrite:
             raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
         self._info = info
@@ -279,16 +283,34 @@ class _EstimateSink:
         self._part = output.with_name(output.name + ".part")
         text = f'# replay of {log.path.name}\nfilter = "{info.filter}"\nreference = "{info.reference}"\n'
         self._writer = LogWriter(self._part, info, text, time.time_ns(), overwrite=True)
+        self._first_ns = first_ns
+        # rows are made messages many at a time, as long as the verdict on the biases is the same
+        self._rows: list[np.ndarray] = []
+        self._count = 0
+        self._said: object = None
+        self._verdict = Verdict((True,) * 6, (False,) * 6)
 
-    def take(self, rows: np.ndarray, estimator: Estimator, first_ns: int) -> None:
+    def take(self, rows: np.ndarray, estimator: Estimator) -> None:
         """Write rows of estimates."""
-        stamps = first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        messages = estimates.encode(rows, stamps, estimator, self._info)
-        for stamp, message in zip(stamps.tolist(), messages, strict=True):
-            self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
+        said = (estimator.observable, tuple(s is not None for s in estimator.gauge.convergence().since))
+        if said != self._said or self._count >= _ROWS:
+            self._write()
+            self._said, self._verdict = said, Verdict.of(estimator, self._info)
+        self._rows.append(rows)
+        self._count += len(rows)
+
+    def _write(self) -> None:
+        if self._rows:
+            rows = np.concatenate(self._rows)
+            stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
+            messages = estimates.encode(rows, stamps, self._verdict, self._info)
+            for stamp, message in zip(stamps.tolist(), messages, strict=True):
+                self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
+        self._rows, self._count = [], 0
 
     def finish(self, result: dict[str, Any]) -> None:
         """Close the file with the result as its summary, and put it in its place."""
+        self._write()
         self._writer.finish(result, time.time_ns())
         self._part.replace(self._output)
 

@@ -1,5 +1,7 @@
 """Estimates as messages: rows of the runner to packed imutui_msgs/Estimate, many at a time."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from filters import attitude, layout, state
@@ -8,17 +10,41 @@ from imutui.logbook import results, schemas
 from imutui.logbook.session import SessionInfo
 
 
-def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: SessionInfo) -> list[bytes]:
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What is said of all biases at once, accelerometer then gyro, instrument axes; each six.
+
+    Attributes
+    ----------
+    seen : tuple of bool
+        Whether it is observable.
+    converged : tuple of bool
+        Whether it has converged.
+    """
+
+    seen: tuple[bool, ...]
+    converged: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, estimator: Estimator, info: SessionInfo) -> "Verdict":
+        """As it stands."""
+        axes = info.axes()
+        since = results.converged_since(estimator, axes)
+        converged = tuple(s is not None for name in ("accel_bias", "gyro_bias") for s in since[name])
+        return cls(tuple(bool(s) for s in results.seen_axes(estimator, axes)), converged)
+
+
+def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: Verdict, info: SessionInfo) -> list[bytes]:
     """CDR bytes of estimates.
 
     Parameters
     ----------
     rows : np.ndarray
-        As `filters.runner.rows` gives them, shape (K, layout.OUT); the estimator's verdict holds for all.
+        As `filters.runner.rows` gives them, shape (K, layout.OUT).
     stamps_ns : np.ndarray
         Sampling instants, UTC, ns, shape (K,).
-    estimator : Estimator
-        Whose rows they are.
+    verdict : Verdict
+        Holds for all of them.
     info : SessionInfo
         Axes and units.
 
@@ -27,7 +53,7 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: 
     list of bytes
     """
     axes, g_unit = info.axes(), info.g_unit
-    hidden = ~results.seen_axes(estimator, axes)
+    hidden = ~np.array(verdict.seen)
     nav = rows[:, layout.OUT_NAV : layout.OUT_NIS]
     P = rows[:, layout.OUT_P :].reshape(-1, state.SIZE, layout.STRIDE)[:, :, : state.SIZE]
     sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
@@ -59,10 +85,8 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, estimator: Estimator, info: 
             rows[:, layout.OUT_NIS],
         ]
     )
-    since = results.converged_since(estimator, axes)
-    converged = [s is not None for name in ("accel_bias", "gyro_bias") for s in since[name]]
     dofs = rows[:, layout.OUT_DOF].astype(int).tolist()
     return [
-        schemas.encode_estimate(stamp, numbers, dof, converged)
+        schemas.encode_estimate(stamp, numbers, dof, verdict.converged)
         for stamp, numbers, dof in zip(stamps_ns.tolist(), values.tolist(), dofs, strict=True)
     ]

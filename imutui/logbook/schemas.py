@@ -190,7 +190,7 @@ def encode_imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool =
     return _IMU.pack(*head, *orientation, *map(float, gyro), *covariance, *map(float, accel), *covariance)
 
 
-def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: list[bool]) -> bytes:
+def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple[bool, ...]) -> bytes:
     """CDR bytes of imutui_msgs/Estimate: its 31 numbers in the order of the definition, rows of NIS, six verdicts."""
     seconds, rest = divmod(stamp, 1_000_000_000)
     frame = _IMU_FRAME.encode() + b"\0"

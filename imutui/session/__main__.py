@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from imutui.instrument.port import Port, PortError
-from imutui.session import connect, filtering, wire
+from imutui.session import connect, wire
 from imutui.session.connect import InstrumentError
 from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine, disk_message
 from imutui.session.plan import VIRTUAL_PORT, Plan
@@ -32,8 +32,6 @@ def main() -> int:
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
     plan = Plan.loads(sys.stdin.readline())
-    if plan.filter != "none":
-        filtering.prepare()
     try:
         with _name(plan), _port(plan) as port:
             return _acquire(plan, port)

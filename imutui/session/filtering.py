@@ -55,7 +55,6 @@ class LiveFilter:
         self._first_ns: int | None = None
         self._waiting: list[tuple[float, np.ndarray, np.ndarray]] = []
         self._marks: list[tuple[int, str]] = []
-        prepare()
 
     def mark(self, stamp_ns: int, text: str) -> None:
         """Take an operator's mark."""
@@ -75,6 +74,7 @@ class LiveFilter:
         if self._first_ns is None:
             self._first_ns = stamp_ns
             self._pass_marks()
+            prepare()  # not before: while the instrument is being asked who it is, nothing may delay the answers
         self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel))
         self.waiting = len(self._waiting)
         if _ready.is_set():
@@ -82,7 +82,7 @@ class LiveFilter:
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
-        if self.failure is None:
+        if self.failure is None and self._first_ns is not None:
             _ready.wait()
             yield from self._use(last=True)
 
@@ -102,4 +102,5 @@ class LiveFilter:
     def _messages(self, rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        yield from zip(stamps.tolist(), estimates.encode(rows, stamps, self.estimator, self.info), strict=True)
+        verdict = estimates.Verdict.of(self.estimator, self.info)
+        yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)

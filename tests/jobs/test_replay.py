@@ -365,15 +365,15 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     assert np.all(np.abs(shift(result)) < 4.0)
 
 
-def test_ten_estimates_a_second_are_written_unless_asked(tmp_path: Path) -> None:
-    """Of 133 samples a second every thirteenth or fourteenth goes into the file, each the runner's own."""
+def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
+    """Of 133 samples a second one goes into the file, each the runner's own."""
     samples = simulated(None, hz=133.0, seconds=6.0)
     path = record(tmp_path / "a.mcap", samples, 133.0)
     replay(path, Options(output=tmp_path / "e.mcap"))
     stamps, messages = written(tmp_path / "e.mcap")
-    assert len(messages) == 60
+    assert len(messages) == 6
     steps = np.diff(stamps) / 1e9
-    assert np.all(np.abs(steps - 0.1) < 1.01 / 133.0)
+    assert np.all(np.abs(steps - 1.0) < 1.01 / 133.0)
     log = reader.read(path)
     estimates = {
         int(log.stamp_ns[e.index]): e
@@ -421,7 +421,7 @@ def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
         replay(path, Options(output=output))
     assert output.read_bytes() == b"dear"
     replay(path, Options(output=output, overwrite=True))
-    assert len(written(output)[1]) == 50
+    assert len(written(output)[1]) == 5
 
 
 def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
