@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import imutui, wait_until
+from conftest import wait_until
 from fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
 
 from imutui.cli import status
