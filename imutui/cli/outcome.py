@@ -75,6 +75,11 @@ def in_words(error: Exception) -> tuple[int, str]:
             return USAGE, str(error)
         case DivergenceError():
             return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
+        case MemoryError():
+            return (
+                FINDINGS,
+                f"{error or 'memory ran out'}. Take fewer logs at a time, or a part with --start and --end.",
+            )
         case OSError():
             name = error.filename2 or error.filename
             where = f"{name}: " if name else ""

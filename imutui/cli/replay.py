@@ -1,9 +1,9 @@
 """`imutui replay`."""
 
 import math
-import os
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -82,21 +82,20 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     if len(logs) == 1:
         yield _one(logs[0], options, _progress(logs[0]))
         return
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
     from filters import runner
+    from imutui.jobs.parallel import each
 
     runner.warm_up()  # once, or each process would compile the step for itself
-    workers = min(len(logs), os.cpu_count() or 1)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        jobs = [pool.submit(_one, log, options) for log in logs]
-        for number, job in enumerate(jobs):
-            if sys.stderr.isatty():
-                print(f"\r\x1b[K{number} of {len(logs)} logs", end="", file=sys.stderr, flush=True)
-            yield job.result()
+    _show(f"0 of {len(logs)} logs")
+    for number, outcome in enumerate(each(partial(_one, options=options), logs), 1):
+        _show(f"{number} of {len(logs)} logs")
+        yield outcome
+    _show("")
+
+
+def _show(text: str) -> None:
     if sys.stderr.isatty():
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def _one(log: Path, options: Any, progress: Any = None) -> Any:

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,6 +23,7 @@ from imutui.session.wire import Taken
 
 _SWITCH_S = 0.0005
 _LINGER_S = 2.0
+_NEWBORN_S = 5.0
 _POWER_UP_BAUD = 38400
 EXIT_USAGE = 2
 
@@ -58,11 +60,22 @@ def _acquire(plan: Plan, port: Port) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: engine.request_stop())
     engine.start()
-    server = wire.Server(plan.name, lambda request: _answer(engine, request))
+    ending_told = threading.Event()
+
+    def answer(request: dict[str, Any]) -> dict[str, Any]:
+        reply = _answer(engine, request)
+        if "exit_code" in reply:
+            ending_told.set()
+        return reply
+
+    server = wire.Server(plan.name, answer)
     threading.Thread(target=server.serve_forever, name="viewers", daemon=True).start()
     _say({"ok": True, "pid": os.getpid()})
+    begun = time.monotonic()
     while not engine.ended.wait(0.5):
         pass
+    # who started it may not have asked yet how it goes; it must hear how it went
+    ending_told.wait(max(0.0, begun + _NEWBORN_S - time.monotonic()))
     server.wait_idle(_LINGER_S)
     server.shutdown()
     wire.socket_path(plan.name).unlink(missing_ok=True)
@@ -74,7 +87,7 @@ def _acquire(plan: Plan, port: Port) -> int:
 def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
     match request["ask"]:
         case "snapshot":
-            return {"snapshot": engine.call(lambda: engine.snapshot(int(request.get("since", 0))))}
+            return {"snapshot": engine.call(lambda: engine.snapshot(int(request.get("since", 0))), late=True)}
         case "mark":
             engine.call(lambda: engine.mark(str(request["text"])))
             return {}

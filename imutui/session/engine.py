@@ -78,10 +78,11 @@ class Gone:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A request to be carried out between two packets."""
+    """A request to be carried out between two packets, or, if `late`, after the last one as well."""
 
     function: Callable[[], Any]
     future: "Future[Any]"
+    late: bool
 
 
 class Engine:
@@ -151,10 +152,13 @@ class Engine:
             if self.error is not None:
                 raise InstrumentError(self.error)
 
-    def call(self, function: Callable[[], Any], timeout: float = 30.0) -> Any:
-        """Carry out a function in the worker, between two packets, and return what it returns."""
+    def call(self, function: Callable[[], Any], timeout: float = 30.0, *, late: bool = False) -> Any:
+        """Carry out a function in the worker, between two packets, and return what it returns.
+
+        One that only looks is carried out `late` too, when the worker has ended; others are refused then.
+        """
         future: Future[Any] = Future()
-        self._queue.put(Call(function, future))
+        self._queue.put(Call(function, future, late))
         if self.ended.is_set():
             self._turn_away()
         return future.result(timeout)
@@ -164,8 +168,10 @@ class Engine:
         with contextlib.suppress(queue.Empty):
             while True:
                 item = self._queue.get_nowait()
-                if isinstance(item, Call) and not item.future.done():
-                    item.future.set_exception(ValueError("the acquisition has ended"))
+                if isinstance(item, Call) and item.late:
+                    self._carry_out(item)
+                elif isinstance(item, Call):
+                    item.future.set_exception(ValueError(self.error or "the acquisition has ended"))
 
     # -- requests; each runs in the worker through `call` ---------------------------------------------------------
 

@@ -3,11 +3,13 @@
 Bytes are written down here from the maker's command table, apart from the program's own codec.
 """
 
+import fcntl
 import os
 import select
 import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
 import tty
@@ -155,11 +157,20 @@ class Device:
 
     def _hang_up(self) -> None:
         """Leave as an unplugged adapter does: the host's end reports it at once."""
+        self._wait_until_read()
         os.close(self._slave)
         self._slave = -1
         spare = os.open(os.devnull, os.O_RDWR)
         os.dup2(spare, self._master)
         os.close(spare)
+
+    def _wait_until_read(self) -> None:
+        """What a host on a busy machine has not read yet would go with the pseudo-terminal."""
+        empty, deadline = 0, time.monotonic() + 10.0
+        while empty < 5 and time.monotonic() < deadline:
+            waiting = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0]
+            empty = 0 if waiting else empty + 1
+            time.sleep(0.01)
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,9 +87,9 @@ def test_the_wrong_sign_of_a_level_recording_is_refused_with_both_cures(home: Pa
 
 
 def test_estimates_are_written_where_asked_and_open_elsewhere(home: Path) -> None:
-    """-o makes a log of estimates at 10 Hz that rosbags decodes; the last one is the result's final state."""
+    """-o makes a log of estimates that rosbags decodes; the last one is the result's final state."""
     imutui("import", str(still(home / "a.npz")), "-o", "a.mcap")
-    result = replayed(home / "a.mcap", "-o", "est.mcap")
+    result = replayed(home / "a.mcap", "-o", "est.mcap", "--estimates", "10")
     with AnyReader([home / "est.mcap"]) as bag:
         estimates = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.ESTIMATE]
     assert len(estimates) == pytest.approx(300, abs=2)

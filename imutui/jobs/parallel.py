@@ -1,0 +1,53 @@
+"""One job over many logs, in processes beside one another."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
+    """Results in the order of the items; Ctrl+C ends the processes, which say nothing about it themselves.
+
+    Parameters
+    ----------
+    job : callable
+        At a module's top level, or a partial of such.
+    items : sequence
+        What each call gets.
+
+    Raises
+    ------
+    MemoryError
+        If a process was killed, which the kernel does when memory runs out.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(len(items), os.cpu_count() or 1), context) as pool:
+        try:
+            with _interrupts_ignored():  # by the processes, which inherit it
+                results = [pool.submit(job, item) for item in items]
+            for result in results:
+                yield result.result()
+        except BaseException as error:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            pool.shutdown(wait=False, cancel_futures=True)
+            if isinstance(error, BrokenProcessPool):
+                raise MemoryError("one of the processes was killed, as happens when memory runs out") from error
+            raise
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
