@@ -55,7 +55,7 @@ def test_ctrl_c_ends_all_processes_and_only_the_first_says_so(tmp_path: Path) ->
     """A terminal sends it to the whole group."""
     marks = [tmp_path / "a", tmp_path / "b"]
     program = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        f"import sys; sys.path += {sys.path!r}\n"
         "from pathlib import Path\nfrom test_parallel import begun\nfrom imutui.jobs.parallel import each\n"
         f"try: list(each(begun, [Path(p) for p in {[str(p) for p in marks]!r}]))\n"
         "except KeyboardInterrupt: print('interrupted')\n"
