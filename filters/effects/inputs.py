@@ -1,0 +1,70 @@
+"""What the effects are functions of: time, temperature and its memory, true inputs, the table's angles.
+
+The same names serve the tracer, which has whole runs, and the filter, which has the past only.
+"""
+
+from dataclasses import dataclass, field
+
+from filters.types import Array
+
+LAGS = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0)
+"""Time constants of the lagged temperatures, s."""
+
+PLAYS = 6
+"""Play operators of the hysteresis bank."""
+
+AXES = ("outer", "middle", "inner")
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Drivers at n instants of one run; instrument axes and sign, SI. Of a still unit, rows may stand for all.
+
+    Attributes
+    ----------
+    t : Array
+        s since the run's first sample (its power-on), shape (n,).
+    x : Array
+        What a perfect unit reads, rad/s and m/s², shape (n, 6).
+    x_dot : Array
+        Its time derivative, shape (n, 6).
+    temperature, temperature_rate : Array
+        degC, K/s, shape (n,); NaN where there is none.
+    lagged : Array
+        T_tau for `LAGS`, following T from equality at the start, degC, shape (n, LAGS).
+    plays : Array
+        Play operators of half-widths 1 … 6 sixths of `play_width`, K from the start's temperature, shape (n, PLAYS).
+    spin : Array
+        Earth rate as the gyros see it, rad/s, shape (n, 3).
+    horizontal : Array
+        Reading of the accelerometers per rad of tilt of the base about north and about east, m/s², shape (n, 3, 2).
+    centripetal : Array
+        Reading of the accelerometers per m of lever arm along instrument x, y, z, 1/s², shape (n, 3, 3).
+    angles, rates : Array
+        Rotations of the table, rad (unwrapped), and rad/s, shape (n, 3).
+    table_accel : Array
+        Norm of the derivative of `rates`, rad/s², shape (n,).
+    since_motion : Array
+        s since the table last moved (since the start if it never did), shape (n,).
+    direction : Array
+        Sign of the last motion of each axis, 0 before the first, shape (n, 3).
+    play_width : float
+        K.
+    """
+
+    t: Array
+    x: Array
+    x_dot: Array
+    temperature: Array
+    temperature_rate: Array
+    lagged: Array
+    plays: Array
+    spin: Array
+    horizontal: Array
+    centripetal: Array
+    angles: Array
+    rates: Array
+    table_accel: Array
+    since_motion: Array
+    direction: Array
+    play_width: float = field(default=10.0)
