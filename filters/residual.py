@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from filters import earth, motion
-from filters.effects.inputs import LAGS, PLAYS, Inputs
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
 from filters.imu import AxisMap
 from filters.state import Site
 from filters.types import Array
@@ -312,7 +312,7 @@ def _thermal(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> dict
             "temperature": nan,
             "temperature_rate": nan,
             "lagged": np.full((n, len(LAGS)), np.nan),
-            "plays": np.full((n, PLAYS), np.nan),
+            "plays": np.full((n, len(PLAY_WIDTHS)), np.nan),
         }
     known = np.isfinite(run.temperature)
     sums = np.add.reduceat(np.where(known, run.temperature, 0.0), edges[:-1])
@@ -324,7 +324,7 @@ def _thermal(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> dict
         "temperature": smooth,
         "temperature_rate": rate,
         "lagged": np.stack([lag(smooth, tau / period) for tau in LAGS], axis=1),
-        "plays": plays(smooth - smooth[0], Inputs.__dataclass_fields__["play_width"].default),
+        "plays": plays(smooth - smooth[0]),
     }
 
 
@@ -359,18 +359,27 @@ def lag(u: Array, samples: float) -> Array:
     return np.asarray(out)
 
 
-def plays(u: Array, width: float) -> Array:
-    """Play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r), P = 0 at the start; shape (n, PLAYS).
+def plays(u: Array) -> Array:
+    """Banks of play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r), P = 0 at the start.
 
-    Half-widths r are 1 … `PLAYS` sixths of `width`.
+    Parameters
+    ----------
+    u : Array
+        Temperature less that of the start, K, shape (n,).
+
+    Returns
+    -------
+    Array
+        Mean of the operators of a bank over its width, shape (n, PLAY_WIDTHS).
     """
-    r = width * np.arange(1, PLAYS + 1) / PLAYS
-    out = np.empty((u.size, PLAYS))
-    at = np.zeros(PLAYS)
-    for k, value in enumerate(u):
+    widths = np.array(PLAY_WIDTHS)
+    r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
+    out = np.empty((u.size, r.size))
+    at = np.zeros(r.size)
+    for k, value in enumerate(u.tolist()):
         at = np.minimum(np.maximum(at, value - r), value + r)
         out[k] = at
-    return out
+    return np.asarray(out.reshape(u.size, widths.size, PLAYS).mean(axis=2) / widths)
 
 
 def rest_attitudes(angles: Array, tolerance: float = 1e-9) -> Array:
