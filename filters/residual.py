@@ -128,6 +128,10 @@ class Blocks:
         Mean residual, shape (n, 6); 0 where there is no weight.
     weight : Array
         Share of the samples that were there and good, 0 to 1, shape (n, 6); 0 if more than 15 % were flagged.
+    rough : Array
+        Sum of the squared differences of neighbouring samples, shape (n, 6), and
+    pairs : Array
+        how many, shape (n, 6).
     """
 
     run: Run
@@ -135,6 +139,8 @@ class Blocks:
     t: Array
     y: Array
     weight: Array
+    rough: Array
+    pairs: Array
     _edges: NDArray[np.int_]
     _slow: dict[str, Array]
 
@@ -151,15 +157,20 @@ class Blocks:
             parts.append(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
         return np.concatenate(parts)
 
+    def slow(self) -> Inputs:
+        """Drivers at the middle of the blocks, of which only time, temperature and what follows motion are meant."""
+        return self._inputs_at_rest()
+
     def _chunks(self) -> list[tuple[int, int]]:
         """Ranges of blocks of about as many samples as fit a cache."""
         per = max(1, int(_CHUNK / max(1.0, self.run.t.size / self.t.size)))
         return [(k, min(k + per, self.t.size)) for k in range(0, self.t.size, per)]
 
     def _inputs_at_rest(self) -> Inputs:
-        x, spin, tilt, _ = _sensed(self.run, slice(None))
+        x, spin, tilt, _ = _sensed(self.run, slice(0, 1))
         n = self.t.size
         slow, zero = self._slow, np.zeros((1, 3))
+        angles = self.run.angles[:1]
         return Inputs(
             self.t,
             np.broadcast_to(x, (n, 6)),
@@ -171,11 +182,11 @@ class Blocks:
             np.broadcast_to(spin, (n, 3)),
             np.broadcast_to(tilt, (n, 3, 2)),
             np.zeros((n, 3, 3)),
-            np.broadcast_to(self.run.angles, (n, 3)),
+            np.broadcast_to(angles, (n, 3)),
             np.broadcast_to(zero, (n, 3)),
             np.zeros(n),
-            self.t,
-            np.broadcast_to(zero, (n, 3)),
+            slow["since_motion"],
+            slow["direction"],
         )
 
     def _inputs_moving(self, first: int, last: int) -> tuple[Inputs, NDArray[np.int_]]:
@@ -243,14 +254,15 @@ def blocks(run: Run, block_s: float = BLOCK_S) -> Blocks:
     number = np.floor((t - t[0]) / period + 1e-6).astype(np.int64)
     edges = np.append(np.flatnonzero(np.diff(number, prepend=-1)), t.size)
     counts = np.diff(edges)
-    y, good = np.empty((counts.size, 6)), np.empty((counts.size, 6))
+    y, good, rough, pairs = (np.empty((counts.size, 6)) for _ in range(4))
     for first in range(0, counts.size, max(1, _CHUNK // per)):
         last = min(first + max(1, _CHUNK // per), counts.size)
-        y[first:last], good[first:last] = _means(run, edges[first : last + 1])
+        rows = slice(first, last)
+        y[rows], good[rows], rough[rows], pairs[rows] = _means(run, edges[first : last + 1])
     share = good / np.maximum(per, counts)[:, None]
     weight = np.where(good < (1.0 - _SHARE_FLAGGED) * counts[:, None], 0.0, share)
     mid = np.add.reduceat(t, edges[:-1]) / counts
-    made = Blocks(run, period, mid, np.where(weight > 0.0, y, 0.0), weight, edges, {})
+    made = Blocks(run, period, mid, np.where(weight > 0.0, y, 0.0), weight, rough, pairs, edges, {})
     return replace(made, _slow=_slow(run, made))
 
 
@@ -271,14 +283,20 @@ def residual(run: Run, rows: slice = slice(None)) -> Array:
     return r if run.flagged is None else np.where(run.flagged[rows], np.nan, r)
 
 
-def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array]:
+def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array, Array, Array]:
+    """Means, numbers of good samples, sums of squared differences and their numbers, of some blocks."""
     begin, end = int(edges[0]), int(edges[-1])
-    r = residual(run, slice(max(0, begin - 1), min(run.t.size, end + 1)))
-    r = r[begin - max(0, begin - 1) :][: end - begin]
+    low = max(0, begin - 1)
+    r = residual(run, slice(low, min(run.t.size, end + 1)))[begin - low :][: end - begin]
     good = np.isfinite(r)
     starts = edges[:-1] - begin
     counts = np.add.reduceat(good.astype(np.float64), starts, axis=0)
-    return np.add.reduceat(np.where(good, r, 0.0), starts, axis=0) / np.maximum(counts, 1.0), counts
+    means = np.add.reduceat(np.where(good, r, 0.0), starts, axis=0) / np.maximum(counts, 1.0)
+    steps = np.diff(r, axis=0, prepend=np.nan)
+    paired = np.isfinite(steps)
+    paired[starts] = False
+    rough = np.add.reduceat(np.where(paired, steps, 0.0) ** 2, starts, axis=0)
+    return means, counts, rough, np.add.reduceat(paired.astype(np.float64), starts, axis=0)
 
 
 def _slow(run: Run, made: Blocks) -> dict[str, Array]:
