@@ -422,11 +422,9 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
         at_rest = blocks.slow()
         for i, (slow, f, _) in enumerate(makers):
             if slow:
-                out[rows, places[i] : places[i + 1]] = np.nan_to_num(f(at_rest))
-        if fast:
-            values = blocks.mean(lambda inputs: np.hstack([f(inputs) for f, _ in fast]))
-            out[rows, np.concatenate([np.arange(s.start, s.stop) for _, s in fast])] = np.nan_to_num(values)
-    return out
+                out[rows, places[i] : places[i + 1]] = f(at_rest)
+        blocks.mean(fast, out[rows])
+    return np.nan_to_num(out, copy=False)
 
 
 def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
@@ -446,13 +444,14 @@ def _twin(name: str, channel: int) -> bool:
 
 def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:
     """Least and greatest value of the scalar drivers and of the table's angles, where they vary."""
-    names = list(drivers.SCALARS)
+    names = [*drivers.SCALARS, *AXES]
 
     def scalars(inputs: Inputs) -> Array:
-        return np.column_stack([*(drivers.SCALARS[name][1](inputs) for name in names), inputs.angles])
+        return np.column_stack([*(value(inputs) for _, value, _ in drivers.SCALARS.values()), inputs.angles])
 
-    values = np.vstack([b.mean(scalars) for b in stack.blocks])
-    names += list(AXES)
+    values = np.empty((stack.t.size, len(names)))
+    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
+        blocks.mean([(scalars, slice(None))], values[start : start + blocks.t.size])
     out = {}
     for k, name in enumerate(names):
         own = values[:, k]

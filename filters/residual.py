@@ -8,14 +8,14 @@ regressor is the exact regressor of the mean residual: regressors of motion are 
 What it leaves out: flags (`effects.faults`), whitening (`whitening`), what the residual means (`tracing`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-from filters import earth, motion
+from filters import earth
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
 from filters.imu import AxisMap
 from filters.state import Site
@@ -29,7 +29,7 @@ _SMOOTH_S = 5.0
 _SLOPE_S = 15.0
 _AT_REST = np.deg2rad(0.01)
 _BURSTS = 0.02
-_CHUNK = 1 << 16
+_CHUNK = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,25 @@ def _sensed(run: Run, rows: slice) -> tuple[Array, Array, Array, Array]:
     """What a perfect unit reads, its Earth rate alone, its reading of tilt, body rate of the table (body axes)."""
     axes, site = run.axes, run.site
     angles, rates = (run.angles, run.rates) if run.still else (run.angles[rows], run.rates[rows])
-    C = motion.attitudes(angles) if run.C_nb is None else run.C_nb[None]
-    turning = motion.body_rate(angles, rates)
+    C, turning = _attitudes(angles, rates)
+    if run.C_nb is not None:
+        C = run.C_nb[None]
     spin = axes.gyro_to_instrument(np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(site.latitude))))
     force = axes.accel_to_instrument(-site.gravity * C[:, 2])
     # δ × (0, 0, -γ) of a tilt about north is γ east, about east -γ north
     tilt = site.gravity * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
     return np.hstack([axes.gyro_to_instrument(turning) + spin, force]), spin, tilt, turning
+
+
+def _attitudes(angles: Array, rates: Array) -> tuple[Array, Array]:
+    """As `motion.attitudes` and `motion.body_rate`, whole arrays at a time; shapes (n, 3, 3) and (n, 3)."""
+    (so, sm, si), (co, cm, ci) = np.sin(angles).T, np.cos(angles).T
+    C = np.empty((len(angles), 3, 3))
+    C[:, 0, 0], C[:, 0, 1], C[:, 0, 2] = cm * ci, -(cm * si), sm
+    C[:, 1, 0], C[:, 1, 1], C[:, 1, 2] = co * si + so * sm * ci, co * ci - so * sm * si, -(so * cm)
+    C[:, 2, 0], C[:, 2, 1], C[:, 2, 2] = so * si - co * sm * ci, so * ci + co * sm * si, co * cm
+    o, m, i = rates.T
+    return C, np.stack([ci * cm * o + si * m, ci * m - si * cm * o, sm * o + i], axis=1)
 
 
 @dataclass(frozen=True)
@@ -144,18 +156,26 @@ class Blocks:
     _edges: NDArray[np.int_]
     _slow: dict[str, Array]
 
-    def mean(self, columns: Callable[[Inputs], Array]) -> Array:
-        """Block means of columns, functions of the drivers; from (N, …) to (n, …)."""
+    def mean(self, columns: Sequence[tuple[Callable[[Inputs], Array], slice]], out: Array) -> None:
+        """Block means of columns, functions of the drivers.
+
+        Parameters
+        ----------
+        columns : sequence of (callable, slice)
+            What gives the columns at the samples, shape (N, k), and where they go in `out`.
+        out : Array
+            Shape (n, K), filled in place.
+        """
         if self.run.still:
-            return columns(self._inputs_at_rest())
-        parts = []
+            inputs = self._inputs_at_rest()
+            for f, place in columns:
+                out[:, place] = f(inputs)
+            return
         for first, last in self._chunks():
             inputs, edges = self._inputs_moving(first, last)
-            values = columns(inputs)
-            counts = np.diff(np.append(edges, inputs.t.size))
-            sums = np.add.reduceat(values, edges, axis=0)
-            parts.append(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
-        return np.concatenate(parts)
+            counts = np.diff(np.append(edges, inputs.t.size))[:, None]
+            for f, place in columns:
+                out[first:last, place] = np.add.reduceat(f(inputs), edges, axis=0) / counts
 
     def slow(self) -> Inputs:
         """Drivers at the middle of the blocks, of which only time, temperature and what follows motion are meant."""

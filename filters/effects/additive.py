@@ -272,15 +272,22 @@ class ThermalScale(Own):
 
 @dataclass(frozen=True)
 class CrossAxis(Own):
-    """e = sum of k_j x_j over the sensors of the same kind on the other axes."""
+    """e = sum of k_j x_j over the sensors of the same kind on the other axes, or one of them alone."""
+
+    only: int = -1
 
     effect: ClassVar = "cross_axis"
     source: ClassVar = "motion"
     text: ClassVar = "senses the other axes"
 
+    @property
+    def grid(self) -> int:
+        """Both, or either."""
+        return 3
+
     def _others(self) -> list[int]:
         kind = range(3) if self.gyro else range(3, 6)
-        return [j for j in kind if j != self.channel]
+        return [j for j in kind if j != self.channel and self.only in (-1, j % 3)]
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """x_j, x_k."""
@@ -290,23 +297,41 @@ class CrossAxis(Own):
         """k_j, k_k."""
         return tuple(Parameter("xyz"[j % 3], "rad", 1.0, 0.01) for j in self._others())
 
+    def shape(self) -> Mapping[str, float | str]:
+        """Which axes."""
+        return {"axes": "".join("xyz"[j % 3] for j in self._others())}
+
 
 @dataclass(frozen=True)
 class GSensitivity(Own):
-    """e = G · f of a gyro, f as the accelerometers read it."""
+    """e = G · f of a gyro, f as the accelerometers read it; all of G, or along one axis alone."""
+
+    only: int = -1
 
     effect: ClassVar = "g_sensitivity"
     where: ClassVar = GYROS
     source: ClassVar = "motion"
     text: ClassVar = "bias follows specific force"
 
+    @property
+    def grid(self) -> int:
+        """All, or one of three."""
+        return 4
+
+    def _axes(self) -> list[int]:
+        return [j for j in range(3) if self.only in (-1, j)]
+
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """f."""
-        return inputs.x[:, 3:]
+        return inputs.x[:, [3 + j for j in self._axes()]]
 
     def parameters(self) -> tuple[Parameter, ...]:
         """G."""
-        return tuple(Parameter(axis, "deg/s/g", DPS / G, 0.05) for axis in "xyz")
+        return tuple(Parameter("xyz"[j], "deg/s/g", DPS / G, 0.05) for j in self._axes())
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Which axes."""
+        return {"axes": "".join("xyz"[j] for j in self._axes())}
 
 
 @dataclass(frozen=True)
@@ -345,8 +370,9 @@ class GSquared(Own):
 def hypotheses(channel: int) -> list[Own]:
     """All hypotheses of this module on a channel."""
     plain = (ThermalLin, ThermalRate, Ramp, Scale, Asymmetry, NonlinearityCubic, NonlinearityQuadratic)
-    more = (ThermalScale, CrossAxis, GSensitivity)
-    made: list[Own] = [kind(channel) for kind in (*plain, *more) if channel in kind.where]
+    made: list[Own] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
+    made += [CrossAxis(channel, only) for only in (-1, 0, 1, 2) if only != channel % 3]
+    made += [GSensitivity(channel, only) for only in (-1, 0, 1, 2) if channel in GSensitivity.where]
     made += [ThermalPoly(channel, order) for order in (2, 3)]
     made += [ThermalLag(channel, number) for number in range(len(LAGS))]
     made += [Hysteresis(channel, number) for number in range(len(PLAY_WIDTHS))]

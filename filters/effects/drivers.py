@@ -243,18 +243,26 @@ def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
     w, f = [f"w{axis}" for axis in "xyz"], [f"f{axis}" for axis in "xyz"]
     pairs = [*itertools.product(w, f), *itertools.product(("temperature", "time"), (*w, *f))]
     made = [
-        _line(f"{a}*{b}", _product(SCALARS[a][1], SCALARS[b][1]), "motion")
+        _line(f"{a}*{b}", _product(_centred(a, ranges), SCALARS[b][1]), "motion")
         for a, b in pairs
         if a in ranges and b in ranges
     ]
     for a, (k, axis) in itertools.product(("temperature", "time"), enumerate(AXES)):
         if a in ranges and axis in ranges:
-            made.append(_with_angle(a, k, axis))
+            made.append(_with_angle(a, _centred(a, ranges), k, axis))
     return made
 
 
-def _with_angle(name: str, k: int, axis: str) -> Basis:
+def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
+    """Temperature and time from the middle of their range: else a product with them is nearly its other factor."""
     value = SCALARS[name][1]
+    if name not in ("temperature", "time"):
+        return value
+    middle = 0.5 * sum(ranges[name])
+    return lambda inputs: value(inputs) - middle
+
+
+def _with_angle(name: str, value: Values, k: int, axis: str) -> Basis:
 
     def columns(inputs: Inputs) -> Array:
         angle = inputs.angles[:, k]

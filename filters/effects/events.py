@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from filters.effects.hypothesis import Own, Parameter
@@ -64,7 +65,7 @@ class Tone(Event):
 
 @dataclass(frozen=True)
 class Step(Event):
-    """e = k from t0 on, in one run."""
+    """e = k from t0 on, in one run, or (`run` -1) at the same time of every run."""
 
     at: float = 0.0
     run: int = 0
@@ -75,7 +76,7 @@ class Step(Event):
     @property
     def label(self) -> str:
         """With the time."""
-        return f"bias steps at {self.at:.1f} s of run {self.run + 1}"
+        return f"bias steps at {self.at:.1f} s of {'every run' if self.run < 0 else f'run {self.run + 1}'}"
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
@@ -133,7 +134,7 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
     if not allowed.any():
         return None
     best = float(hz[allowed][np.argmax(power[allowed])])
-    fine = best + np.linspace(-1.0, 1.0, 41) / (size * period)
+    fine = best + np.linspace(-1.0, 1.0, 17) / (size * period)
     refined = max(fine.tolist(), key=lambda f: _power(f, white, t, parts))
     columns = np.zeros((t.size, 2 * len(parts)))
     for k, part in enumerate(parts):
@@ -146,8 +147,9 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
 def _power(hz: float, white: Array, t: Array, parts: list[NDArray[np.int_]]) -> float:
     total = 0.0
     for part in parts:
-        wave = np.exp(-2j * np.pi * hz * t[part])
-        total += float(abs(wave @ white[part]) ** 2) / part.size
+        phase = 2.0 * np.pi * hz * t[part]
+        own = white[part]
+        total += float((np.cos(phase) @ own) ** 2 + (np.sin(phase) @ own) ** 2) / part.size
     return total
 
 
@@ -169,28 +171,44 @@ def step(channel: int, white: Array, basis: Array, t: Array, starts: NDArray[np.
     -------
     Step or None
     """
-    best, found = 0.0, (0, 0)
     ends = np.append(starts[1:], t.size)
-    for number, (a, b) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+    parts = []
+    for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
         n = b - a
-        if n < 8:
-            continue
         after = np.arange(n - 1, 0, -1)
         # the step less its mean, times anything of mean zero, is a sum from t0 on
-        top = _tail(white[a:b])
-        size = after * (n - after) / n - np.sum(_tail(basis[a:b]) ** 2, axis=1)
-        gain = np.where(size > 0.02 * after, top**2 / np.maximum(size, 1e-9), 0.0)
-        gain[:3], gain[-3:] = 0.0, 0.0
-        k = int(np.argmax(gain))
-        if gain[k] > best:
-            best, found = float(gain[k]), (number, a + k + 1)
-    if best == 0.0:
+        size = after * (n - after) / max(n, 1) - np.sum(_tail(basis[a:b]) ** 2, axis=1)
+        parts.append((_tail(white[a:b]), np.where(size > 0.02 * after, size, np.inf)))
+    singles = [_best(*part) for part in parts]
+    number = int(np.argmax([gain for gain, _ in singles]))
+    gain, row = singles[number]
+    rows = [(number, row)]
+    if len(parts) > 1:
+        shortest = min(top.size for top, _ in parts)
+        together = sum(top[:shortest] for top, _ in parts), sum(size[:shortest] for _, size in parts)
+        common, row = _best(np.asarray(together[0]), np.asarray(together[1]))
+        if common > gain:
+            gain, rows = common, [(k, row) for k in range(len(parts))]
+    if gain <= 0.0:
         return None
-    number, row = found
     column = np.zeros((t.size, 1))
-    column[row : ends[number], 0] = 1.0
-    at = float(0.5 * (t[row] + t[row - 1]))
-    return Step(channel, column, 2.0 * np.log(t.size), {"at_s": at, "run": float(number + 1)}, 1, at, number)
+    for k, row in rows:
+        column[starts[k] + row : ends[k], 0] = 1.0
+    number, first = rows[0][0], starts[rows[0][0]] + rows[0][1]
+    at = float(0.5 * (t[first] + t[first - 1]))
+    which = -1 if len(rows) > 1 else number
+    facts = {"at_s": at, "run": float(which + 1)}
+    return Step(channel, column, 2.0 * float(np.log(t.size)), facts, 1, at, which)
+
+
+def _best(top: Array, size: Array) -> tuple[float, int]:
+    """Largest gain of a step, and its row."""
+    if top.size < 8:
+        return 0.0, 0
+    gain = top**2 / size
+    gain[:3], gain[-3:] = 0.0, 0.0
+    k = int(np.argmax(gain))
+    return float(gain[k]), k + 1
 
 
 def _tail(x: Array) -> Array:
@@ -223,10 +241,11 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
     price = 2.0 * np.log(r.size)
     smooth = np.convolve(np.where(use, r, 0.0), np.ones(9) / 9.0, "same")
     low, high = np.quantile(smooth[use], [0.15, 0.85])
-    s = np.zeros(r.size, bool)
+    s, free = np.zeros(r.size, bool), np.zeros(r.size, bool)
+    free[starts] = True
     for _ in range(_ITERATIONS):
         cost = np.stack([((r - low) / sd) ** 2, ((r - high) / sd) ** 2], axis=1)
-        s = _viterbi(np.where(use[:, None], cost, 0.0), price, starts)
+        s = _viterbi(np.where(use[:, None], cost, 0.0), price, free)
         if not (s & use).any() or not (~s & use).any():
             return None
         low, high = _level(r, sd, ~s & use), _level(r, sd, s & use)
@@ -242,21 +261,20 @@ def _level(r: Array, sd: Array, use: NDArray[np.bool_]) -> float:
     return float(weight @ r[use] / weight.sum())
 
 
-def _viterbi(cost: Array, price: float, starts: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Cheapest sequence of two states, a switch costing `price` but between runs."""
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _viterbi(cost, price, free):  # type: ignore[no-untyped-def]
+    """Cheapest sequence of two states, a switch costing `price` but where it is free."""
     n = len(cost)
-    from_other = np.zeros((n, 2), bool)
-    free = np.zeros(n, bool)
-    free[starts] = True
+    from_other = np.zeros((n, 2), np.bool_)
     a = b = 0.0
-    for k, ((ca, cb), new) in enumerate(zip(cost.tolist(), free.tolist(), strict=True)):
-        p = 0.0 if new else price
+    for k in range(n):
+        p = 0.0 if free[k] else price
         from_other[k, 0], from_other[k, 1] = b + p < a, a + p < b
-        a, b = min(a, b + p) + ca, min(b, a + p) + cb
-    out = np.zeros(n, bool)
-    state = int(b < a)
+        a, b = min(a, b + p) + cost[k, 0], min(b, a + p) + cost[k, 1]
+    out = np.zeros(n, np.bool_)
+    state = 1 if b < a else 0
     for k in range(n - 1, -1, -1):
-        out[k] = bool(state)
+        out[k] = state == 1
         if from_other[k, state]:
             state = 1 - state
     return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from filters.types import Array
 
-LAGS = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0)
+LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0)
 """Time constants of the lagged temperatures, s."""
 
 PLAY_WIDTHS = (3.0, 10.0, 30.0)
