@@ -93,4 +93,4 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
 
 def spread(per_window: Array, width: int, count: int) -> Array:
     """A value of each window for each of its samples, shape (count,); what is left at the end has the last one's."""
-    return per_window[np.minimum(np.arange(count) // width, per_window.size - 1)]
+    return np.asarray(per_window[np.minimum(np.arange(count) // width, per_window.size - 1)])

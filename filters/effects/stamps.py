@@ -12,6 +12,8 @@ JITTER = 0.02
 reading's noise in Table 1."""
 
 _SPAN = 50  # readings over which host stamps that come in bursts have their mean period
+_LONG_SPAN = 1000
+_AROUND = 250  # readings before and after a gap, to see whether what comes late stays late
 _REGULAR = 0.2  # of the period: a median step that differs by more is that of bursts
 _OFF = 0.2  # of the period: a step that is off
 _OFF_SHARE = 0.01
@@ -51,8 +53,10 @@ class Stamps:
 def look(t: Array) -> Stamps:
     """Period, jitter, gaps of a run's stamps.
 
-    A gap is a step above max(2.5 T, T + 8 jitter), T the period. The period is the median step, whatever is lost; where
-    stamps are of arrival in bursts, it is the median over 50 readings, and a gap is one only if later stamps stay late.
+    A gap is a step above max(2.5 T, T + 8 jitter), T the period; from 1.5 T on, if the steps beside it do not make up
+    for it: a single reading is lost then. The period is the median step, whatever is lost; where
+    stamps are of arrival in bursts, it is the median over 1000 readings, and a gap is one only if what follows stays
+    late.
 
     Parameters
     ----------
@@ -66,9 +70,9 @@ def look(t: Array) -> Stamps:
     step = np.diff(t)
     period, bursts = _period(t, step)
     jitter = _burst_jitter(t, period) if bursts else _jitter(step, period)
-    gaps = np.flatnonzero(step > max(2.5 * period, period + 8.0 * jitter))
-    if bursts:
-        gaps = np.array([k for k in gaps if _lost(t, int(k), period)], np.intp)
+    gaps = np.flatnonzero(step > max((2.5 if bursts else 1.5) * period, period + 8.0 * jitter))
+    stays = _stays_late if bursts else _is_not_made_up
+    gaps = np.array([k for k in gaps if (step[k] > 2.5 * period and not bursts) or stays(t, int(k), period)], np.intp)
     wrong = np.abs(step - period) > _OFF * period
     wrong[gaps] = False
     return Stamps(period, jitter, bursts, gaps, np.flatnonzero(wrong))
@@ -79,8 +83,10 @@ def _period(t: Array, step: Array) -> tuple[float, bool]:
     mean = float(np.median(t[span:] - t[:-span])) / span
     median = float(np.median(step))
     # lost readings make the mean longer, up to 1 in 3; bursts make the median a fraction of it
-    bursts = median < (1.0 - 2.0 * _REGULAR) * mean
-    return (mean if bursts else median), bursts
+    if median > (1.0 - 2.0 * _REGULAR) * mean:
+        return median, False
+    span = min(_LONG_SPAN, step.size)
+    return float(np.median(t[span:] - t[:-span])) / span, True
 
 
 def _jitter(step: Array, period: float) -> float:
@@ -89,8 +95,8 @@ def _jitter(step: Array, period: float) -> float:
     # a step of a whole number of periods has lost readings in it, not wrong stamps
     error = step - period * np.maximum(1.0, np.rint(step / period))
     if np.mean(np.abs(error) > _OFF * period) > _OFF_SHARE or np.any(step <= 0.0):
-        return max(robust, float(np.sqrt(np.mean(error**2) / 2.0)))
-    return robust
+        return float(max(robust, np.sqrt(np.mean(error**2) / 2.0)))
+    return float(robust)
 
 
 def _burst_jitter(t: Array, period: float) -> float:
@@ -100,9 +106,15 @@ def _burst_jitter(t: Array, period: float) -> float:
     return float(np.median(np.std(rows, axis=1))) if rows.size else float(np.std(late))
 
 
-def _lost(t: Array, k: int, period: float) -> bool:
+def _is_not_made_up(t: Array, k: int, period: float) -> bool:
+    """Whether the three steps around reading k and the next are longer together by most of a period."""
+    first, last = max(0, k - 1), min(t.size - 1, k + 2)
+    return bool(t[last] - t[first] > (last - first + 0.5) * period)
+
+
+def _stays_late(t: Array, k: int, period: float) -> bool:
     """Whether the earliest of the stamps after reading k stay late by most of the gap."""
-    first, last = max(0, k + 1 - 2 * _SPAN), min(t.size, k + 1 + 2 * _SPAN)
+    first, last = max(0, k + 1 - _AROUND), min(t.size, k + 1 + _AROUND)
     late = t[first:last] - period * np.arange(first, last)
     before, after = late[: k + 1 - first], late[k + 1 - first :]
     return bool(after.min() - before.min() > _STAYS * (t[k + 1] - t[k]))
