@@ -139,7 +139,7 @@ class Design:
         self.sd = stack.white_sd()
         self.multiplier = np.ones_like(stack.y)
         self.columns, self.atoms = _columns(stack)
-        self._raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
+        self.raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
         self._gram: dict[int, tuple[Array, Array, float]] = {}
 
     def variance(self, channel: int) -> Array:
@@ -178,7 +178,7 @@ class Design:
         """Take columns that were found on the way: a tone's, a step's."""
         first = self.columns.shape[1]
         self.columns = np.hstack([self.columns, columns])
-        self._raw = np.append(self._raw, np.sqrt(np.mean(columns**2, axis=0)))
+        self.raw = np.append(self.raw, np.sqrt(np.mean(columns**2, axis=0)))
         places = np.arange(first, first + columns.shape[1])
         atom = Atom(hypothesis, {c: places for c in hypothesis.channels})
         for c in list(self._gram):
@@ -262,7 +262,7 @@ class Design:
 
     def _visible(self, scale: Array) -> Array:
         """Diagonal of G where a column varies by more than rounding does, else infinity."""
-        return np.where(scale > _VARIES * np.maximum(self._raw**2, 1e-300), scale, np.inf)
+        return np.where(scale > _VARIES * np.maximum(self.raw**2, 1e-300), scale, np.inf)
 
     def _cross(
         self, selection: Sequence[Atom], offsets: Sequence[int], candidates: Sequence[Atom], inverse: Array
@@ -397,16 +397,20 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
             alike = h.source != "motion" or h.effect in ("harmonic", "g_squared", "g_sensitivity")
             key = (h.effect, str(h.shape())) if alike else (h.effect, c, str(h.shape()))
             if key not in kept:
-                kept[key] = put(h.source != "motion", _bound(h, c), len(h.parameters()))
+                kept[key] = put(is_slow(h), _bound(h, c), len(h.parameters()))
             atoms.append(Atom(h, {c: kept[key]}))
     for basis in drivers.bases(ranges):
-        slow = basis.driven_by != "motion" or basis.name.startswith(("since_motion", "settling", "direction"))
-        places = put(slow, basis.columns_of, basis.count)
+        places = put(is_slow(basis.on(0)), basis.columns_of, basis.count)
         atoms += [Atom(basis.on(c), {c: places}) for c in range(6) if not _twin(basis.name, c)]
     if any(not b.run.still for b in stack.blocks) or len(stack.blocks) > 1:
         for s in motion.shared():
             atoms.append(Atom(s, {c: put(False, _bound(s, c), len(s.parameters())) for c in s.channels}))
     return _filled(stack, makers, width), atoms
+
+
+def is_slow(h: Hypothesis) -> bool:
+    """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
+    return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
 
 
 def _bound(h: Hypothesis, channel: int) -> Callable[[Inputs], Array]:

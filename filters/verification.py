@@ -381,9 +381,7 @@ def _attitudes_at(stack: Stack) -> Array:
     return attitudes(run.angles[middles])
 
 
-def _position(
-    stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]
-) -> float:
+def _position(stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]) -> float:
     run, dt = stack.blocks[0].run, stack.period
     rows = slice(start, start + steps)
     errors = r[rows] - _biases(stack, r, start, white, drifts)
