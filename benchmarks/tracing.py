@@ -85,7 +85,7 @@ def scored(case: Case, document: dict[str, Any], seconds: float) -> Outcome:
         case.name,
         case.campaign,
         seconds,
-        [_told(truth, document) for truth in case.truths],
+        [_told(truth, document, case) for truth in case.truths],
         [_short(f) for f in everything],
         [_short(f) for f in everything if not touched & set(f["channels"])],
         [f"{d['kind']} {','.join(d['channels'])}" for d in document["drift"]],
@@ -102,12 +102,15 @@ def _short(finding: dict[str, Any]) -> str:
     return text + (f" or {'/'.join(rivals)}" if rivals else "")
 
 
-def _told(truth: Truth, document: dict[str, Any]) -> Told:
+def _told(truth: Truth, document: dict[str, Any], case: Case) -> Told:
     here = [f for f in document["findings"] if set(f["channels"]) & set(truth.channels)]
     own = [f for f in here if f["effect"] in truth.names and _same_tone(f, truth)]
     named = bool(own) or _elsewhere(truth, document)
     rivals = any(r["effect"] in truth.names for f in here for r in f["rivals"])
     status = {document["status"][c] for c in truth.channels}
+    # what does not carry over spoils the held-out run of its channel whatever is found
+    lost = {c for other in case.truths if other is not truth and not other.transfers for c in other.channels}
+    judged = [c for c in truth.channels if c not in lost]
     flagged = (
         bool(here)
         or any(set(x["channels"]) & set(truth.channels) for x in (*document["drift"], *document["lines"]))
@@ -126,8 +129,8 @@ def _told(truth: Truth, document: dict[str, Any]) -> Told:
         named or rivals,
         bool([f for f in here if f["effect"] not in _NOISE]) and not named,
         "explained" in status,
-        max((_figure(document, "e10", c) for c in truth.channels), default=np.nan),
-        max((_figure(document, "nis", c) for c in truth.channels), default=np.nan),
+        max((_figure(document, "e10", c) for c in judged), default=np.nan),
+        max((_figure(document, "nis", c) for c in judged), default=np.nan),
         _z(truth, own),
         truth.transfers,
     )
