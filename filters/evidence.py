@@ -309,43 +309,42 @@ class Design:
         return r
 
     def heldout(self, selection: Sequence[Atom], atom: Atom) -> tuple[float, float]:
-        """Gain of an atom on cells that its fit has not seen: sum over five folds, and the same without its best cell."""
-        cells = np.zeros(int(self.stack.cell[-1]) + 1)
+        """Gain of an atom on cells that its fit has not seen: sum over five folds, and the same without its best cell.
+
+        Both fits, without and with it, are joint over all channels that shared effects tie to the atom's.
+        """
+        tied = self._tied(selection, atom)
+        base = [a for a in selection if set(a.places) & tied]
+        atoms = [*base, atom]
+        offsets = np.concatenate([[0], np.cumsum([a.size for a in atoms])]).astype(int).tolist()
         parts = []
-        for c in atom.places:
-            rows, places = self._present(selection, np.cumsum([0, *(a.size for a in selection)]).tolist(), c)
-            W = self.whitened(c, np.concatenate([places, atom.places[c]]))
-            parts.append((W, rows.size))
+        for c in sorted(tied):
+            rows, places = self._present(atoms, offsets, c)
+            parts.append((self.whitened(c, places), rows))
+        cells = np.zeros(int(self.stack.cell[-1]) + 1)
         fold = self.stack.cell % FOLDS
         for f in range(FOLDS):
             train, test = fold != f, fold == f
-            own = self._own_theta(parts, train, atom.size)
-            for (W, size), theta in zip(parts, own, strict=True):
-                base = _solve(W[train, 1 : 1 + size], W[train, 0])
-                before = W[test, 0] - W[test, 1 : 1 + size] @ base
-                after = W[test, 0] - W[test, 1:] @ theta
+            A, b = np.zeros((offsets[-1], offsets[-1])), np.zeros(offsets[-1])
+            for W, rows in parts:
+                X = W[train, 1:]
+                A[np.ix_(rows, rows)] += X.T @ X
+                b[rows] += X.T @ W[train, 0]
+            old, new = np.zeros(offsets[-1]), _inverse(A) @ b
+            old[: offsets[-2]] = _inverse(A[: offsets[-2], : offsets[-2]]) @ b[: offsets[-2]]
+            for W, rows in parts:
+                before, after = (W[test, 0] - W[test, 1:] @ theta[rows] for theta in (old, new))
                 cells += np.bincount(self.stack.cell[test], before**2 - after**2, cells.size)
         return float(cells.sum()), float(cells.sum() - cells.max())
 
     @staticmethod
-    def _own_theta(parts: list[tuple[Array, int]], train: NDArray[np.bool_], k: int) -> list[Array]:
-        """Parameters on each channel: of what is there already its own, of the new atom the same on all."""
-        total = sum(size for _, size in parts) + k
-        A, b, at = np.zeros((total, total)), np.zeros(total), 0
-        places = []
-        for W, size in parts:
-            ix = np.concatenate([np.arange(at, at + size), np.arange(total - k, total)])
-            X = W[train, 1:]
-            A[np.ix_(ix, ix)] += X.T @ X
-            b[ix] += X.T @ W[train, 0]
-            places.append(ix)
-            at += size
-        theta = _inverse(A) @ b
-        return [theta[ix] for ix in places]
-
-
-def _solve(X: Array, y: Array) -> Array:
-    return _inverse(X.T @ X) @ (X.T @ y) if X.shape[1] else np.zeros(0)
+    def _tied(selection: Sequence[Atom], atom: Atom) -> set[int]:
+        """Channels of an atom, and all that shared effects of a selection tie to them."""
+        tied, more = set(atom.places), True
+        while more:
+            wider = tied.union(*(a.places for a in selection if tied & set(a.places)))
+            more, tied = wider > tied, wider
+        return tied
 
 
 def _inverse(A: Array) -> Array:

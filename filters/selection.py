@@ -302,22 +302,28 @@ def _guard(chosen: Selection, atom: Atom, columns: Array | None) -> float:
     design = chosen.design
     (c,) = atom.places
     own = columns if columns is not None else design.columns[:, atom.places[c]]
-    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)))
-    after = _drift_fit(chosen, c, own)
+    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms))
+    # an event's columns are not in the design: what is shared stays as it was then
+    fit = design.fit(chosen.atoms if columns is not None else [*chosen.atoms, atom])
+    after = _drift_fit(chosen, c, own, fit)
     return min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
 
 
 def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
     """Gain of the best drift process of a channel, and it."""
-    best, drift, none = _drift_fit(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)))
+    best, drift, none = _drift_fit(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)), chosen.fit())
     return none - best, drift
 
 
-def _drift_fit(chosen: Selection, channel: int, more: Array) -> tuple[float, Drift, float]:
-    """`best_drift` on 1 s rows, under what is selected and more columns."""
+def _drift_fit(chosen: Selection, channel: int, more: Array, fit: Fit) -> tuple[float, Drift, float]:
+    """`best_drift` on 1 s rows, under what is selected and more columns; what other channels share is as in a fit."""
     design, stack = chosen.design, chosen.design.stack
-    own = [design.columns[:, a.places[channel]] for a in chosen.on(channel)]
-    raw = np.column_stack([stack.y[:, channel], *own, more])
+    y = stack.y[:, channel].copy()
+    for atom, theta in zip(fit.atoms, fit.theta, strict=True):
+        if channel in atom.places and len(atom.places) > 1:
+            y -= design.columns[:, atom.places[channel]] @ theta
+    own = [design.columns[:, a.places[channel]] for a in chosen.on(channel) if len(a.places) == 1]
+    raw = np.column_stack([y, *own, more])
     rows, t, starts, variance = by_seconds(design, channel, raw)
     return best_drift(rows, t, starts, variance, max(_SECOND, stack.period))
 
