@@ -26,6 +26,7 @@ FOLDS = 5
 _CHI2_MEDIAN = 0.4549364
 _VARIES = 1e-9
 _SEEN = 1e-4
+_INPUTS = ("wx", "wy", "wz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -432,17 +433,19 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
 
 def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
     """Whether what an effect is a function of is there and varies."""
-    if h.source == "temperature" or h.effect == "thermal_scale":
+    if h.effect == "thermal_scale":
+        # of an input that never varies it is a bias that follows temperature
+        return "temperature" in ranges and _INPUTS[h.channels[0]] in ranges
+    if h.source == "temperature":
         return "temperature" in ranges
     if h.effect == "harmonic":
         return str(h.shape()["axis"]) in ranges
-    return h.source == "time" or any(name in ranges for name in ("wx", "wy", "wz", "fx", "fy", "fz"))
+    return h.source == "time" or any(name in ranges for name in _INPUTS)
 
 
 def _twin(name: str, channel: int) -> bool:
     """Whether a product is in the catalogue under another name: x (T - T0)."""
-    own = ("wx", "wy", "wz", "fx", "fy", "fz")[channel]
-    return name == f"temperature*{own}"
+    return name == f"temperature*{_INPUTS[channel]}"
 
 
 def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:
