@@ -24,6 +24,8 @@ _ROUNDS = 24
 _TRIES = 6
 _DRIFT_GRID = 20.0
 _SECOND = 1.0
+_FAST_HZ = 0.2
+"""Faster tones are lost in means of 1 s."""
 _TEMPERATURE_SHARE = 0.9
 
 
@@ -302,10 +304,12 @@ def _guard(chosen: Selection, atom: Atom, columns: Array | None) -> float:
     design = chosen.design
     (c,) = atom.places
     own = columns if columns is not None else design.columns[:, atom.places[c]]
-    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms))
+    fast = isinstance(atom.hypothesis, events.Tone) and atom.hypothesis.hz > _FAST_HZ
+    seconds = design.stack.period if fast else _SECOND
+    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms), seconds)
     # an event's columns are not in the design: what is shared stays as it was then
     fit = design.fit(chosen.atoms if columns is not None else [*chosen.atoms, atom])
-    after = _drift_fit(chosen, c, own, fit)
+    after = _drift_fit(chosen, c, own, fit, seconds)
     return min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
 
 
@@ -315,8 +319,10 @@ def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
     return none - best, drift
 
 
-def _drift_fit(chosen: Selection, channel: int, more: Array, fit: Fit) -> tuple[float, Drift, float]:
-    """`best_drift` on 1 s rows, under what is selected and more columns; what other channels share is as in a fit."""
+def _drift_fit(
+    chosen: Selection, channel: int, more: Array, fit: Fit, seconds: float = _SECOND
+) -> tuple[float, Drift, float]:
+    """`best_drift` on rows of 1 s, or so many, under what is selected and more columns; shared effects are as in a fit."""
     design, stack = chosen.design, chosen.design.stack
     y = stack.y[:, channel].copy()
     for atom, theta in zip(fit.atoms, fit.theta, strict=True):
@@ -324,8 +330,8 @@ def _drift_fit(chosen: Selection, channel: int, more: Array, fit: Fit) -> tuple[
             y -= design.columns[:, atom.places[channel]] @ theta
     own = [design.columns[:, a.places[channel]] for a in chosen.on(channel) if len(a.places) == 1]
     raw = np.column_stack([y, *own, more])
-    rows, t, starts, variance = by_seconds(design, channel, raw)
-    return best_drift(rows, t, starts, variance, max(_SECOND, stack.period))
+    rows, t, starts, variance = by_seconds(design, channel, raw, seconds)
+    return best_drift(rows, t, starts, variance, max(seconds, stack.period))
 
 
 def by_seconds(design: Design, channel: int, raw: Array, seconds: float = _SECOND) -> tuple[Array, Array, Array, Array]:
