@@ -1,5 +1,7 @@
-"""What fast noise is like: its band limit (27), its correlation between channels (28); and, after everything known is
-taken out, whether sums of what remains vary as sums of white noise do.
+"""What fast noise is like, and what remains.
+
+Its band limit (27), its correlation between channels (28); and, after everything known is taken out, whether sums of
+what remains vary as sums of white noise do.
 
 All of it at frequencies above those of motions and drifts. Lines are to be removed first; what is left of one does
 little harm, for levels are medians. Leaves out how large noise is, and what drives its size.

@@ -1,5 +1,4 @@
-"""Spectra of residuals at the full rate, over several runs: periodograms on one grid of frequencies, and what they
-stand on.
+"""Spectra of residuals at the full rate, over several runs: periodograms on one grid, and what they stand on.
 
 A run longer than `SEGMENT` samples is taken in half-overlapping segments. All runs share one spacing of frequencies,
 that of the longest segment; shorter runs are padded with zeros.
@@ -53,7 +52,7 @@ def usable(series: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
 
 
 def spacing(series: Sequence[tuple[float, Array]]) -> float:
-    """Hz between frequencies of the grid: of a segment at the highest rate, or of the longest run if that is shorter."""
+    """Hz between frequencies of the grid: of a segment at the highest rate, or of the longest run if shorter."""
     lasting = max(x.shape[0] / fs for fs, x in series)
     fastest = max(fs for fs, _ in series)
     length = min(lasting, SEGMENT / fastest)
