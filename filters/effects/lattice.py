@@ -88,7 +88,7 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
     rows = size[: size.size // width * width].reshape(-1, width)
     kept = max(1, round(_KEPT * width))
     small = np.partition(rows, kept - 1, axis=1)[:, :kept]
-    return np.sqrt(np.mean(small**2, axis=1) / (_KEPT_VARIANCE * math.comb(2 * order, order)))
+    return np.asarray(np.sqrt(np.mean(small**2, axis=1) / (_KEPT_VARIANCE * math.comb(2 * order, order))))
 
 
 def spread(per_window: Array, width: int, count: int) -> Array:

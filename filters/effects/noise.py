@@ -1,8 +1,8 @@
-"""What fast noise is like: its band limit (27), its correlation between channels (28); and, after everything known is
-taken out, whether sums of what remains vary as sums of white noise do.
+"""Fast noise: its band limit (27), its correlation between channels (28), and whether what remains is white.
 
-All of it at frequencies above those of motions and drifts. Lines are to be removed first; what is left of one does
-little harm, for levels are medians. Leaves out how large noise is, and what drives its size.
+Band limit and correlation are looked at above the frequencies of motions and drifts. Lines are to be removed first;
+what is left of one does little harm, for levels are medians. `variance_ratio` is for the whitened blocks, after
+everything known is taken out. Leaves out how large noise is, and what drives its size.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ CORRELATED = 5.5
 """Standard deviations of a correlation."""
 
 _HIGHEST = 10.0  # times the sampling rate: no limit that shows
-_GRID = 400
+_GRID = 1000
 _CLIPPED = 12.0  # times the level: what is left of a line, chance of noise 6e-6
 _TAPER = 0.1
 
@@ -137,9 +137,9 @@ def _points(runs: list[tuple[float, Array]], c: int) -> list[_Points]:
         first = round(max(spectra.LOWEST, SLOWEST * fs) / hz)
         centres, levels = spectra.bands(s.density, s.averaged, first)
         if centres.size >= 4:
-            # a median of n exponential variables has relative variance 1 / (n ln² 2) of its own; padding adds no bins
+            # of a median of n exponential variables, 1 / (n ln² 2); n bins under Hann are worth n / 1.94, padding adds none
             width = spectra.stretch(s.density[first:-1].size) * min(1.0, x.shape[0] * hz / fs)
-            variance = np.full(centres.size, 1.5 / (width * s.averaged * np.log(2.0) ** 2))
+            variance = np.full(centres.size, 1.94 / (width * s.averaged * np.log(2.0) ** 2))
             points.append(_Points(fs, centres * hz / fs, np.log(levels), variance))
     return points
 
@@ -253,8 +253,10 @@ def _whitened(X: NDArray[np.complex128], first: int) -> NDArray[np.complex128]:
 def variance_ratio(whitened: Array, scales: Sequence[int]) -> list[tuple[int, float, float]]:
     """Variance of sums over m values against m times that of one, for white noise 1.
 
-    VR(m) = Σ (x_k + … + x_{k+m-1})² / (m (n - m + 1) s²), s² the mean square. For white noise its variance is
-    2 (2m - 1)(m - 1) / (3 m n), which gives χ² its effective degrees of freedom 2 / variance.
+    VR(m) = Σ (x_k + … + x_{k+m-1})² / (m (n - m + 1) s²), s² the mean square. For white noise it is a sum of χ² of one
+    degree of freedom, VR - 1 ≈ Σ_k (λ_k - 1) χ² / n, λ_k = sin²(π m k/n) / (m sin²(π k/n)). Its variance makes the
+    effective degrees of freedom of the lower tail; the upper has a shifted χ² of the same skewness too, for the few
+    largest λ make it heavier.
 
     Parameters
     ----------
@@ -290,6 +292,21 @@ def _ratio_at(total: Array, square: float, m: int) -> tuple[int, float, float]:
     if m == 1:
         return 1, 1.0, 1.0
     ratio = float(np.mean((total[m:] - total[:-m]) ** 2)) / (m * square)
-    freedom = 3.0 * m * n / ((2.0 * m - 1.0) * (m - 1.0))
-    one_sided = min(stats.chi2.sf(freedom * ratio, freedom), stats.chi2.cdf(freedom * ratio, freedom))
+    sd, skewness = _of_white(n, m)
+    if ratio > 1.0:
+        freedom = 8.0 / skewness**2
+        one_sided = stats.chi2.sf(freedom + (ratio - 1.0) / sd * np.sqrt(2.0 * freedom), freedom)
+    else:
+        freedom = 2.0 / sd**2
+        one_sided = stats.chi2.cdf(freedom * ratio, freedom)
     return m, ratio, float(min(1.0, 2.0 * one_sided))
+
+
+def _of_white(n: int, m: int) -> tuple[float, float]:
+    """Standard deviation and skewness of VR(m) for n values of white noise."""
+    angle = np.pi * np.arange(1, n) / n
+    gain = np.append(np.sin(m * angle) ** 2 / (m * np.sin(angle) ** 2), m) - 1.0
+    # values at the ends are in fewer sums
+    worth = (n - m + 1) / n
+    second, third = np.sum(gain**2) / worth, np.sum(gain**3) / worth**2
+    return float(np.sqrt(2.0 * second) / n), float(8.0 * third / (2.0 * second) ** 1.5)
