@@ -7,6 +7,7 @@ everything known is taken out. Leaves out how large noise is, and what drives it
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ CORRELATED = 5.5
 
 _HIGHEST = 10.0  # times the sampling rate: no limit that shows
 _GRID = 1000
+_UNSEEN = 4.0  # drop of χ² from white noise that is none
 _CLIPPED = 12.0  # times the level: what is left of a line, chance of noise 6e-6
 _TAPER = 0.1
 
@@ -137,7 +139,7 @@ def _points(runs: list[tuple[float, Array]], c: int) -> list[_Points]:
         first = round(max(spectra.LOWEST, SLOWEST * fs) / hz)
         centres, levels = spectra.bands(s.density, s.averaged, first)
         if centres.size >= 4:
-            # of a median of n exponential variables, 1 / (n ln² 2); n bins under Hann are worth n / 1.94, padding adds none
+            # of a median of n exponential variables: 1 / (n ln² 2). Bins under Hann are worth 1 / 1.94, padded ones 0
             width = spectra.stretch(s.density[first:-1].size) * min(1.0, x.shape[0] * hz / fs)
             variance = np.full(centres.size, 1.94 / (width * s.averaged * np.log(2.0) ** 2))
             points.append(_Points(fs, centres * hz / fs, np.log(levels), variance))
@@ -146,14 +148,14 @@ def _points(runs: list[tuple[float, Array]], c: int) -> list[_Points]:
 
 def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> BandLimit | None:
     grid = np.append(np.geomspace(0.02 * fs, _HIGHEST * fs, _GRID), np.inf)
-    chi2 = np.array([sum(_misfit(p, hz) for p in points) for hz in grid])
+    chi2 = np.sum([_misfit(p, grid) for p in points], axis=0)
     best = int(np.argmin(chi2))
-    if best == 0 or best >= _GRID - 1:
-        best = best if best == 0 else _GRID
+    if chi2[-1] < chi2[best] + _UNSEEN:
+        best = _GRID
     freedom = max(1, sum(p.log.size - 1 for p in points) - 1)
     # what no first-order limit explains makes all of it less certain
     scale = max(1.0, chi2[best] / freedom)
-    score = (sum(_misfit(p, expected) for p in points) - chi2[best]) / scale
+    score = (float(np.sum([_misfit(p, np.array([expected])) for p in points])) - chi2[best]) / scale
     hz, ratio = float(grid[best]), _ratio(float(grid[best]), fs)
     times = ratio / _ratio(expected, fs)
     if score < SIGNIFICANT or max(times, 1.0 / times) < RATIO:
@@ -161,22 +163,19 @@ def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> Ban
     return BandLimit(name, hz, _sd(grid, chi2 / scale, best), expected, ratio, float(score))
 
 
-def _pole(hz: float, fs: float) -> float:
-    return float(np.exp(-2.0 * np.pi * hz / fs))
-
-
 def _ratio(hz: float, fs: float) -> float:
-    p = _pole(hz, fs)
+    p = float(np.exp(-2.0 * np.pi * hz / fs))
     return ((1.0 + p) / (1.0 - p)) ** 2
 
 
-def _misfit(points: _Points, hz: float) -> float:
-    """χ² of one run with its own density."""
-    p = _pole(hz, points.fs)
+def _misfit(points: _Points, hz: Array) -> Array:
+    """χ² of one run with its own density, for each of some limits, shape (G,)."""
+    p = np.exp(-2.0 * np.pi * hz[:, None] / points.fs)
     gain = (1.0 - p) ** 2 / (1.0 - 2.0 * p * np.cos(2.0 * np.pi * points.cycles) + p**2)
     rest = points.log - np.log(gain)
     weight = 1.0 / points.variance
-    return float(np.sum(weight * (rest - np.sum(weight * rest) / np.sum(weight)) ** 2))
+    rest -= (rest @ weight / np.sum(weight))[:, None]
+    return np.asarray(rest**2 @ weight)
 
 
 def _sd(grid: Array, chi2: Array, best: int) -> float:
@@ -302,6 +301,7 @@ def _ratio_at(total: Array, square: float, m: int) -> tuple[int, float, float]:
     return m, ratio, float(min(1.0, 2.0 * one_sided))
 
 
+@lru_cache(maxsize=64)
 def _of_white(n: int, m: int) -> tuple[float, float]:
     """Standard deviation and skewness of VR(m) for n values of white noise."""
     angle = np.pi * np.arange(1, n) / n
