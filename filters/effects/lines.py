@@ -196,7 +196,8 @@ def _taken(channel: int, ratio: Array, at: int, limits: list[tuple[int, Array]],
     """The peak around a bin; what belongs to it, side lobes and the band around, becomes level in `ratio`."""
     excess, top = float(ratio[at]), (at + _offset(ratio, at)) * hz
     k = np.arange(ratio.size)
-    away = np.maximum(np.abs(k - at) / (lobe / _LOBE), 1.0 + 1e-9)
+    # the line may be half a bin nearer
+    away = np.maximum((np.abs(k - at) - 0.5) / (lobe / _LOBE), 1.0 + 1e-9)
     side = _SIDE * excess / (np.pi * away * (away**2 - 1.0)) ** 2
     # a side lobe and noise of its own size add up, or do not
     own = (side > _SIDE_LEVEL) & (np.sqrt(ratio) < np.sqrt(side) + np.sqrt(limits[0][1]))

@@ -120,12 +120,12 @@ def test_a_dead_channel_has_no_noise_to_speak_of() -> None:
 
 
 def test_variance_ratios_of_white_noise_are_chi_square() -> None:
-    """Of 3000 logs of 10 minutes, 1 % are below probability 0.01 at each scale, and not 0.3 % below 0.001."""
+    """Of 1500 logs of 10 minutes, 1 % are below probability 0.01 at each scale, and not 0.4 % below 0.001."""
     rng, scales = np.random.default_rng(0), (4, 16, 64, 256)
-    p = np.array([[r[2] for r in noise.variance_ratio(rng.standard_normal(2400), scales)] for _ in range(3000)])
+    p = np.array([[r[2] for r in noise.variance_ratio(rng.standard_normal(2400), scales)] for _ in range(1500)])
     assert np.all(np.mean(p < 0.5, axis=0) == pytest.approx(0.5, abs=0.04))
-    assert np.all(np.mean(p < 0.01, axis=0) < 0.016)
-    assert np.all(np.mean(p < 0.001, axis=0) < 0.003)
+    assert np.all(np.mean(p < 0.01, axis=0) < 0.018)
+    assert np.all(np.mean(p < 0.001, axis=0) < 0.004)
 
 
 def test_what_is_not_white_has_a_small_probability() -> None:
