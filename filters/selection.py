@@ -2,14 +2,15 @@
 
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
-A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it is still better
-than the best drift process could do in its place (the drift guard). What fails the guard is weak: not told from drift.
+A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it still does so
+when both models have their own best drift process (the drift guard). What fails the guard is weak: not told from drift.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects import events
 from filters.effects.events import Event
@@ -90,7 +91,7 @@ class Selection:
 
     def log_seconds(self, atom: Atom) -> float:
         """ln of the seconds of data of its channels."""
-        return float(np.log(max(2.0, np.mean([self.design.stack.seconds(c) for c in atom.places]))))
+        return float(np.log(max(2.0, float(np.mean([self.design.stack.seconds(c) for c in atom.places])))))
 
     def own_gain(self, atom: Atom) -> float:
         """Gain of an accepted atom beside the others."""
@@ -277,7 +278,7 @@ def _uneven(white: Array) -> bool:
     """Whether sums over 16 rows vary more than white noise lets them: else there is no step to look for."""
     size = white.size // 16 * 16
     sums = white[:size].reshape(-1, 16).sum(axis=1)
-    return float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size))
+    return bool(float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size)))
 
 
 def _event_gain(chosen: Selection, event: Event, channel: int, own: Array) -> float:
@@ -369,7 +370,9 @@ def _drift_fit(chosen: Selection, channel: int, more: Array) -> tuple[float, Dri
     return best_drift(rows, t, starts, variance, max(_SECOND, stack.period))
 
 
-def by_seconds(design: Design, channel: int, raw: Array, seconds: float = _SECOND) -> tuple[Array, Array, Array, Array]:
+def by_seconds(
+    design: Design, channel: int, raw: Array, seconds: float = _SECOND
+) -> tuple[Array, Array, NDArray[np.int_], Array]:
     """Rows of blocks averaged over so many seconds: columns, time, first row of each run, variance."""
     stack = design.stack
     per = max(1, round(seconds / stack.period))

@@ -21,7 +21,6 @@ from filters.evidence import Atom, Design, Stack
 from filters.residual import Run
 from filters.selection import Rival, Selection
 from filters.types import Array
-from filters.verification import Figure
 from filters.whitening import NONE, Drift, unbiased
 
 LEAST_S = 60.0
@@ -167,7 +166,7 @@ class _Report:
         self.limits: list[dict[str, Any]] = []
         self.found: list[_Found] = []
         self._held_columns: dict[tuple[object, int], Array] = {}
-        self.figures: list[Figure] = []
+        self.figures: list[verification.Figure] = []
         self.remainder: list[dict[str, Any]] = []
         self.status: dict[str, str] = {}
         self.experiment: dict[str, Any] | None = None
@@ -588,7 +587,7 @@ def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
 def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
     """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
     wanted = [(a, c) for a in atoms for c in a.places]
-    out = {(a.key, c): np.empty((stack.t.size, a.size)) for a, c in wanted}
+    out: dict[tuple[object, int], Array] = {}
     places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
     fast = [
         (_on(a, c), slice(places[k], places[k + 1]))
