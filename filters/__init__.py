@@ -40,9 +40,10 @@ Where things are
     `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `motion`
     what a table does · `reference` what is known of the motion · `alignment` how that is found in data · `state` and
     `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same step, compiled ·
-    `inclusion` effects as further states and noise · `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its
-    arrays · `settings`, `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences
-    on what contradicts the model · `allan` white noise and drift of a log · `simulation` units with known truth.
+    `inclusion` effects as further states and noise · `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines`
+    what turns samples into estimates; `layout` its arrays · `settings`, `runner` a run, one sample or many ·
+    `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model · `allan` white noise and
+    drift of a log · `simulation` units with known truth.
 
 Measurements of the reference
     exact        the known state itself is fed: a table at rest is known; NIS is then no test
