@@ -145,6 +145,8 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
         for rows in run(estimator, part, options.speed, progress):
             if sink is not None:
                 sink.take(rows, estimator)
+        if estimator.latest is None:
+            raise ValueError(f"{path}: the effects leave no sample to filter. --effects none leaves effects out")
     except BaseException:
         if sink is not None:
             sink.abandon()
