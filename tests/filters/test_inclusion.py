@@ -9,7 +9,7 @@ from scipy.special import chdtri
 from filters import consistency, earth, engines, inclusion, kernels, layout, reference, runner, spkf, state
 from filters.imu import IMU400CD_200, Noise
 from filters.inclusion import Augmented
-from filters.motion import Dwell, Profile
+from filters.motion import Dwell, Profile, Rate
 from filters.reference import Trajectory
 from filters.runner import Estimate, Estimator
 from filters.settings import Settings
@@ -239,6 +239,41 @@ def test_a_drifting_state_is_followed_within_its_band() -> None:
         total += nees(estimator, bias, x[-1:])
     low, high = chi_square_band(16 * seeds)
     assert low < total < high, f"{total:.1f} of {16 * seeds}"
+
+
+def test_scale_factors_are_found_on_a_table_that_turns() -> None:
+    """Three gyro scale factors from known rates, 24 seeds: NEES of 18 states within 99.8 %, each known to 0.3 %."""
+    n, seeds, total = 900, 24, 0.0
+    turns = [Rate("inner", 0.6, 6.0), Rate("middle", -0.5, 6.0), Rate("outer", 0.6, 6.0), Dwell((0.0, 0.0, 0.0), 30.0)]
+    profile = Profile((Dwell((0.0, 0.0, 0.0), 3.0), *turns), offset_sd=1e-6)
+    t = np.arange(n) * DT
+    table = reference.TableMotion(profile, PAPER_SITE, IMU400CD_200, DT)
+    known = table.known(t, -np.inf, np.zeros((n, 3)))
+
+    def own_rate(t: object, gyro: object, accel: object, temperature: object, known: np.ndarray) -> np.ndarray:
+        phi = np.zeros((len(known), 6, 3))
+        for i in range(3):
+            phi[:, 3 + i, i] = known[:, layout.KNOWN_RATE + i]
+        return phi
+
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        bias, k = rng.normal(size=6) * BIAS_SD, rng.normal(size=3) * 0.01
+        noise = rng.normal(size=(n, 6)) * WHITE / np.sqrt(DT)
+        gyro = known[:, reference.RATE] * (1.0 + k) + bias[3:] + noise[:, 3:]
+        accel = known[:, reference.FORCE] + bias[:3] + noise[:, :3]
+        make = partial(constants, [0.0] * 3, [0.01] * 3, own_rate)
+        settings = Settings(DT, reference="profile", motion=profile, measurements="drawn", seed=seed, effects=make)
+        estimator = Estimator(settings, every=np.inf)
+        list(runner.rows(estimator, t, gyro, accel))
+        assert estimator.latest is not None
+        found, P = estimator.extra()
+        truth = engines.nav_of(np.concatenate([known[-1, :10], bias]))
+        error = np.concatenate([estimator.latest.belief.nav.minus(truth), found - k])
+        total += float(error @ np.linalg.solve(P, error))
+        assert np.all(np.sqrt(np.diag(P)[15:]) < 3e-3)
+    low, high = chi_square_band(18 * seeds)
+    assert low < total < high, f"{total:.1f} of {18 * seeds}"
 
 
 # -------------------------------------------------------------------------------------------------------- in the runner
