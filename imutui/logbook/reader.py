@@ -105,6 +105,17 @@ class Log:
         """Time of the samples since the first, s, shape (N,)."""
         return seconds_since(self.stamp_ns, int(self.stamp_ns[0])) if self.stamp_ns.size else np.empty(0)
 
+    def temperature(self) -> np.ndarray:
+        """Temperature of each sample, degC, shape (N,): the last one taken by then, the first for those before it.
+
+        A unit's samples carry their own, as they did live. NaN if there is none.
+        """
+        if not self.temperature_stamp_ns.size:
+            return np.full(self.stamp_ns.size, np.nan)
+        order = np.argsort(self.temperature_stamp_ns, kind="stable")
+        last = np.searchsorted(self.temperature_stamp_ns[order], self.stamp_ns, side="right") - 1
+        return np.asarray(self.temperature_degc[order[np.maximum(last, 0)]])
+
 
 def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
     """Time since the first sample, s; the one rule for live and replay."""

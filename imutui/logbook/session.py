@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.settings import Settings
@@ -52,6 +53,8 @@ class SessionInfo:
         "table1", or "log": measured on the log before it is filtered.
     reference_sha256 : str
         Of the file that the reference comes from, if it does.
+    effects_sha256 : str
+        Of the effects file, if effects join the filter.
     stamps : str
         What each time stamp means.
     """
@@ -85,6 +88,7 @@ class SessionInfo:
     kappa: float = 0.0
     noise: str = TABLE_1
     reference_sha256: str = ""
+    effects_sha256: str = ""
     software: str = ""
     stamps: str = ""
     source: str = ""
@@ -99,10 +103,12 @@ class SessionInfo:
         noise: Noise | None = None,
         offset: float = 0.0,
         offset_sd: float | None = None,
+        effects: MakeEffects | None = None,
     ) -> Settings:
         """Settings of the filter for this session's samples; "none" as the filter gives those of the default one.
 
-        What is no text or number comes from outside: a motion, noise that was measured, a profile's place in time.
+        What is no text or number comes from outside: a motion, noise that was measured, a profile's place in time,
+        the effects of a file.
         """
         if self.noise not in NOISES:
             raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
@@ -124,6 +130,7 @@ class SessionInfo:
             motion=motion,
             offset=offset,
             offset_sd=offset_sd,
+            effects=effects,
         )
 
     def strings(self) -> dict[str, str]:
@@ -151,9 +158,13 @@ class SessionInfo:
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""
-        decisive = {"settings": asdict(self.settings()), "mount": self.mount, "accel_sign": self.accel_sign}
+        settings = asdict(self.settings())
+        del settings["effects"]  # code; its file has a hash
+        decisive = {"settings": settings, "mount": self.mount, "accel_sign": self.accel_sign}
         decisive |= {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}
         decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}
+        if self.effects_sha256:
+            decisive["effects_sha256"] = self.effects_sha256
         text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

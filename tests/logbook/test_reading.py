@@ -307,3 +307,11 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
     assert fast.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
+
+
+def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
+    """Between temperatures the one before, its own at equal stamps, the first for samples before all; NaN for none."""
+    log = Log(tmp_path / "a.mcap", stamp_ns=np.array([0, 10, 20, 30, 40]))
+    assert np.isnan(log.temperature()).all()
+    log.temperature_stamp_ns, log.temperature_degc = np.array([10, 25, 40]), np.array([1.0, 2.0, 3.0])
+    assert log.temperature().tolist() == [1.0, 1.0, 1.0, 2.0, 3.0]
