@@ -20,13 +20,19 @@ _LEAST_RATIO = 1.08
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A driver of a channel's noise: standard deviation from `low` to `high` of its median over the data."""
+    """A driver of a channel's noise: standard deviation from `low` to `high` of its median over the data.
+
+    `knots` and `at`: values of the driver, in its unit, and the relative standard deviation there; empty for a driver
+    that is no scalar.
+    """
 
     channel: int
     driver: str
     low: float
     high: float
     score: float
+    knots: tuple[float, ...] = ()
+    at: tuple[float, ...] = ()
 
     @property
     def ratio(self) -> float:
@@ -105,7 +111,9 @@ def _greedy(
         part = own @ theta[-own.shape[1] :]
         low, high = np.exp(0.5 * np.quantile(part[use] - np.median(part[use]), [0.0, 1.0]))
         chosen.append(best)
-        found.append(Level(c, best.hypothesis.effect.removeprefix("driver:"), float(low), float(high), best_score))
+        curve = _curve(best, theta[-own.shape[1] :], X[:, best.places[c]], use)
+        name = best.hypothesis.effect.removeprefix("driver:")
+        found.append(Level(c, name, float(low), float(high), best_score, *curve))
     if not chosen:
         return np.ones(design.stack.t.size), []
     theta = _theta(base[use], v[use] - mean)
@@ -118,6 +126,16 @@ def _greedy(
         at += atom.size
     fitted = np.exp(0.5 * (raw - np.median(raw)))
     return np.clip(fitted, 0.05, 20.0), [level for level in found if level.ratio > _LEAST_RATIO]
+
+
+def _curve(atom: Atom, theta: Array, columns: Array, use: _Bools) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Relative standard deviation at the knots of a scalar driver."""
+    h = atom.hypothesis
+    if not isinstance(h, Driver) or h.kind != "hat":
+        return (), ()
+    part = columns[use] @ theta
+    at = np.exp(0.5 * (np.append(0.0, theta) - np.median(part)))
+    return h.knots, tuple(np.clip(at, 0.05, 20.0).tolist())
 
 
 def _centred(columns: Array, use: _Bools) -> Array:

@@ -33,6 +33,8 @@ _LONG_S = 4.0 * 3600.0
 _IN_BAND = 1.2
 _SURE = 1.7
 _LEAST_CORRELATION = 0.03
+_SPIKE = 7.0
+_TONE_S = 600.0
 
 Progress = Callable[[float, str], None]
 
@@ -509,16 +511,41 @@ class _Report:
                 parameters["knots"] = list(h.knots)
             names = tuple(CHANNELS[c] for c in h.channels)
             out.append(Included(h.effect, names, "A", parameters, states))
+        tones = [f for f in self.found if isinstance(f.atom.hypothesis, events.Tone)]
         P = fit.covariance[np.ix_(rows, rows)] if rows else np.zeros((0, 0))
         walks = [c for c in self.channels if self.design.drift[c].level > 0.0]
         out += [_included_drift(c, self.design.drift[c]) for c in walks]
-        for level in self.levels:
-            out.append(Included("noise_level", (CHANNELS[level.channel],), "N", {"driver": level.driver}))
-        total = np.eye(len(rows) + len(walks))
+        out += [
+            Included(
+                "noise_level",
+                (CHANNELS[level.channel],),
+                "N",
+                {"driver": level.driver, "knots": list(level.knots), "ratio": list(level.at)},
+            )
+            for level in self.levels
+            if level.knots and not level.driver.startswith(("since_motion", "table_accel"))
+        ]
+        out += self._gates()
+        out += [_included_tone(f) for f in tones]
+        total = np.eye(len(rows) + len(walks) + 2 * len(tones))
         if rows:
             scale = np.sqrt(np.diag(P))
             total[: len(rows), : len(rows)] = P / np.outer(scale, scale)
         return tuple(out), total
+
+    def _gates(self) -> list[Included]:
+        """Readings that the filter is to predict through: spikes and limits."""
+        out = []
+        for effect in ("spikes", "saturation"):
+            for c in self.channels:
+                sizes = [f.size for f in self.faults if f.effect == effect and CHANNELS[c] in f.channels and f.size]
+                if not sizes:
+                    continue
+                unit = DPS if c < 3 else MG
+                rough = [b.rough[:, c].sum() / max(1.0, b.pairs[:, c].sum()) for b in self.stack.blocks]
+                limit = _SPIKE * float(np.sqrt(0.5 * np.median(rough))) if effect == "spikes" else min(sizes)
+                out.append(Included(effect, (CHANNELS[c],), "P", {"limit": limit / unit}))
+        return out
 
     def _series(self) -> tuple[Series, ...]:
         made = []
@@ -680,6 +707,17 @@ def _weak(w: selection.Weak) -> dict[str, Any]:
         "guarded_score": w.guarded,
         "why": w.why,
     }
+
+
+def _included_tone(f: _Found) -> Included:
+    """A slow tone as two states that forget in ten minutes: its phase is every run's own."""
+    h = f.atom.hypothesis
+    assert isinstance(h, events.Tone)
+    unit, si = ("deg/s", DPS) if h.channel < 3 else ("mg", MG)
+    amplitude = float(np.sqrt(np.mean(f.theta**2))) / si
+    q = amplitude * float(np.sqrt(2.0 / _TONE_S))
+    states = tuple(State(name, unit, 0.0, amplitude, _TONE_S, q) for name in ("sin", "cos"))
+    return Included("tone", (CHANNELS[h.channel],), "S", {"hz": h.hz}, states)
 
 
 def _drift(c: int, drift: Drift) -> dict[str, Any]:

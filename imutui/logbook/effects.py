@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from filters.effects.causal import CausalEffects
+from filters.effects.record import Included, State
 from filters.inclusion import Effects, MakeEffects
 from imutui.logbook.session import SessionInfo
 
@@ -110,7 +112,6 @@ class EffectsDocument:
         return np.asarray(self.correlation * np.outer(sd, sd))
 
 
-# SEAM: the catalogue of effects is connected here, and nowhere else.
 def build(document: EffectsDocument, info: SessionInfo) -> Effects:
     """Effects of one run, in body axes and SI, from an effects file.
 
@@ -126,8 +127,17 @@ def build(document: EffectsDocument, info: SessionInfo) -> Effects:
     ValueError
         If an effect is none that there is, or lacks a parameter; the message names it.
     """
-    names = ", ".join(sorted({entry.effect for entry in document.effects})) or "none"
-    raise ValueError(f"no effects known: the file names {names}, and this version cannot include any")
+    included = [
+        Included(
+            entry.effect,
+            entry.channels,
+            entry.include_as,
+            dict(entry.parameters),
+            tuple(State(s.name, s.unit, s.mean, s.sd, s.tau_s, s.q) for s in entry.states),
+        )
+        for entry in document.effects
+    ]
+    return CausalEffects(included, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
 
 
 def maker(content: bytes, info: SessionInfo) -> MakeEffects | None:

@@ -97,6 +97,15 @@ class SessionInfo:
         """Between instrument and body axes."""
         return AxisMap(parse_mount(self.mount), self.accel_sign, parse_signs(self.gyro_sign))
 
+    def site(self) -> Site:
+        """Where the unit stood."""
+        return Site(
+            float(np.deg2rad(self.latitude_deg)),
+            float(np.deg2rad(self.longitude_deg)),
+            self.height_m,
+            self.gravity_mps2,
+        )
+
     def settings(
         self,
         motion: Profile | Trajectory | None = None,
@@ -112,17 +121,11 @@ class SessionInfo:
         """
         if self.noise not in NOISES:
             raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
-        site = Site(
-            float(np.deg2rad(self.latitude_deg)),
-            float(np.deg2rad(self.longitude_deg)),
-            self.height_m,
-            self.gravity_mps2,
-        )
         return Settings(
             1.0 / self.rate_hz,
             filter="spkf" if self.filter == "none" else self.filter,
             reference=self.reference,
-            site=site,
+            site=self.site(),
             measurements=self.measurements,
             seed=self.seed,
             kappa=self.kappa,
