@@ -1,4 +1,4 @@
-"""Samples, temperatures, packets and table angles as columns that grow, filled from batches of messages or one by one."""
+"""Samples, temperatures, packets and table angles as columns that grow, from batches of messages or one by one."""
 
 import numpy as np
 from mcap.records import Message
