@@ -148,8 +148,8 @@ def _from_trajectory(log: Log, known: Trajectory) -> Motion:
     if not rows.any():
         raise ValueError(
             f"{log.path}: its trajectory has no attitude (roll, pitch, yaw are empty), and tracing needs the attitude"
-            " at each sample. Trace a part at rest with --reference gravity, or import with arrays `ang` or `ref_quat`, or"
-            " name a table profile: --reference FILE."
+            " at each sample. Trace a part at rest with --reference gravity, or import with arrays `ang` or `ref_quat`,"
+            " or name a table profile: --reference FILE."
         )
     t, at = log.seconds(), known.t[rows]
     # roll, pitch, yaw turn about the same axes in the other order: Rz Ry Rx is the transpose of Rx(-) Ry(-) Rz(-)
@@ -157,14 +157,15 @@ def _from_trajectory(log: Log, known: Trajectory) -> Motion:
     angles = _lines(t, at, own, turns=True)
     near = np.interp(t, at, np.abs(np.cos(own[:, 1])))
     # farther from a row than three of their steps, nobody knows the attitude
-    far = _distance(t, at) > 3.0 * float(np.median(np.diff(at), initial=0.0)) + 1.0 / max(1.0, t.size / t[-1])
+    step = float(np.median(np.diff(at))) if at.size > 1 else 0.0
+    far = _distance(t, at) > 3.0 * step + t[-1] / t.size
     angles[far | (near < _GIMBAL)] = np.nan
     return _completed(log, t, angles, np.full_like(angles, np.nan))
 
 
 def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
     """Angles without gaps, which are marked as unknown, and rates from them where there are none of their own."""
-    known = np.isfinite(angles).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(angles).all(axis=1))
     if known.mean() < _MOSTLY:
         raise ValueError(
             f"{log.path}: the attitude is known for {100.0 * known.mean():.0f} % of the samples; tracing needs most of"
