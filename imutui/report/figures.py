@@ -92,8 +92,10 @@ def _picture(name: str, title: str, figure: "Figure") -> Picture:
 def _six() -> "tuple[Figure, list[Axes]]":
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, 8.0), layout="constrained")
+    # places are fixed: a layout that is solved for costs more than all the curves
+    figure = Figure(figsize=(10.0, 8.0))
     axes = figure.subplots(3, 2, sharex=True)
+    figure.subplots_adjust(0.08, 0.06, 0.98, 0.98, wspace=0.2, hspace=0.08)
     # gyros on the left, accelerometers on the right
     return figure, [axes[k % 3, k // 3] for k in range(6)]
 
@@ -216,6 +218,9 @@ def _whole(x: Array) -> Array:
 def _name(ax: "Axes", k: int, text: str) -> None:
     ax.set_ylabel(text)
     ax.grid(visible=True, lw=0.3)
+    for axis in (ax.xaxis, ax.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_minor_formatter("")
     if k == 0:
         ax.legend(frameon=False, fontsize="small")
 
