@@ -8,15 +8,15 @@ regressor is the exact regressor of the mean residual: regressors of motion are 
 What it leaves out: flags (`effects.faults`), whitening (`whitening`), what the residual means (`tracing`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-from filters import earth, motion
-from filters.effects.inputs import LAGS, PLAYS, Inputs
+from filters import earth
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
 from filters.imu import AxisMap
 from filters.state import Site
 from filters.types import Array
@@ -29,7 +29,7 @@ _SMOOTH_S = 5.0
 _SLOPE_S = 15.0
 _AT_REST = np.deg2rad(0.01)
 _BURSTS = 0.02
-_CHUNK = 1 << 16
+_CHUNK = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,25 @@ def _sensed(run: Run, rows: slice) -> tuple[Array, Array, Array, Array]:
     """What a perfect unit reads, its Earth rate alone, its reading of tilt, body rate of the table (body axes)."""
     axes, site = run.axes, run.site
     angles, rates = (run.angles, run.rates) if run.still else (run.angles[rows], run.rates[rows])
-    C = motion.attitudes(angles) if run.C_nb is None else run.C_nb[None]
-    turning = motion.body_rate(angles, rates)
+    C, turning = _attitudes(angles, rates)
+    if run.C_nb is not None:
+        C = run.C_nb[None]
     spin = axes.gyro_to_instrument(np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(site.latitude))))
     force = axes.accel_to_instrument(-site.gravity * C[:, 2])
     # δ × (0, 0, -γ) of a tilt about north is γ east, about east -γ north
     tilt = site.gravity * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
     return np.hstack([axes.gyro_to_instrument(turning) + spin, force]), spin, tilt, turning
+
+
+def _attitudes(angles: Array, rates: Array) -> tuple[Array, Array]:
+    """As `motion.attitudes` and `motion.body_rate`, whole arrays at a time; shapes (n, 3, 3) and (n, 3)."""
+    (so, sm, si), (co, cm, ci) = np.sin(angles).T, np.cos(angles).T
+    C = np.empty((len(angles), 3, 3))
+    C[:, 0, 0], C[:, 0, 1], C[:, 0, 2] = cm * ci, -(cm * si), sm
+    C[:, 1, 0], C[:, 1, 1], C[:, 1, 2] = co * si + so * sm * ci, co * ci - so * sm * si, -(so * cm)
+    C[:, 2, 0], C[:, 2, 1], C[:, 2, 2] = so * si - co * sm * ci, so * ci + co * sm * si, co * cm
+    o, m, i = rates.T
+    return C, np.stack([ci * cm * o + si * m, ci * m - si * cm * o, sm * o + i], axis=1)
 
 
 @dataclass(frozen=True)
@@ -128,6 +140,10 @@ class Blocks:
         Mean residual, shape (n, 6); 0 where there is no weight.
     weight : Array
         Share of the samples that were there and good, 0 to 1, shape (n, 6); 0 if more than 15 % were flagged.
+    rough : Array
+        Sum of the squared differences of neighbouring samples, shape (n, 6), and
+    pairs : Array
+        how many, shape (n, 6).
     """
 
     run: Run
@@ -135,21 +151,35 @@ class Blocks:
     t: Array
     y: Array
     weight: Array
+    rough: Array
+    pairs: Array
     _edges: NDArray[np.int_]
     _slow: dict[str, Array]
 
-    def mean(self, columns: Callable[[Inputs], Array]) -> Array:
-        """Block means of columns, functions of the drivers; from (N, …) to (n, …)."""
+    def mean(self, columns: Sequence[tuple[Callable[[Inputs], Array], slice]], out: Array) -> None:
+        """Block means of columns, functions of the drivers.
+
+        Parameters
+        ----------
+        columns : sequence of (callable, slice)
+            What gives the columns at the samples, shape (N, k), and where they go in `out`.
+        out : Array
+            Shape (n, K), filled in place.
+        """
         if self.run.still:
-            return columns(self._inputs_at_rest())
-        parts = []
+            inputs = self._inputs_at_rest()
+            for f, place in columns:
+                out[:, place] = f(inputs)
+            return
         for first, last in self._chunks():
             inputs, edges = self._inputs_moving(first, last)
-            values = columns(inputs)
-            counts = np.diff(np.append(edges, inputs.t.size))
-            sums = np.add.reduceat(values, edges, axis=0)
-            parts.append(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
-        return np.concatenate(parts)
+            counts = np.diff(np.append(edges, inputs.t.size))[:, None]
+            for f, place in columns:
+                out[first:last, place] = np.add.reduceat(f(inputs), edges, axis=0) / counts
+
+    def slow(self) -> Inputs:
+        """Drivers at the middle of the blocks, of which only time, temperature and what follows motion are meant."""
+        return self._inputs_at_rest()
 
     def _chunks(self) -> list[tuple[int, int]]:
         """Ranges of blocks of about as many samples as fit a cache."""
@@ -157,9 +187,10 @@ class Blocks:
         return [(k, min(k + per, self.t.size)) for k in range(0, self.t.size, per)]
 
     def _inputs_at_rest(self) -> Inputs:
-        x, spin, tilt, _ = _sensed(self.run, slice(None))
+        x, spin, tilt, _ = _sensed(self.run, slice(0, 1))
         n = self.t.size
         slow, zero = self._slow, np.zeros((1, 3))
+        angles = self.run.angles[:1]
         return Inputs(
             self.t,
             np.broadcast_to(x, (n, 6)),
@@ -171,11 +202,11 @@ class Blocks:
             np.broadcast_to(spin, (n, 3)),
             np.broadcast_to(tilt, (n, 3, 2)),
             np.zeros((n, 3, 3)),
-            np.broadcast_to(self.run.angles, (n, 3)),
+            np.broadcast_to(angles, (n, 3)),
             np.broadcast_to(zero, (n, 3)),
             np.zeros(n),
-            self.t,
-            np.broadcast_to(zero, (n, 3)),
+            slow["since_motion"],
+            slow["direction"],
         )
 
     def _inputs_moving(self, first: int, last: int) -> tuple[Inputs, NDArray[np.int_]]:
@@ -243,14 +274,15 @@ def blocks(run: Run, block_s: float = BLOCK_S) -> Blocks:
     number = np.floor((t - t[0]) / period + 1e-6).astype(np.int64)
     edges = np.append(np.flatnonzero(np.diff(number, prepend=-1)), t.size)
     counts = np.diff(edges)
-    y, good = np.empty((counts.size, 6)), np.empty((counts.size, 6))
+    y, good, rough, pairs = (np.empty((counts.size, 6)) for _ in range(4))
     for first in range(0, counts.size, max(1, _CHUNK // per)):
         last = min(first + max(1, _CHUNK // per), counts.size)
-        y[first:last], good[first:last] = _means(run, edges[first : last + 1])
+        rows = slice(first, last)
+        y[rows], good[rows], rough[rows], pairs[rows] = _means(run, edges[first : last + 1])
     share = good / np.maximum(per, counts)[:, None]
     weight = np.where(good < (1.0 - _SHARE_FLAGGED) * counts[:, None], 0.0, share)
     mid = np.add.reduceat(t, edges[:-1]) / counts
-    made = Blocks(run, period, mid, np.where(weight > 0.0, y, 0.0), weight, edges, {})
+    made = Blocks(run, period, mid, np.where(weight > 0.0, y, 0.0), weight, rough, pairs, edges, {})
     return replace(made, _slow=_slow(run, made))
 
 
@@ -271,14 +303,20 @@ def residual(run: Run, rows: slice = slice(None)) -> Array:
     return r if run.flagged is None else np.where(run.flagged[rows], np.nan, r)
 
 
-def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array]:
+def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array, Array, Array]:
+    """Means, numbers of good samples, sums of squared differences and their numbers, of some blocks."""
     begin, end = int(edges[0]), int(edges[-1])
-    r = residual(run, slice(max(0, begin - 1), min(run.t.size, end + 1)))
-    r = r[begin - max(0, begin - 1) :][: end - begin]
+    low = max(0, begin - 1)
+    r = residual(run, slice(low, min(run.t.size, end + 1)))[begin - low :][: end - begin]
     good = np.isfinite(r)
     starts = edges[:-1] - begin
     counts = np.add.reduceat(good.astype(np.float64), starts, axis=0)
-    return np.add.reduceat(np.where(good, r, 0.0), starts, axis=0) / np.maximum(counts, 1.0), counts
+    means = np.add.reduceat(np.where(good, r, 0.0), starts, axis=0) / np.maximum(counts, 1.0)
+    steps = np.diff(r, axis=0, prepend=np.nan)
+    paired = np.isfinite(steps)
+    paired[starts] = False
+    rough = np.add.reduceat(np.where(paired, steps, 0.0) ** 2, starts, axis=0)
+    return means, counts, rough, np.add.reduceat(paired.astype(np.float64), starts, axis=0)
 
 
 def _slow(run: Run, made: Blocks) -> dict[str, Array]:
@@ -312,7 +350,7 @@ def _thermal(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> dict
             "temperature": nan,
             "temperature_rate": nan,
             "lagged": np.full((n, len(LAGS)), np.nan),
-            "plays": np.full((n, PLAYS), np.nan),
+            "plays": np.full((n, len(PLAY_WIDTHS)), np.nan),
         }
     known = np.isfinite(run.temperature)
     sums = np.add.reduceat(np.where(known, run.temperature, 0.0), edges[:-1])
@@ -324,7 +362,7 @@ def _thermal(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> dict
         "temperature": smooth,
         "temperature_rate": rate,
         "lagged": np.stack([lag(smooth, tau / period) for tau in LAGS], axis=1),
-        "plays": plays(smooth - smooth[0], Inputs.__dataclass_fields__["play_width"].default),
+        "plays": plays(smooth - smooth[0]),
     }
 
 
@@ -359,18 +397,27 @@ def lag(u: Array, samples: float) -> Array:
     return np.asarray(out)
 
 
-def plays(u: Array, width: float) -> Array:
-    """Play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r), P = 0 at the start; shape (n, PLAYS).
+def plays(u: Array) -> Array:
+    """Banks of play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r), P = 0 at the start.
 
-    Half-widths r are 1 … `PLAYS` sixths of `width`.
+    Parameters
+    ----------
+    u : Array
+        Temperature less that of the start, K, shape (n,).
+
+    Returns
+    -------
+    Array
+        Mean of the operators of a bank over its width, shape (n, PLAY_WIDTHS).
     """
-    r = width * np.arange(1, PLAYS + 1) / PLAYS
-    out = np.empty((u.size, PLAYS))
-    at = np.zeros(PLAYS)
-    for k, value in enumerate(u):
+    widths = np.array(PLAY_WIDTHS)
+    r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
+    out = np.empty((u.size, r.size))
+    at = np.zeros(r.size)
+    for k, value in enumerate(u.tolist()):
         at = np.minimum(np.maximum(at, value - r), value + r)
         out[k] = at
-    return out
+    return np.asarray(out.reshape(u.size, widths.size, PLAYS).mean(axis=2) / widths)
 
 
 def rest_attitudes(angles: Array, tolerance: float = 1e-9) -> Array:

@@ -3,15 +3,17 @@
 The same names serve the tracer, which has whole runs, and the filter, which has the past only.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from filters.types import Array
 
-LAGS = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0)
+LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0)
 """Time constants of the lagged temperatures, s."""
 
+PLAY_WIDTHS = (3.0, 10.0, 30.0)
+"""Widths of the banks of play operators, K."""
 PLAYS = 6
-"""Play operators of the hysteresis bank."""
+"""Play operators in a bank."""
 
 AXES = ("outer", "middle", "inner")
 
@@ -33,7 +35,8 @@ class Inputs:
     lagged : Array
         T_tau for `LAGS`, following T from equality at the start, degC, shape (n, LAGS).
     plays : Array
-        Play operators of half-widths 1 … 6 sixths of `play_width`, K from the start's temperature, shape (n, PLAYS).
+        For each of `PLAY_WIDTHS` the mean of `PLAYS` play operators over the width; they follow T from the start's
+        temperature with half-widths 1 … 6 sixths of the width; shape (n, PLAY_WIDTHS).
     spin : Array
         Earth rate as the gyros see it, rad/s, shape (n, 3).
     horizontal : Array
@@ -48,8 +51,6 @@ class Inputs:
         s since the table last moved (since the start if it never did), shape (n,).
     direction : Array
         Sign of the last motion of each axis, 0 before the first, shape (n, 3).
-    play_width : float
-        K.
     """
 
     t: Array
@@ -67,4 +68,3 @@ class Inputs:
     table_accel: Array
     since_motion: Array
     direction: Array
-    play_width: float = field(default=10.0)

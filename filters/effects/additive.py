@@ -1,0 +1,381 @@
+"""Errors that a sensor adds by itself: functions of temperature, of time, and of what it senses (catalogue 1-11, 13, 14).
+
+x is what the channel itself senses, T the temperature in the case, T' its rate, t the time since power-on.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from filters.effects.hypothesis import DPS, GYROS, G, Own, Parameter
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
+from filters.types import Array
+
+T0 = 25.0
+"""Temperature at which thermal terms are zero, degC."""
+WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
+
+
+@dataclass(frozen=True)
+class ThermalLin(Own):
+    """e = k (T - T0)."""
+
+    effect: ClassVar = "thermal_lin"
+    source: ClassVar = "temperature"
+    text: ClassVar = "bias follows temperature"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """T - T0."""
+        return (inputs.temperature - T0)[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/K", 1.0, 0.02, 0.3)
+
+
+@dataclass(frozen=True)
+class ThermalPoly(Own):
+    """e = k1 dT + k2 dT² (+ k3 dT³), dT = T - T0."""
+
+    order: int = 2
+
+    effect: ClassVar = "thermal_poly"
+    source: ClassVar = "temperature"
+    text: ClassVar = "bias is a curve in temperature"
+
+    @property
+    def grid(self) -> int:
+        """Two orders."""
+        return 2
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Powers of dT."""
+        return (inputs.temperature - T0)[:, None] ** np.arange(1, self.order + 1)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k1, k2, k3."""
+        priors = ((0.02, 0.3), (1e-3, 0.015), (2e-5, 3e-4))
+        names = ("/K", "/K2", "/K3")
+        return tuple(self.one(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
+
+    def shape(self) -> Mapping[str, float | str]:
+        """The order."""
+        return {"order": float(self.order)}
+
+
+@dataclass(frozen=True)
+class ThermalRate(Own):
+    """e = k T'."""
+
+    effect: ClassVar = "thermal_rate"
+    source: ClassVar = "temperature"
+    text: ClassVar = "bias follows the rate of temperature"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """T'."""
+        return inputs.temperature_rate[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/(K/s)", 1.0, 1.0, 15.0)
+
+
+@dataclass(frozen=True)
+class ThermalLag(Own):
+    """e = k (T_tau - T), T_tau following T as a first-order lag does, from equality at power-on."""
+
+    lag: int = 0
+
+    effect: ClassVar = "thermal_lag"
+    source: ClassVar = "temperature"
+    text: ClassVar = "bias lags behind temperature"
+
+    @property
+    def grid(self) -> int:
+        """Number of time constants."""
+        return len(LAGS)
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """T_tau - T."""
+        return (inputs.lagged[:, self.lag] - inputs.temperature)[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/K", 1.0, 0.02, 0.3)
+
+    def shape(self) -> Mapping[str, float | str]:
+        """The time constant."""
+        return {"tau_s": LAGS[self.lag]}
+
+
+@dataclass(frozen=True)
+class Hysteresis(Own):
+    """e = k · mean of P_n(T - T(0)) / width over a bank of play operators."""
+
+    bank: int = 0
+
+    effect: ClassVar = "hysteresis"
+    source: ClassVar = "temperature"
+    text: ClassVar = "bias remembers the way temperature came (play)"
+
+    @property
+    def grid(self) -> int:
+        """Number of widths."""
+        return len(PLAY_WIDTHS)
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """The bank."""
+        return inputs.plays[:, self.bank, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "", 1.0, 0.3, 5.0)
+
+    def shape(self) -> Mapping[str, float | str]:
+        """The width."""
+        return {"width_k": PLAY_WIDTHS[self.bank]}
+
+
+@dataclass(frozen=True)
+class Warmup(Own):
+    """e = k exp(-t/tau)."""
+
+    tau: float = WARMUP_TAUS[0]
+
+    effect: ClassVar = "warmup"
+    source: ClassVar = "time"
+    text: ClassVar = "bias settles after power-on"
+
+    @property
+    def grid(self) -> int:
+        """Number of time constants."""
+        return len(WARMUP_TAUS)
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """exp(-t/tau)."""
+        return np.exp(-inputs.t / self.tau)[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "", 1.0, 0.2, 3.0)
+
+    def shape(self) -> Mapping[str, float | str]:
+        """The time constant."""
+        return {"tau_s": self.tau}
+
+
+@dataclass(frozen=True)
+class Ramp(Own):
+    """e = k t."""
+
+    effect: ClassVar = "ramp"
+    source: ClassVar = "time"
+    text: ClassVar = "bias runs away with time"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """t."""
+        return inputs.t[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/s", 1.0, 1e-5, 1.5e-4)
+
+
+@dataclass(frozen=True)
+class Scale(Own):
+    """e = k x."""
+
+    effect: ClassVar = "scale"
+    source: ClassVar = "motion"
+    text: ClassVar = "scale factor is off"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """x."""
+        return inputs.x[:, channel, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return (Parameter("k", "1", 1.0, 0.01),)
+
+
+@dataclass(frozen=True)
+class Asymmetry(Own):
+    """e = k abs(x)."""
+
+    effect: ClassVar = "asymmetry"
+    source: ClassVar = "motion"
+    text: ClassVar = "scale factor differs between + and -"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """abs(x)."""
+        return np.abs(inputs.x[:, channel, None])
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return (Parameter("k", "1", 1.0, 3e-3),)
+
+
+@dataclass(frozen=True)
+class NonlinearityCubic(Own):
+    """e = k x³."""
+
+    effect: ClassVar = "nonlinearity_cubic"
+    source: ClassVar = "motion"
+    text: ClassVar = "reading is not linear (cubic)"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """x³."""
+        return inputs.x[:, channel, None] ** 3
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k; priors .3 % of full scale (200 deg/s) and 1 % (4 g)."""
+        unit, si = self.input_unit()
+        return self.one("k", f"/{unit}3", si**3, 7.5e-8, 0.6)
+
+
+@dataclass(frozen=True)
+class NonlinearityQuadratic(Own):
+    """e = k ω² of a gyro; an accelerometer's own f² is g_squared."""
+
+    effect: ClassVar = "nonlinearity_quadratic"
+    where: ClassVar = GYROS
+    source: ClassVar = "motion"
+    text: ClassVar = "reading is not linear (quadratic)"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """ω²."""
+        return inputs.x[:, channel, None] ** 2
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
+
+
+@dataclass(frozen=True)
+class ThermalScale(Own):
+    """e = k x (T - T0)."""
+
+    effect: ClassVar = "thermal_scale"
+    source: ClassVar = "motion"
+    text: ClassVar = "scale factor follows temperature"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """x (T - T0)."""
+        return (inputs.x[:, channel] * (inputs.temperature - T0))[:, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return (Parameter("k", "1/K", 1.0, 2e-4),)
+
+
+@dataclass(frozen=True)
+class CrossAxis(Own):
+    """e = sum of k_j x_j over the sensors of the same kind on the other axes, or one of them alone."""
+
+    only: int = -1
+
+    effect: ClassVar = "cross_axis"
+    source: ClassVar = "motion"
+    text: ClassVar = "senses the other axes"
+
+    @property
+    def grid(self) -> int:
+        """Both, or either."""
+        return 3
+
+    def _others(self) -> list[int]:
+        kind = range(3) if self.gyro else range(3, 6)
+        return [j for j in kind if j != self.channel and self.only in (-1, j % 3)]
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """x_j, x_k."""
+        return inputs.x[:, self._others()]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k_j, k_k."""
+        return tuple(Parameter("xyz"[j % 3], "rad", 1.0, 0.01) for j in self._others())
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Which axes."""
+        return {"axes": "".join("xyz"[j % 3] for j in self._others())}
+
+
+@dataclass(frozen=True)
+class GSensitivity(Own):
+    """e = G · f of a gyro, f as the accelerometers read it; all of G, or along one axis alone."""
+
+    only: int = -1
+
+    effect: ClassVar = "g_sensitivity"
+    where: ClassVar = GYROS
+    source: ClassVar = "motion"
+    text: ClassVar = "bias follows specific force"
+
+    @property
+    def grid(self) -> int:
+        """All, or one of three."""
+        return 4
+
+    def _axes(self) -> list[int]:
+        return [j for j in range(3) if self.only in (-1, j)]
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """f."""
+        return inputs.x[:, [3 + j for j in self._axes()]]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """G."""
+        return tuple(Parameter("xyz"[j], "deg/s/g", DPS / G, 0.05) for j in self._axes())
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Which axes."""
+        return {"axes": "".join("xyz"[j] for j in self._axes())}
+
+
+@dataclass(frozen=True)
+class GSquared(Own):
+    """e = k f_j²: vibration rectification, or an accelerometer's own quadratic term."""
+
+    axis: int = 0
+
+    effect: ClassVar = "g_squared"
+    source: ClassVar = "motion"
+    text: ClassVar = "bias follows the square of specific force"
+
+    @property
+    def grid(self) -> int:
+        """Three axes."""
+        return 3
+
+    @property
+    def label(self) -> str:
+        """With the axis."""
+        return f"{self.text} along {'xyz'[self.axis]}"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """f_j²."""
+        return inputs.x[:, 3 + self.axis, None] ** 2
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return self.one("k", "/g2", G**2, 0.02, 3.0)
+
+    def shape(self) -> Mapping[str, float | str]:
+        """The axis."""
+        return {"axis": "xyz"[self.axis]}
+
+
+def hypotheses(channel: int) -> list[Own]:
+    """All hypotheses of this module on a channel."""
+    plain = (ThermalLin, ThermalRate, Ramp, Scale, Asymmetry, NonlinearityCubic, NonlinearityQuadratic)
+    made: list[Own] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
+    made += [CrossAxis(channel, only) for only in (-1, 0, 1, 2) if only != channel % 3]
+    made += [GSensitivity(channel, only) for only in (-1, 0, 1, 2) if channel in GSensitivity.where]
+    made += [ThermalPoly(channel, order) for order in (2, 3)]
+    made += [ThermalLag(channel, number) for number in range(len(LAGS))]
+    made += [Hysteresis(channel, number) for number in range(len(PLAY_WIDTHS))]
+    made += [Warmup(channel, tau) for tau in WARMUP_TAUS]
+    made += [GSquared(channel, axis) for axis in range(3)]
+    return made

@@ -1,0 +1,271 @@
+"""Free curves over anything that was logged: what finds an effect whose form, or whose name, no catalogue has.
+
+A driver is a quantity of `Inputs` in the unit it is reported in; a basis makes columns of it.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from filters.effects.hypothesis import DPS, G, Own, Parameter
+from filters.effects.inputs import AXES, Inputs
+from filters.types import Array
+
+SETTLING_TAUS = (2.0, 10.0, 40.0)
+THRESHOLDS = 9
+_KNOTS = {"time": 9, "temperature": 8, "temperature_rate": 6, "since_motion": 6, "rate_norm": 6, "table_accel": 5}
+_KNOTS_INPUT = 7
+_FOURIER = (3, 6)
+_LOGARITHMIC = ("since_motion",)
+
+Values = Callable[[Inputs], Array]
+
+
+def _input(column: int) -> Values:
+    return lambda inputs: inputs.x[:, column] / (DPS if column < 3 else G)
+
+
+def _product(a: Values, b: Values) -> Values:
+    return lambda inputs: a(inputs) * b(inputs)
+
+
+def _norm(inputs: Inputs) -> Array:
+    return np.asarray(np.linalg.norm(inputs.x[:, :3], axis=1)) / DPS
+
+
+SCALARS: dict[str, tuple[str, Values, str]] = {
+    "time": ("s", lambda inputs: inputs.t, "time"),
+    "temperature": ("degC", lambda inputs: inputs.temperature, "temperature"),
+    "temperature_rate": ("K/s", lambda inputs: inputs.temperature_rate, "temperature"),
+    "since_motion": ("s", lambda inputs: inputs.since_motion, "motion"),
+    **{f"w{axis}": ("deg/s", _input(k), "motion") for k, axis in enumerate("xyz")},
+    **{f"f{axis}": ("g", _input(3 + k), "motion") for k, axis in enumerate("xyz")},
+    "rate_norm": ("deg/s", _norm, "motion"),
+    "table_accel": ("deg/s2", lambda inputs: inputs.table_accel / DPS, "motion"),
+}
+"""Name to unit, value, and what it is a function of."""
+
+
+def _turns(axis: int) -> Values:
+    return lambda inputs: inputs.angles[:, axis] / (2.0 * np.pi)
+
+
+def _direction(axis: int) -> Values:
+    return lambda inputs: inputs.direction[:, axis]
+
+
+def _angle(axis: int) -> Values:
+    return lambda inputs: inputs.angles[:, axis] / DPS
+
+
+@dataclass(frozen=True)
+class Driver(Own):
+    """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit.
+
+    Attributes
+    ----------
+    name : str
+        Of the driver.
+    columns_of : callable
+        Columns from the inputs, dimensionless, shape (n, k).
+    count : int
+        k.
+    kind : str
+        Of the basis: hat, fourier, line, threshold, settling.
+    parts : dict
+        Knots and the like.
+    choices : int
+        Size of the grid it is one of.
+    driven_by : str
+        "time", "temperature" or "motion".
+    """
+
+    name: str = ""
+    columns_of: Callable[[Inputs], Array] = field(default=lambda inputs: inputs.t[:, None], compare=False, repr=False)
+    count: int = 1
+    kind: str = "line"
+    parts: Mapping[str, float | str] = field(default_factory=dict, compare=False)
+    knots: tuple[float, ...] = ()
+    unit: str = ""
+    choices: int = 1
+    driven_by: str = "motion"
+
+    @property
+    def effect(self) -> str:  # type: ignore[override]
+        """driver:NAME."""
+        return f"driver:{self.name}"
+
+    @property
+    def source(self) -> str:  # type: ignore[override]
+        """What it is a function of."""
+        return self.driven_by
+
+    @property
+    def grid(self) -> int:
+        """Size of the grid."""
+        return self.choices
+
+    @property
+    def label(self) -> str:
+        """Words for a sentence."""
+        return f"error is a function of {self.name}"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """The basis."""
+        return self.columns_of(inputs)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each column; any size is plausible where nothing is known."""
+        names = [f"at {knot:.4g} {self.unit}" for knot in self.knots[1:]] if self.kind == "hat" else None
+        return tuple(
+            self.one(names[k] if names else f"b{k + 1}" if self.count > 1 else "k", "", 1.0, 1.0, 10.0)[0]
+            for k in range(self.count)
+        )
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Basis and knots."""
+        return {"basis": self.kind, **self.parts}
+
+
+def hats(values: Array, knots: Array) -> Array:
+    """Hat functions on the knots but the first (their sum is a constant, which is the bias); shape (n, K - 1)."""
+    place = np.clip(np.interp(values, knots, np.arange(knots.size)), 0.0, knots.size - 1.0)
+    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(1, knots.size)))
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """Columns that are the same for every channel, to be computed once; what `Driver` carries."""
+
+    name: str
+    columns_of: Callable[[Inputs], Array]
+    count: int
+    kind: str
+    driven_by: str
+    parts: dict[str, float | str]
+    knots: tuple[float, ...] = ()
+    unit: str = ""
+    choices: int = 1
+
+    def on(self, channel: int) -> Driver:
+        """The hypothesis on a channel."""
+        return Driver(
+            channel,
+            self.name,
+            self.columns_of,
+            self.count,
+            self.kind,
+            self.parts,
+            self.knots,
+            self.unit,
+            self.choices,
+            self.driven_by,
+        )
+
+
+def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+    """All bases that the data can carry.
+
+    Parameters
+    ----------
+    ranges : mapping
+        Least and greatest value of each scalar driver over all runs, and of "outer", "middle", "inner" (rad); those
+        that do not vary are missing.
+
+    Returns
+    -------
+    list of Basis
+    """
+    made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
+    if "temperature" in ranges:
+        made += _thresholds(*ranges["temperature"])
+    for k, axis in enumerate(AXES):
+        if axis in ranges:
+            made += _of_axis(k, axis, ranges[axis])
+    return made + _products(ranges)
+
+
+def _hat(name: str, low: float, high: float) -> Basis:
+    unit, value, source = SCALARS[name]
+    count = _KNOTS.get(name, _KNOTS_INPUT)
+    if name in _LOGARITHMIC:
+        knots = np.expm1(np.linspace(np.log1p(low), np.log1p(high), count))
+    else:
+        knots = np.linspace(low, high, count)
+    return Basis(
+        name, lambda inputs: hats(value(inputs), knots), count - 1, "hat", source, {}, tuple(knots.tolist()), unit
+    )
+
+
+def _thresholds(low: float, high: float) -> list[Basis]:
+    at = np.linspace(low, high, THRESHOLDS + 2)[1:-1]
+
+    def one(limit: float) -> Basis:
+        def above(inputs: Inputs) -> Array:
+            return (inputs.temperature > limit).astype(np.float64)[:, None]
+
+        parts: dict[str, float | str] = {"threshold_degc": limit}
+        name = "temperature_threshold"
+        return Basis(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS)
+
+    return [one(float(limit)) for limit in at]
+
+
+def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:
+    def fourier(order: int) -> Basis:
+        def columns(inputs: Inputs) -> Array:
+            angle = inputs.angles[:, k, None] * np.arange(1, order + 1)
+            return np.hstack([np.sin(angle), np.cos(angle)])
+
+        parts: dict[str, float | str] = {"order": float(order)}
+        return Basis(f"angle_{axis}", columns, 2 * order, "fourier", "motion", parts, unit="deg", choices=len(_FOURIER))
+
+    def settling(tau: float) -> Basis:
+        def columns(inputs: Inputs) -> Array:
+            return (inputs.direction[:, k] * np.exp(-inputs.since_motion / tau))[:, None]
+
+        return Basis(f"settling_{axis}", columns, 1, "settling", "motion", {"tau_s": tau}, choices=len(SETTLING_TAUS))
+
+    made = [fourier(order) for order in _FOURIER] + [settling(tau) for tau in SETTLING_TAUS]
+    made.append(_line(f"direction_{axis}", _direction(k), "motion"))
+    if span[1] - span[0] > 2.0 * np.pi:
+        made.append(_line(f"turns_{axis}", _turns(k), "motion"))
+    return made
+
+
+def _line(name: str, value: Values, source: str) -> Basis:
+    return Basis(name, lambda inputs: value(inputs)[:, None], 1, "line", source, {})
+
+
+def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+    w, f = [f"w{axis}" for axis in "xyz"], [f"f{axis}" for axis in "xyz"]
+    pairs = [*itertools.product(w, f), *itertools.product(("temperature", "time"), (*w, *f))]
+    made = [
+        _line(f"{a}*{b}", _product(_centred(a, ranges), SCALARS[b][1]), "motion")
+        for a, b in pairs
+        if a in ranges and b in ranges
+    ]
+    for a, (k, axis) in itertools.product(("temperature", "time"), enumerate(AXES)):
+        if a in ranges and axis in ranges:
+            made.append(_with_angle(a, _centred(a, ranges), k, axis))
+    return made
+
+
+def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
+    """Temperature and time from the middle of their range: else a product with them is nearly its other factor."""
+    value = SCALARS[name][1]
+    if name not in ("temperature", "time"):
+        return value
+    middle = 0.5 * sum(ranges[name])
+    return lambda inputs: value(inputs) - middle
+
+
+def _with_angle(name: str, value: Values, k: int, axis: str) -> Basis:
+
+    def columns(inputs: Inputs) -> Array:
+        angle = inputs.angles[:, k]
+        return np.stack([value(inputs) * np.sin(angle), value(inputs) * np.cos(angle)], axis=1)
+
+    return Basis(f"{name}*angle_{axis}", columns, 2, "fourier", "motion", {"order": 1.0})

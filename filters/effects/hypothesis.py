@@ -1,0 +1,126 @@
+"""What every deterministic effect offers: columns that its parameters multiply, and what the parameters mean."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from filters.effects.inputs import Inputs
+from filters.imu import STANDARD_GRAVITY
+from filters.types import Array
+
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+ALL = tuple(range(6))
+GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
+
+DPS = np.pi / 180.0
+MG = 1e-3 * STANDARD_GRAVITY
+G = STANDARD_GRAVITY
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of an effect on one channel.
+
+    Attributes
+    ----------
+    name, unit : str
+        As reported.
+    si : float
+        SI value of one unit.
+    prior : float
+        Plausible standard deviation for this class of instruments, in the unit.
+    """
+
+    name: str
+    unit: str
+    si: float
+    prior: float
+
+
+@runtime_checkable
+class Hypothesis(Protocol):
+    """One way in which readings may be wrong: e = columns · θ.
+
+    Attributes
+    ----------
+    effect : str
+        Name in the catalogue, or driver:NAME.
+    label : str
+        A few words for a sentence.
+    channels : tuple of int
+        Those it acts on with the same θ: one, or several where it is shared.
+    source : str
+        "time", "temperature" or "motion": what it is a function of.
+    grid : int
+        How many hypotheses of this effect there are on the channel: what choosing among them costs.
+    """
+
+    @property
+    def effect(self) -> str: ...  # noqa: D102
+    @property
+    def label(self) -> str: ...  # noqa: D102
+    @property
+    def channels(self) -> tuple[int, ...]: ...  # noqa: D102
+    @property
+    def source(self) -> str: ...  # noqa: D102
+    @property
+    def grid(self) -> int: ...  # noqa: D102
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Regressor, SI per SI of the parameters, shape (n, k)."""
+        ...
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The k parameters."""
+        ...
+
+    def shape(self) -> Mapping[str, float | str]:
+        """What else fixes it: time constants, orders, axes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Own:
+    """An effect of one channel by itself; subclasses give the columns."""
+
+    channel: int
+
+    effect: ClassVar[str]
+    where: ClassVar[tuple[int, ...]] = ALL
+    source: ClassVar[str]
+    text: ClassVar[str]
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The one."""
+        return (self.channel,)
+
+    @property
+    def grid(self) -> int:
+        """One, unless a subclass has a grid."""
+        return 1
+
+    @property
+    def label(self) -> str:
+        """Words for a sentence."""
+        return self.text
+
+    @property
+    def gyro(self) -> bool:
+        """Whether the channel is a gyro's."""
+        return self.channel < 3
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Nothing, unless a subclass has something."""
+        return {}
+
+    def one(self, name: str, per: str, si: float, gyro_prior: float, accel_prior: float) -> tuple[Parameter, ...]:
+        """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`."""
+        unit, factor = ("deg/s", DPS) if self.gyro else ("mg", MG)
+        return (Parameter(name, unit + per, factor / si, gyro_prior if self.gyro else accel_prior),)
+
+    def input_unit(self) -> tuple[str, float]:
+        """Unit of what the channel senses, and its SI value."""
+        return ("(deg/s)", DPS) if self.gyro else ("g", G)

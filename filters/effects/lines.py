@@ -1,0 +1,339 @@
+"""Lines: narrow peaks above 1.6 Hz in the spectra of the residuals, such as a motor's or a fan's, over several runs.
+
+Slower tones are found among the motions and drifts. `find` says what lines there are, `removed` takes them out of one
+run before it is averaged to blocks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, stats
+
+from filters.effects import spectra
+from filters.effects.faults import CHANNELS
+from filters.effects.spectra import Spectrum
+from filters.types import Array
+
+PROBABILITY = 1e-3
+"""Of one line or more that is not there, in all runs and channels together."""
+
+MOST = 6
+"""Lines of a channel."""
+
+NARROW = 0.01
+"""Of the frequency: what is nearer together is one band."""
+
+_FALSE_LEVEL = 1.06  # the level's own error: 6 % from 512 bins
+_LOBE = 2.5  # bins from a peak to where its main lobe under Hann's window ends
+_WIDTHS = (1, 9, 65)  # bins
+_LEAST_BUMP = 1.5  # times the level: a spectrum that is not flat is no line
+_SIDE = 4.0  # times the side lobes of a lone line
+_MOST_HARMONIC = 20
+_LONG = spectra.SEGMENT
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line, or several that belong together.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Of gx, gy, gz, ax, ay, az: where it was found.
+    hz : float
+        Its frequency, the centre of a narrow band, or the lowest of a periodic waveform.
+    width_hz : float
+        Of a narrow band; 0 of a line that is no wider than its runs are short.
+    rms : Array
+        In each channel, of all harmonics, rad/s and m/s², shape (6,); 0 where it was not found.
+    harmonics : tuple of int
+        Multiples of `hz` that were found, 1 first.
+    """
+
+    channels: tuple[str, ...]
+    hz: float
+    width_hz: float
+    rms: Array
+    harmonics: tuple[int, ...] = (1,)
+
+
+@dataclass(frozen=True, slots=True)
+class _Peak:
+    """A peak of one channel's summed spectrum."""
+
+    channel: int
+    hz: float
+    excess: float  # over the level
+    low: float
+    high: float  # of the bins above the threshold that belong to it
+
+
+def find(series: Sequence[tuple[float, Array]]) -> list[Line]:
+    """Lines above 1.6 Hz.
+
+    Σ over runs of 2 K P / level, P the mean of K Hann periodograms, is χ² of 2 Σ K degrees of freedom where there is
+    only noise; the threshold has probability 1e-3 over all bins and channels.
+
+    Parameters
+    ----------
+    series : sequence of (float, Array)
+        Of each run: samples a second, (N - 1) / (t_end - t_0); residual, rad/s and m/s², shape (N, 6), NaN where
+        flagged.
+
+    Returns
+    -------
+    list of Line
+        Strongest first, at most `MOST` a channel before harmonics are put together.
+    """
+    runs = spectra.usable(series)
+    if not runs:
+        return []
+    hz = spectra.spacing(runs)
+    by_channel = [
+        [s for fs, x in runs if (s := spectra.spectrum(np.ascontiguousarray(x[:, c]), fs, hz)) is not None]
+        for c in range(len(CHANNELS))
+    ]
+    shortest = min(min(x.shape[0] / fs for fs, x in runs), 1.0 / hz)
+    peaks = [p for c, s in enumerate(by_channel) if s for p in _peaks(c, s, hz, shortest)]
+    found = [_line(group, by_channel, hz, shortest) for group in _grouped(peaks, hz)]
+    return _waveforms(found, hz)
+
+
+def removed(line_list: Sequence[Line], fs: float, residual: Array) -> Array:
+    """A run's residual without lines: minus what is fitted at their frequencies in this run.
+
+    A sine of any amplitude and phase for each 2^17 samples, or, of a narrow band, one whose amplitude and phase
+    follow within the band's width.
+
+    Parameters
+    ----------
+    line_list : sequence of Line
+        From `find`.
+    fs : float
+        Samples a second.
+    residual : Array
+        Shape (N, 6); NaN stays NaN.
+
+    Returns
+    -------
+    Array
+        Shape (N, 6).
+    """
+    out = residual.copy()
+    for line in line_list:
+        for harmonic in line.harmonics:
+            hz, width = harmonic * line.hz, harmonic * line.width_hz
+            if not 0.0 < hz < 0.5 * fs:
+                continue
+            for c in [CHANNELS.index(name) for name in line.channels]:
+                for first in range(0, out.shape[0], _LONG):
+                    part = out[first : first + _LONG, c]
+                    part -= _fitted(part, hz / fs, width / fs)
+    return out
+
+
+# ------------------------------------------------------------------------------------------------------------ peaks
+
+
+def _peaks(channel: int, spectra_of: list[Spectrum], hz: float, shortest: float) -> list[_Peak]:
+    """Lines of one channel, strongest first."""
+    ratio, freedom = _summed(spectra_of)
+    first = int(np.ceil(spectra.LOWEST / hz))
+    if ratio.size <= first + 1:
+        return []
+    ratio[:first] = 1.0
+    limits = _limits(freedom, ratio.size - first, hz * shortest)
+    peaks: list[_Peak] = []
+    while len(peaks) < MOST:
+        over = [(width, _mean_of(ratio, width) - limit) for width, limit in limits]
+        highest = next(((width, o) for width, o in over if np.max(o) > 0.0), None)
+        if highest is None:
+            break
+        width, above = highest
+        if width == 1:
+            at = int(np.argmax(np.where(above > 0.0, ratio, 0.0)))
+            peaks.append(_taken(channel, ratio, at, limits, _LOBE / (hz * shortest), hz))
+        else:
+            peaks.append(_bump(channel, ratio, above, width, hz))
+    return peaks
+
+
+def _limits(freedom: Array, bins: int, resolved: float) -> list[tuple[int, Array]]:
+    """Widths over which the ratio is averaged, and the threshold of each bin's average.
+
+    A lone line stands out of single bins; a band of many bins, none of which is above chance, out of their mean.
+    Neighbouring bins under Hann's window have correlations 4/9 and 1/36: m of them are worth m / 1.94.
+    """
+    kinds, kind = np.unique(freedom, return_inverse=True)
+    limits = []
+    for width in (w for w in _WIDTHS if w == 1 or 4 * w <= spectra.stretch(bins)):
+        nu = kinds * (1.0 if width == 1 else max(1.0, width * resolved / 1.94))
+        limit = stats.chi2.isf(PROBABILITY / (len(_WIDTHS) * len(CHANNELS) * bins), nu) * _FALSE_LEVEL / nu
+        limits.append((width, np.maximum(limit, 1.0 if width == 1 else _LEAST_BUMP)[kind]))
+    return limits
+
+
+def _mean_of(ratio: Array, width: int) -> Array:
+    return ratio if width == 1 else np.asarray(ndimage.uniform_filter1d(ratio, width))
+
+
+def _summed(spectra_of: list[Spectrum]) -> tuple[Array, Array]:
+    """Density over level, mean over runs weighted with their segments; its degrees of freedom. Shape (M,) each."""
+    size = max(s.density.size for s in spectra_of) - 1
+    total, freedom = np.zeros(size), np.zeros(size)
+    for s in spectra_of:
+        inner = min(size, s.density.size - 1)
+        if np.all(s.level[:inner] > 0.0):
+            total[:inner] += 2.0 * s.averaged * s.density[:inner] / s.level[:inner]
+            freedom[:inner] += 2.0 * s.averaged
+    freedom = np.maximum(freedom, 1e-9)
+    return total / freedom, freedom
+
+
+def _taken(channel: int, ratio: Array, at: int, limits: list[tuple[int, Array]], lobe: float, hz: float) -> _Peak:
+    """The peak around a bin; what belongs to it, side lobes and the band around, becomes level in `ratio`."""
+    excess, top = float(ratio[at]), (at + _offset(ratio, at)) * hz
+    k = np.arange(ratio.size)
+    away = np.maximum(np.abs(k - at) / (lobe / _LOBE), 1.0 + 1e-9)
+    side = _SIDE * excess / (np.pi * away * (away**2 - 1.0)) ** 2
+    ratio[(np.abs(k - at) <= lobe) | (ratio < side)] = 1.0
+    band = np.abs(k - at) <= NARROW * at
+    members = np.flatnonzero(band & np.any([_mean_of(ratio, width) > limit for width, limit in limits], axis=0))
+    ratio[band] = 1.0
+    low, high = (min(members[0], at), max(members[-1], at)) if members.size else (at, at)
+    return _Peak(channel, top, excess, float(low * hz), float(high * hz))
+
+
+def _bump(channel: int, ratio: Array, above: Array, width: int, hz: float) -> _Peak:
+    """The band around the highest mean of `width` bins; it becomes level in `ratio`."""
+    at = int(np.argmax(above))
+    under = np.flatnonzero(above <= 0.0)
+    low = int(np.max(under[under < at], initial=0))
+    high = int(np.min(under[under > at], initial=ratio.size - 1))
+    inside = np.arange(low, high + 1)
+    centre = float(np.average(inside, weights=np.maximum(ratio[inside] - 1.0, 1e-9)))
+    excess = float(np.max(ratio[inside]))
+    ratio[max(0, low - width) : high + width] = 1.0
+    return _Peak(channel, centre * hz, excess, float(low * hz), float(high * hz))
+
+
+def _offset(ratio: Array, at: int) -> float:
+    """Bins from a bin to the top of the parabola through its logarithm and its neighbours'."""
+    if not 0 < at < ratio.size - 1:
+        return 0.0
+    left, middle, right = np.log(np.maximum(ratio[at - 1 : at + 2], 1e-300))
+    bend = left - 2.0 * middle + right
+    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------ lines
+
+
+def _grouped(peaks: list[_Peak], hz: float) -> list[list[_Peak]]:
+    """Peaks of all channels within 1 %, or two bins, of the strongest, group after group."""
+    left = sorted(peaks, key=lambda peak: -peak.excess)
+    groups = []
+    while left:
+        top = left[0]
+        near = [p for p in left if abs(p.hz - top.hz) <= max(NARROW * top.hz, 2.0 * hz)]
+        groups.append(near)
+        left = [p for p in left if p not in near]
+    return groups
+
+
+def _line(group: list[_Peak], by_channel: list[list[Spectrum]], hz: float, shortest: float) -> Line:
+    weights = np.array([peak.excess for peak in group])
+    low, high = min(p.low for p in group), max(p.high for p in group)
+    if high - low <= 2.0 * _LOBE / shortest:
+        centre, width = float(weights @ [p.hz for p in group] / weights.sum()), 0.0
+    else:
+        centre, width = 0.5 * (low + high), high - low
+    channels = sorted({p.channel for p in group})
+    rms = np.zeros(len(CHANNELS))
+    half = 0.5 * width + 1.5 * _LOBE / shortest
+    for c in channels:
+        rms[c] = np.sqrt(np.mean([_power(s, centre, half, hz) for s in by_channel[c]]))
+    return Line(tuple(CHANNELS[c] for c in channels), centre, width, rms)
+
+
+def _power(spectrum: Spectrum, centre: float, half: float, hz: float) -> float:
+    """Power above the level within `half` of a frequency, unit²."""
+    first, last = max(0, round((centre - half) / hz)), round((centre + half) / hz) + 1
+    excess = spectrum.density[first:last] - spectrum.level[first:last]
+    return max(0.0, float(np.sum(excess) * hz))
+
+
+def _waveforms(lines: list[Line], hz: float) -> list[Line]:
+    """Lines of which one's frequency is a whole multiple of another's are put together."""
+    out: list[Line] = []
+    left = sorted(lines, key=lambda line: line.hz)
+    while left:
+        base, left = left[0], left[1:]
+        multiples = [line for line in left if _multiple(line, base, hz) > 1]
+        left = [line for line in left if line not in multiples]
+        out.append(_joined(base, multiples, hz))
+    return sorted(out, key=lambda line: -float(np.max(line.rms[:3]) + np.max(line.rms[3:])))
+
+
+def _multiple(line: Line, base: Line, hz: float) -> int:
+    """How many times the frequency of another a line has; 0 if that is no whole number within what is resolved."""
+    times = round(line.hz / base.hz)
+    within = 0.5 * hz * (times + 1) + 0.25 * (times * base.width_hz + line.width_hz)
+    return times if times <= _MOST_HARMONIC and abs(line.hz - times * base.hz) <= within else 0
+
+
+def _joined(base: Line, multiples: list[Line], hz: float) -> Line:
+    if not multiples:
+        return base
+    together = [base, *multiples]
+    channels = tuple(name for name in CHANNELS if any(name in line.channels for line in together))
+    orders = [_multiple(line, base, hz) or 1 for line in together]
+    # the highest multiple knows the frequency best
+    centre = base.hz if base.width_hz else together[-1].hz / orders[-1]
+    rms = np.sqrt(np.sum([line.rms**2 for line in together], axis=0))
+    width = max(line.width_hz / n for line, n in zip(together, orders, strict=True))
+    return Line(channels, centre, width, rms, tuple(sorted(set(orders))))
+
+
+# ---------------------------------------------------------------------------------------------------------- removal
+
+
+def _fitted(x: Array, cycles: float, width: float) -> Array:
+    """Sine of a frequency (cycles a sample) in one stretch, shape (n,); within a band of a width, a changing one."""
+    good = ~np.isnan(x)
+    if np.count_nonzero(good) < spectra.LEAST:
+        return np.zeros(x.size)
+    values = np.where(good, x - np.mean(x[good]), 0.0)
+    if width * x.size > 2.0:
+        return _followed(values, good, cycles, width)
+    cycles += _correction(values, cycles)
+    phase = 2.0 * np.pi * cycles * np.arange(x.size)
+    A = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    B = A * good[:, None]
+    return np.asarray(A @ np.linalg.lstsq(B.T @ A, B.T @ values, rcond=None)[0])
+
+
+def _correction(values: Array, cycles: float) -> float:
+    """What a frequency is off in this stretch, cycles a sample: from how the phase moves from one half to the other."""
+    half = values.size // 2
+    turned = values[: 2 * half] * np.exp(-2j * np.pi * cycles * np.arange(2 * half))
+    first, second = np.sum(turned[:half]), np.sum(turned[half:])
+    return float(np.angle(second * np.conj(first)) / (2.0 * np.pi * half))
+
+
+def _followed(values: Array, good: Array, cycles: float, width: float) -> Array:
+    """The part of a residual within a band: turned to frequency 0, averaged, turned back."""
+    turn = np.exp(2j * np.pi * cycles * np.arange(values.size))
+    # the band found is what stands out: its shoulders reach farther
+    size = max(1, round(0.25 / width))
+    weight = _smooth(good.astype(float), size)
+    slow = values * np.conj(turn)
+    mean = (_smooth(slow.real, size) + 1j * _smooth(slow.imag, size)) / np.maximum(weight, 1e-3)
+    return np.asarray(2.0 * (mean * turn).real)
+
+
+def _smooth(x: Array, size: int) -> Array:
+    """Two running means, one after the other."""
+    once = ndimage.uniform_filter1d(x, size, mode="nearest")
+    return np.asarray(ndimage.uniform_filter1d(once, size, mode="nearest"))

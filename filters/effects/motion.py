@@ -1,0 +1,183 @@
+"""Errors of the reference or of the whole unit: where parameters are shared by channels (catalogue 12, 15-20)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from filters.effects.hypothesis import ACCELS, ALL, DPS, GYROS, Own, Parameter
+from filters.effects.inputs import AXES, Inputs
+from filters.types import Array
+
+
+@dataclass(frozen=True)
+class Shared:
+    """An effect of several channels with the same parameters; subclasses give the columns of each."""
+
+    effect: ClassVar[str]
+    channels: ClassVar[tuple[int, ...]]
+    text: ClassVar[str]
+    source: ClassVar[str] = "motion"
+
+    @property
+    def grid(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def label(self) -> str:
+        """Words for a sentence."""
+        return self.text
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Nothing else."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Mounting(Shared):
+    """e = v × d, v = ω and f with the same d: the sensors are turned in their case."""
+
+    effect: ClassVar = "mounting"
+    channels: ClassVar = ALL
+    text: ClassVar = "the unit sits turned on the table"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Row of v × d for d along x, y, z."""
+        v = inputs.x[:, :3] if channel < 3 else inputs.x[:, 3:]
+        return np.cross(v[:, None, :], np.eye(3)[None])[:, :, channel % 3]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """d."""
+        return tuple(Parameter(axis, "rad", 1.0, 0.01) for axis in "xyz")
+
+
+@dataclass(frozen=True)
+class EarthRate(Shared):
+    """e = k C ω_ie in a residual that contains Earth rate: -1 for a unit, or a model, without it."""
+
+    effect: ClassVar = "earth_rate"
+    channels: ClassVar = GYROS
+    text: ClassVar = "Earth rate is not as assumed"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """C ω_ie."""
+        return inputs.spin[:, channel, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return (Parameter("k", "1", 1.0, 1.0),)
+
+
+@dataclass(frozen=True)
+class Delay(Shared):
+    """e = -tau x'."""
+
+    effect: ClassVar = "delay"
+    channels: ClassVar = ALL
+    text: ClassVar = "readings are late"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """-x'."""
+        return -inputs.x_dot[:, channel, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """tau."""
+        return (Parameter("tau", "s", 1.0, 5e-3),)
+
+
+@dataclass(frozen=True)
+class LeverArm(Shared):
+    """e = ω × (ω × r) + ω' × r."""
+
+    effect: ClassVar = "lever_arm"
+    channels: ClassVar = ACCELS
+    text: ClassVar = "the unit is away from the axes of rotation"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Per metre along x, y, z."""
+        return inputs.centripetal[:, channel - 3]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """r."""
+        return tuple(Parameter(axis, "m", 1.0, 0.05) for axis in "xyz")
+
+
+@dataclass(frozen=True)
+class Tilt(Shared):
+    """e = C (δ × (0, 0, -γ)): the base of the table is not level."""
+
+    effect: ClassVar = "tilt"
+    channels: ClassVar = ACCELS
+    text: ClassVar = "the table's base is not level"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Per rad about north and east."""
+        return inputs.horizontal[:, channel - 3]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """δ north, δ east."""
+        return tuple(Parameter(axis, "deg", DPS, 0.05) for axis in ("north", "east"))
+
+
+@dataclass(frozen=True)
+class Gravity(Shared):
+    """e = k C (0, 0, -γ): equals a common scale factor of the accelerometers."""
+
+    effect: ClassVar = "gravity"
+    channels: ClassVar = ACCELS
+    text: ClassVar = "gravity is not as assumed"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """x."""
+        return inputs.x[:, channel, None]
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """k."""
+        return (Parameter("k", "1", 1.0, 1e-4),)
+
+
+@dataclass(frozen=True)
+class Harmonic(Own):
+    """e = a sin(h θ) + b cos(h θ) of a table angle: magnetic field, wobble of an axis."""
+
+    axis: int = 0
+    order: int = 1
+
+    effect: ClassVar = "harmonic"
+    source: ClassVar = "motion"
+    text: ClassVar = "error turns with the table"
+
+    @property
+    def grid(self) -> int:
+        """Three axes, two orders."""
+        return 6
+
+    @property
+    def label(self) -> str:
+        """Such as "inner 2/rev"."""
+        return f"{AXES[self.axis]} {self.order}/rev"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """sin, cos."""
+        angle = self.order * inputs.angles[:, self.axis]
+        return np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """a, b."""
+        return (*self.one("sin", "", 1.0, 0.05, 2.0), *self.one("cos", "", 1.0, 0.05, 2.0))
+
+    def shape(self) -> Mapping[str, float | str]:
+        """Axis and order."""
+        return {"axis": AXES[self.axis], "order": float(self.order)}
+
+
+def shared() -> list[Shared]:
+    """All hypotheses that several channels share."""
+    return [Mounting(), EarthRate(), Delay(), LeverArm(), Tilt(), Gravity()]
+
+
+def harmonics(channel: int) -> list[Harmonic]:
+    """Harmonics of the table's angles on a channel."""
+    return [Harmonic(channel, axis, order) for axis in range(3) for order in (1, 2)]

@@ -1,0 +1,187 @@
+"""The bias filter that whitens residuals and regressors alike, and the likelihood of drift.
+
+Model of a channel:  r_k = b_run + g_k + sum θ φ_k + v_k,  v white with standard deviation sd_k, g nothing, a random walk
+or a Gauss-Markov process, b diffuse at the start of each run. A two-state Kalman filter [b, g] runs once over r and, with
+the same gains, over every column of φ; normalised innovations turn generalised into ordinary least squares, with the
+exact likelihood. Without g it is the paper's model of a constant bias.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from filters.types import Array
+
+TAUS = (2.0, 5.0, 12.0, 30.0, 80.0, 250.0, 1000.0, np.inf)
+"""Time constants of drift that are tried, s; infinity is a random walk."""
+LEVELS = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, 5.0)
+"""Standard deviations of drift that are tried, over that of the white noise in 1 s; of a walk, after 100 s."""
+
+_DIFFUSE = 1e8
+_WALK_S = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A drift process: Gauss-Markov of standard deviation `level` (SI) and `tau` s; a walk of level/√s if infinite."""
+
+    tau: float
+    level: float
+
+    @property
+    def kind(self) -> str:
+        """Its name in the catalogue."""
+        return "random_walk" if np.isinf(self.tau) else "gauss_markov"
+
+
+NONE = Drift(1.0, 0.0)
+"""No drift."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-untyped-def]
+    """Normalised innovations of every column into `out`; returns the sum of log innovation variances."""
+    n, k = columns.shape
+    b = np.zeros(k)
+    g = np.zeros(k)
+    log_det = 0.0
+    P00 = P01 = P11 = 0.0
+    seen = False
+    last = 0.0
+    walk = np.isinf(tau)
+    s = 0
+    for i in range(n):
+        if s < starts.size and i == starts[s]:
+            s += 1
+            b[:] = 0.0
+            g[:] = 0.0
+            P00, P01, P11 = 0.0, 0.0, 0.0 if walk else level * level
+            seen = False
+            last = t[i]
+        dt = t[i] - last
+        last = t[i]
+        if dt > 0.0 and level > 0.0:
+            if walk:
+                P11 += level * level * dt
+            else:
+                phi = np.exp(-dt / tau)
+                P01 *= phi
+                P11 = phi * phi * P11 + level * level * (1.0 - phi * phi)
+                for j in range(k):
+                    g[j] *= phi
+        r = variance[i]
+        if not np.isfinite(r):
+            for j in range(k):
+                out[i, j] = 0.0
+            continue
+        if not seen:
+            # a diffuse bias: what the first block says is the bias, and nothing about it is surprising
+            seen = True
+            P00, P01 = _DIFFUSE * (r + P11), 0.0
+        S = P00 + 2.0 * P01 + P11 + r
+        K0, K1 = (P00 + P01) / S, (P01 + P11) / S
+        first = P00 > 0.5 * _DIFFUSE * r
+        scale = 0.0 if first else 1.0 / np.sqrt(S)
+        if not first:
+            log_det += np.log(S)
+        for j in range(k):
+            nu = columns[i, j] - b[j] - g[j]
+            out[i, j] = nu * scale
+            b[j] += K0 * nu
+            g[j] += K1 * nu
+        h0, h1 = P00 + P01, P01 + P11
+        P00 -= K0 * h0
+        P01 -= K0 * h1
+        P11 -= K1 * h1
+    return log_det
+
+
+def whiten(
+    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift = NONE
+) -> tuple[Array, float]:
+    """Whiten columns.
+
+    Parameters
+    ----------
+    columns : Array
+        Residual and regressors, shape (n, k).
+    t : Array
+        s, shape (n,), increasing within a run.
+    starts : integer array
+        First row of each run.
+    variance : Array
+        Of the white noise of each row, shape (n,); infinite where there is no data.
+    drift : Drift
+        What g is.
+
+    Returns
+    -------
+    Array, float
+        Normalised innovations, shape (n, k), zero where there is none; sum of the logarithms of their variances.
+    """
+    out = np.empty_like(columns)
+    log_det = _whiten(np.ascontiguousarray(columns), t, starts, variance, drift.tau, drift.level, out)
+    return out, float(log_det)
+
+
+def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
+    """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
+    precision = 1.0 / variance
+    total = np.bincount(run, precision)
+    out = np.empty_like(columns)
+    root = np.sqrt(precision)
+    for j in range(columns.shape[1]):
+        mean = np.bincount(run, precision * columns[:, j]) / np.maximum(total, 1e-300)
+        out[:, j] = root * (columns[:, j] - mean[run])
+    return out
+
+
+def profile(whitened: Array) -> float:
+    """Squared norm of the first column after the others were fitted to it."""
+    y, X = whitened[:, 0], whitened[:, 1:]
+    if X.shape[1] == 0:
+        return float(y @ y)
+    scale = np.linalg.norm(X, axis=0)
+    X = X[:, scale > 0.0] / scale[scale > 0.0]
+    gram, right = X.T @ X, X.T @ y
+    theta = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
+    return float(y @ y - right @ theta)
+
+
+def best_drift(
+    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float
+) -> tuple[float, Drift, float]:
+    """Most likely drift of a channel whose regressors are fitted anew for each.
+
+    Parameters
+    ----------
+    columns : Array
+        Residual, then regressors, shape (n, k).
+    t, starts, variance : Array
+        As in `whiten`.
+    period : float
+        Of a row, s.
+
+    Returns
+    -------
+    float, Drift, float
+        -2 log likelihood of the best, the best, -2 log likelihood without drift.
+    """
+    finite = variance[np.isfinite(variance)]
+    unit = np.sqrt(np.median(finite) * period)
+    none = _minus_two_log(columns, t, starts, variance, NONE)
+    best, found = np.inf, NONE
+    for tau in TAUS:
+        for level in LEVELS:
+            drift = Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0))
+            value = _minus_two_log(columns, t, starts, variance, drift)
+            if value < best:
+                best, found = value, drift
+    return best, found, none
+
+
+def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:
+    out, log_det = whiten(columns, t, starts, variance, drift)
+    return profile(out) + log_det
