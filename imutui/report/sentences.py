@@ -163,7 +163,7 @@ def _amount(params: list[Mapping[str, Any]]) -> str:
 
 
 def _rival(r: Mapping[str, Any]) -> str:
-    return f"{r.get('label', r['effect'])} ({r['score_difference']:+.0f})"
+    return f"{r.get('label', r['effect'])} (score {r['score_difference']:+.0f})"
 
 
 def _more(count: int) -> str:

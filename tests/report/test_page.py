@@ -50,7 +50,7 @@ def test_a_finding_is_a_sentence() -> None:
     first, last = lines["gy"].sentences
     assert first == (
         "bias follows temperature, 0.0200 ± 0.0010 deg/s/K; explains 97 %; or: bias follows the rate of temperature"
-        " (-3)."
+        " (score -3)."
     )
     assert last == "Error 8.41 → 1.01 × floor on a run not used."
     assert lines["gy"].status == "several causes fit"
