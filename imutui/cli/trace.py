@@ -117,9 +117,8 @@ def _text(traced: "Traced") -> str:
     out = [textwrap.fill(line, width) for line in sentences.headline(traced.document, traced.source)]
     out.append("")
     for line in sentences.channel_lines(traced.document):
-        said = list(line.sentences) or ["Nothing found."]
         first = f"{line.channel}  {line.status:<18} "
-        for n, sentence in enumerate(said):
+        for n, sentence in enumerate(line.sentences or ("",)):
             start = first if n == 0 else " " * len(first)
             out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
     for section in sentences.sections(traced.document):

@@ -60,8 +60,8 @@ def page(document: Mapping[str, Any], made: Sequence[Picture], source: str) -> s
     head, *lines = sentences.headline(document, source)
     body = [f"<h1>{escape(head)}</h1>", *(f"<p>{escape(line)}</p>" for line in lines), "<table>"]
     for line in sentences.channel_lines(document):
-        said = " ".join(line.sentences) or "Nothing found."
-        body.append(f"<tr><td>{line.channel}</td><td>{escape(line.status)}</td><td>{escape(said)}</td></tr>")
+        said = escape(" ".join(line.sentences))
+        body.append(f"<tr><td>{line.channel}</td><td>{escape(line.status)}</td><td>{said}</td></tr>")
     body.append("</table>")
     for section in sentences.sections(document):
         body.append(f"<h2>{escape(section.title)}</h2>")

@@ -37,9 +37,9 @@ _METRICS = {
     "gravity_direction": "direction of gravity",
 }
 _REASONS = {
-    "equals_bias": "looks like a constant bias here",
-    "no_excitation": "nothing in these logs excites it",
-    "collinear_with": "looks the same here as",
+    "equals_bias": "would look like a constant bias",
+    "no_excitation": "nothing here excites it",
+    "collinear_with": "",
 }
 _FEW = 3
 
@@ -90,6 +90,8 @@ def channel_lines(d: Mapping[str, Any]) -> list[ChannelLine]:
         said += _remainder(d, channel)
         if error := _error(d, channel):
             said.append(error)
+        if status == "clean":
+            said = [" ".join(["Nothing found.", *said])]
         lines.append(ChannelLine(channel, _STATUS.get(status, status), tuple(said)))
     return lines
 
@@ -284,8 +286,10 @@ def _untestable(entries: Iterable[Mapping[str, Any]]) -> Iterable[str]:
     for (reason, other), effects in sorted(
         groups.items(), key=lambda item: (list(_REASONS).index(item[0][0]), item[0])
     ):
-        why = _REASONS[reason] + (f" {_word(other)}" if other else "")
-        yield _sentence(f"{', '.join(effects)}: {why}")
+        if reason == "collinear_with":
+            yield f"{', '.join(effects)} apart from {_word(other)}."
+        else:
+            yield f"{', '.join(effects)}: {_REASONS[reason]}."
 
 
 def _word(effect: str) -> str:
