@@ -29,6 +29,10 @@ def command(
         Optional[Path],  # noqa: UP045
         typer.Option("--report", metavar="DIR", help="Folder for a page with figures, and the separating experiment."),
     ] = None,
+    about: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option("--about", metavar="EFFECT", help="Effect whose smallest size is wanted that these logs show."),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 0,
     force: Force = False,
     json: Json = False,
@@ -45,7 +49,7 @@ def command(
 
     _check_outputs(output, report, logs, force)
     file, name = reference_of(reference)
-    options = Options(holdout, file, {} if name is None else {"reference": name}, seed=seed)
+    options = Options(holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed)
     show = _progress()
     try:
         traced = trace(logs, options, show)

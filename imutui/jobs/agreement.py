@@ -165,11 +165,12 @@ def _check_rest(seen: _Seen) -> None:
     # by quantiles, which a few wild samples do not move; of accelerometers two, since one may be faulty
     low, high = np.quantile(seen.readings[seen.good], (0.1, 0.9), axis=0)
     spread = np.rad2deg(high - low)[:3] / _QUANTILES
-    if spread.max() > _TURNS_DPS or np.sort((high - low)[3:])[1] / _QUANTILES > _SWAYS:
+    sway = float(np.sort((high - low)[3:])[1]) / _QUANTILES
+    if spread.max() > _TURNS_DPS or sway > _SWAYS:
         raise ValueError(
-            f"{seen.read.path}: the unit moves in this log (rates vary by {spread.max():.1f} deg/s), and the reference"
-            f" ({seen.read.info.reference}) says that it is at rest. Name how the table moves: --reference FILE, a"
-            " table profile or a trajectory with attitude."
+            f"{seen.read.path}: the unit moves in this log (rates vary by {spread.max():.1f} deg/s, specific force by"
+            f" {sway / STANDARD_GRAVITY:.2f} g), and the reference ({seen.read.info.reference}) says that it is at"
+            " rest. Name how the table moves: --reference FILE, a table profile or a trajectory with attitude."
         )
 
 

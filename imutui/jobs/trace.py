@@ -89,6 +89,7 @@ def trace(
     """
     from filters import tracing
 
+    _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)
     paths = [*training, *([heldout] if heldout is not None else [])]
     names = _names(paths)
@@ -120,6 +121,14 @@ def trace(
         "library": f"imutui {imutui.__version__}",
     }
     return Traced(document, found, _source(fitted, held), damage)
+
+
+def _check_asked(effects: Sequence[str]) -> None:
+    from filters.simulation.catalogue import EFFECTS
+
+    for effect in effects:
+        if effect not in EFFECTS:
+            raise ValueError(f"{effect!r} is no effect of the catalogue; it has: {', '.join(EFFECTS)}")
 
 
 def _divided(logs: Sequence[Path], holdout: Path | None) -> tuple[list[Path], Path | None, list[str]]:

@@ -105,6 +105,7 @@ def sections(d: Mapping[str, Any]) -> list[Section]:
         Section("Noise level", tuple(_noise(entry) for entry in d.get("noise_level", []))),
         Section("Weak: not told from drift, not used", tuple(_weak(entry) for entry in d.get("weak", []))),
         Section("Errors", tuple(_errors(d))),
+        Section("Asked about", tuple(_limit(entry) for entry in d.get("limits", []))),
         Section("To separate the causes", tuple(_experiment(d))),
         Section("These logs cannot show", tuple(_untestable(d.get("untestable", [])))),
         Section("Notes", (held_out(d), *(_sentence(note) for note in d.get("notes", [])))),
@@ -158,10 +159,16 @@ def _amount(params: list[Mapping[str, Any]]) -> str:
     if len(params) <= _FEW:
         named = len(params) > 1
         return ", ".join(
-            (f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), p.get("unit", "")) for p in params
+            (f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in params
         )
     largest = max(params, key=lambda p: abs(p["value"]))
-    return f"up to {abs(largest['value']):.3g} {largest.get('unit', '')} at {len(params)} points".replace("  ", " ")
+    return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(params)} points".replace("  ", " ")
+
+
+def _unit(entry: Mapping[str, Any]) -> str:
+    """The unit of a pure number is not said."""
+    unit = entry.get("unit") or ""
+    return "" if unit == "1" else str(unit)
 
 
 def _rival(r: Mapping[str, Any]) -> str:
@@ -184,7 +191,7 @@ def _remainder(d: Mapping[str, Any], channel: str) -> list[str]:
     if not entries:
         return []
     worst = max(entries, key=lambda entry: abs(entry["ratio"] - 1.0))
-    return [f"Not traced: {worst['ratio']:.1f} × the noise's variance at {worst['scale_s']:g} s."]
+    return [f"Not traced: {worst['ratio']:.1f} × the noise's variance at {worst['scale_s']:.3g} s."]
 
 
 def _error(d: Mapping[str, Any], channel: str) -> str:
@@ -204,7 +211,8 @@ def _error(d: Mapping[str, Any], channel: str) -> str:
 def _fault(entry: Mapping[str, Any]) -> str:
     where = entry.get("where")
     text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
-    count = f", {entry['count']} samples" if entry.get("count") is not None else ""
+    n = entry.get("count")
+    count = "" if n is None else ", once" if n == 1 else f", {n} times"
     return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}{count}" + (f" ({text})" if text else ""))
 
 
@@ -226,6 +234,10 @@ def _weak(entry: Mapping[str, Any]) -> str:
     amount = _amount(entry.get("params", []))
     score = f" (score {entry['score']:.0f})" if entry.get("score") is not None else ""
     return _sentence(f"{' '.join(entry.get('channels', []))}: {label}{f', {amount}' if amount else ''}{score}")
+
+
+def _limit(entry: Mapping[str, Any]) -> str:
+    return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}: {entry['text']}")
 
 
 def _errors(d: Mapping[str, Any]) -> Iterable[str]:
@@ -250,9 +262,11 @@ def _differs(e: Mapping[str, Any]) -> bool:
 
 def _change(e: Mapping[str, Any]) -> str:
     who = f"{e['channel']} " if e.get("channel") and e["channel"] != "all" else ""
-    unit = f" {e['unit']}" if e.get("unit") not in (None, "", "1") else ""
+    unit = f" {_unit(e)}" if _unit(e) else ""
     before = "–" if e.get("before") is None else f"{e['before']:.3g}"
     floor = f" (floor {e['floor']:.3g})" if e.get("floor") is not None else ""
+    if not _differs(e):
+        return f"{who}{e['after']:.3g}{unit}, unchanged{floor}"
     return f"{who}{before} → {e['after']:.3g}{unit}{floor}"
 
 

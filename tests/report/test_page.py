@@ -66,7 +66,7 @@ def test_shared_faulty_weak_and_untestable_things_are_said_once() -> None:
     assert len(sections["Over several channels"]) == 1
     assert "x 0.0500 ± 0.0020 m" in sections["Over several channels"][0]
     assert "implausibly large" in sections["Over several channels"][0]
-    assert sections["Data"] == ("gx: spikes, 3 samples (12.5 s of run a).",)
+    assert sections["Data"] == ("gx: spikes, 3 times (12.5 s of run a).",)
     assert sections["These logs cannot show"] == (
         "scale, g squared: would look like a constant bias.",
         "gravity apart from scale.",
