@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import alignment, motion
-from filters.imu import IMU400CD_200
+from filters.imu import IMU400CD_200, STANDARD_GRAVITY
 from filters.motion import Profile
 from filters.reference import TableMotion, Trajectory
 from filters.residual import rest_attitudes
@@ -18,6 +18,7 @@ from imutui.logbook.session import SessionInfo
 
 _IMPORTED = "imported"
 _MOSTLY = 0.5
+_WILD = 0.5 * STANDARD_GRAVITY
 # nearer to middle = ±90° than this, outer and inner cannot be told apart
 _GIMBAL = np.cos(np.deg2rad(87.0))
 
@@ -82,7 +83,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.Options) -> Motion:
 
 
 def _levelled(log: Log, info: SessionInfo) -> Array:
-    force = log.accel[log.valid].mean(axis=0) if log.valid.any() else np.zeros(3)
+    force = _calm_mean(log.accel[log.valid]) if log.valid.any() else np.zeros(3)
     try:
         return alignment.level_by_gravity(info.settings().site, force, 0.0).nav.C_nb
     except ValueError as error:
@@ -91,6 +92,12 @@ def _levelled(log: Log, info: SessionInfo) -> Array:
             f" {info.gravity_mps2:.3f}: the unit does not stand still, a channel is dead, or units are wrong. Name how"
             " the table moves (--reference FILE), or import again with the right flags."
         ) from error
+
+
+def _calm_mean(force: Array) -> Array:
+    """Mean without wild samples, which the tracer will name."""
+    calm = (np.abs(force - np.median(force, axis=0)) < _WILD).all(axis=1)
+    return np.asarray(force[calm].mean(axis=0) if calm.any() else force.mean(axis=0))
 
 
 # --------------------------------------------------------------------------------------------------- a table's profile
