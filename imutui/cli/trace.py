@@ -122,7 +122,7 @@ def _text(traced: "Traced") -> str:
     out.append("")
     for line in sentences.channel_lines(traced.document):
         first = f"{line.channel}  {line.status:<18} "
-        for n, sentence in enumerate(line.sentences or ("",)):
+        for n, sentence in enumerate(line.sentences or ("–",)):
             start = first if n == 0 else " " * len(first)
             out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
     for section in sentences.sections(traced.document):

@@ -212,7 +212,7 @@ def _fault(entry: Mapping[str, Any]) -> str:
     where = entry.get("where")
     text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
     n = entry.get("count")
-    count = "" if n is None else ", once" if n == 1 else f", {n} times"
+    count = "" if not n else ", once" if n == 1 else f", {n} times"
     return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}{count}" + (f" ({text})" if text else ""))
 
 
