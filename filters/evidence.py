@@ -139,7 +139,7 @@ class Design:
         self.sd = stack.white_sd()
         self.multiplier = np.ones_like(stack.y)
         self.columns, self.atoms = _columns(stack)
-        self._raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
+        self.raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
         self._gram: dict[int, tuple[Array, Array, float]] = {}
 
     def variance(self, channel: int) -> Array:
@@ -178,17 +178,26 @@ class Design:
         """Take columns that were found on the way: a tone's, a step's."""
         first = self.columns.shape[1]
         self.columns = np.hstack([self.columns, columns])
-        self._raw = np.append(self._raw, np.sqrt(np.mean(columns**2, axis=0)))
+        self.raw = np.append(self.raw, np.sqrt(np.mean(columns**2, axis=0)))
         places = np.arange(first, first + columns.shape[1])
-        atom = Atom(hypothesis, {c: places for c in hypothesis.channels})
+        atom = Atom(hypothesis, dict.fromkeys(hypothesis.channels, places))
         for c in list(self._gram):
-            G, B, yy = self._gram[c]
-            W = self.whitened(c, np.arange(self.columns.shape[1]))
-            new = W[:, 1 + first :]
-            cross = W[:, 1:].T @ new
-            G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
-            self._gram[c] = G, np.append(B, new.T @ W[:, 0]), yy
+            if c in hypothesis.channels:
+                self._widen(c, first)
+            else:  # where it does not act nobody asks for it
+                G, B, yy = self._gram[c]
+                more = columns.shape[1]
+                self._gram[c] = np.pad(G, ((0, more), (0, more))), np.append(B, np.zeros(more)), yy
         return atom
+
+    def _widen(self, c: int, first: int) -> None:
+        """Add the columns from `first` on to a channel's Gram matrix."""
+        G, B, yy = self._gram[c]
+        W = self.whitened(c, np.arange(self.columns.shape[1]))
+        new = W[:, 1 + first :]
+        cross = W[:, 1:].T @ new
+        G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
+        self._gram[c] = G, np.append(B, new.T @ W[:, 0]), yy
 
     # ------------------------------------------------------------------------------------------------------- fits
 
@@ -262,7 +271,7 @@ class Design:
 
     def _visible(self, scale: Array) -> Array:
         """Diagonal of G where a column varies by more than rounding does, else infinity."""
-        return np.where(scale > _VARIES * np.maximum(self._raw**2, 1e-300), scale, np.inf)
+        return np.where(scale > _VARIES * np.maximum(self.raw**2, 1e-300), scale, np.inf)
 
     def _cross(
         self, selection: Sequence[Atom], offsets: Sequence[int], candidates: Sequence[Atom], inverse: Array
@@ -309,7 +318,7 @@ class Design:
         return r
 
     def heldout(self, selection: Sequence[Atom], atom: Atom) -> tuple[float, float]:
-        """Gain of an atom on cells that its fit has not seen: sum over five folds, and the same without its best cell."""
+        """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell."""
         cells = np.zeros(int(self.stack.cell[-1]) + 1)
         parts = []
         for c in atom.places:
@@ -397,16 +406,20 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
             alike = h.source != "motion" or h.effect in ("harmonic", "g_squared", "g_sensitivity")
             key = (h.effect, str(h.shape())) if alike else (h.effect, c, str(h.shape()))
             if key not in kept:
-                kept[key] = put(h.source != "motion", _bound(h, c), len(h.parameters()))
+                kept[key] = put(is_slow(h), _bound(h, c), len(h.parameters()))
             atoms.append(Atom(h, {c: kept[key]}))
     for basis in drivers.bases(ranges):
-        slow = basis.driven_by != "motion" or basis.name.startswith(("since_motion", "settling", "direction"))
-        places = put(slow, basis.columns_of, basis.count)
+        places = put(is_slow(basis.on(0)), basis.columns_of, basis.count)
         atoms += [Atom(basis.on(c), {c: places}) for c in range(6) if not _twin(basis.name, c)]
     if any(not b.run.still for b in stack.blocks) or len(stack.blocks) > 1:
         for s in motion.shared():
             atoms.append(Atom(s, {c: put(False, _bound(s, c), len(s.parameters())) for c in s.channels}))
     return _filled(stack, makers, width), atoms
+
+
+def is_slow(h: Hypothesis) -> bool:
+    """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
+    return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
 
 
 def _bound(h: Hypothesis, channel: int) -> Callable[[Inputs], Array]:
@@ -457,8 +470,10 @@ def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:
         own = values[:, k]
         if not np.isfinite(own).all():
             continue
+        # what differs from run to run only is the runs' biases
+        within = max(float(np.ptp(part)) for part in np.split(own, stack.starts[1:]))
         low, high = float(own.min()), float(own.max())
-        if high - low > 1e-6 * max(1.0, abs(high), abs(low)):
+        if within > 1e-6 * max(1.0, abs(high), abs(low)):
             out[name] = (low, high)
     if all(b.run.still for b in stack.blocks):
         out.pop("since_motion", None)  # it is time then

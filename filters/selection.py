@@ -25,6 +25,29 @@ _TRIES = 6
 _DRIFT_GRID = 20.0
 _SECOND = 1.0
 _TEMPERATURE_SHARE = 0.9
+_BAND = 0.01
+_TONES_A_BAND = 3
+_RANK = 0.01
+
+
+_ORDER = (
+    "thermal_lin",
+    "scale",
+    "cross_axis",
+    "warmup",
+    "ramp",
+    "thermal_rate",
+    "thermal_lag",
+    "g_sensitivity",
+    "asymmetry",
+    "nonlinearity_quadratic",
+    "nonlinearity_cubic",
+    "g_squared",
+    "harmonic",
+    "thermal_poly",
+    "hysteresis",
+    "thermal_scale",
+)
 
 
 @dataclass(frozen=True)
@@ -171,8 +194,14 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
     free = [a for a in usable if a.key not in taken]
     gains = chosen.design.gains(chosen.atoms, free)
     _strike_time(free, gains)
+    # of two that do as well the plainer one, which the catalogue has first
     found = [
-        _Candidate(float(g) - chosen.price(a), float(g), a, next(iter(a.places)) if len(a.places) == 1 else -1)
+        _Candidate(
+            float(g) - chosen.price(a) - _RANK * rank(a),
+            float(g),
+            a,
+            next(iter(a.places)) if len(a.places) == 1 else -1,
+        )
         for a, g in zip(free, gains, strict=True)
         if g > ACCEPT
     ]
@@ -183,6 +212,12 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
             price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
             found.append(_Candidate(gain - price, gain, None, c, drift))
     return iter(sorted(found, key=lambda candidate: -candidate.score))
+
+
+def rank(atom: Atom) -> int:
+    """Place of an effect in the catalogue; free curves come last."""
+    name = atom.hypothesis.effect
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _strike_time(atoms: list[Atom], gains: Array) -> None:
@@ -216,7 +251,7 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     taken = {a.key for a in chosen.atoms}
     out = []
     for event in made:
-        if event is None:
+        if event is None or _crowded(chosen, event):
             continue
         atom = Atom(event, {channel: np.arange(event.made.shape[1])})
         if atom.key in taken:
@@ -224,6 +259,18 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
         gain = _event_gain(chosen, event, channel, own)
         out.append(_Candidate(gain - chosen.price(atom), gain, atom, channel))
     return out
+
+
+def _crowded(chosen: Selection, event: Event) -> bool:
+    """Whether so many tones are here already that one more is part of a narrow band, not a tone of its own."""
+    near = [
+        a
+        for a in chosen.on(event.channel)
+        if isinstance(a.hypothesis, events.Tone)
+        and isinstance(event, events.Tone)
+        and abs(a.hypothesis.hz - event.hz) < _BAND * event.hz
+    ]
+    return len(near) >= _TONES_A_BAND
 
 
 def _uneven(white: Array) -> bool:

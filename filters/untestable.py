@@ -73,7 +73,7 @@ def _excited(design: Design, atom: Atom) -> bool:
     h: Hypothesis = atom.hypothesis
     for k, p in enumerate(h.parameters()):
         information = sum(design.gram(c)[0][places[k], places[k]] for c, places in atom.places.items())
-        raw = max(float(np.mean(design.columns[:, places[k]] ** 2)) for places in atom.places.values())
+        raw = max(float(design.raw[places[k]] ** 2) for places in atom.places.values())
         n = design.stack.t.size
         weight = max(1.0 / design.sd[c] ** 2 for c in atom.places if design.sd[c] > 0.0)
         varies = information > 1e-9 * raw * n * weight

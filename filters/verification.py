@@ -105,7 +105,7 @@ def _regimes(blocks: object) -> Array:
     n = blocks.t.size  # type: ignore[attr-defined]
     if run.still:
         return np.zeros(n)
-    rates = np.round(run.rates[blocks._edges[:-1]] / _SAME_RATE)  # type: ignore[attr-defined]  # noqa: SLF001
+    rates = np.round(run.rates[blocks._edges[:-1]] / _SAME_RATE)  # type: ignore[attr-defined]
     return np.cumsum(np.r_[False, (np.diff(rates, axis=0) != 0.0).any(axis=1)]).astype(np.float64)
 
 
@@ -377,13 +377,11 @@ def _attitudes_at(stack: Stack) -> Array:
         return run.C_nb[None]
     if run.still:
         return attitudes(run.angles)
-    middles = np.minimum((stack.blocks[0]._edges[:-1] + stack.blocks[0]._edges[1:]) // 2, run.t.size - 1)  # noqa: SLF001
+    middles = np.minimum((stack.blocks[0]._edges[:-1] + stack.blocks[0]._edges[1:]) // 2, run.t.size - 1)
     return attitudes(run.angles[middles])
 
 
-def _position(
-    stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]
-) -> float:
+def _position(stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]) -> float:
     run, dt = stack.blocks[0].run, stack.period
     rows = slice(start, start + steps)
     errors = r[rows] - _biases(stack, r, start, white, drifts)

@@ -82,7 +82,7 @@ def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-u
             P00, P01 = _DIFFUSE * (r + P11), 0.0
         S = P00 + 2.0 * P01 + P11 + r
         K0, K1 = (P00 + P01) / S, (P01 + P11) / S
-        first = P00 > 0.5 * _DIFFUSE * r
+        first = 0.5 * _DIFFUSE * r < P00
         scale = 0.0 if first else 1.0 / np.sqrt(S)
         if not first:
             log_det += np.log(S)

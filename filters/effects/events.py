@@ -238,7 +238,7 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
     use = np.isfinite(sd)
     if use.sum() < 64:
         return None
-    price = 2.0 * np.log(r.size)
+    price = 2.0 * float(np.log(r.size))
     smooth = np.convolve(np.where(use, r, 0.0), np.ones(9) / 9.0, "same")
     low, high = np.quantile(smooth[use], [0.15, 0.85])
     s, free = np.zeros(r.size, bool), np.zeros(r.size, bool)
@@ -249,11 +249,19 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
         if not (s & use).any() or not (~s & use).any():
             return None
         low, high = _level(r, sd, ~s & use), _level(r, sd, s & use)
+        price = _price(int(np.count_nonzero(np.diff(s.astype(int)))), r.size)
     switches = int(np.count_nonzero(np.diff(s.astype(int)))) - int(np.count_nonzero(s[starts[1:]] != s[starts[1:] - 1]))
     if switches < _SWITCHES:
         return None
     facts = {"switches": float(switches)}
-    return Telegraph(channel, s.astype(np.float64)[:, None], switches * price, facts, 1, switches)
+    penalty = switches * _price(switches, r.size)
+    return Telegraph(channel, s.astype(np.float64)[:, None], penalty, facts, 1, switches)
+
+
+def _price(switches: int, n: int) -> float:
+    """What telling of one switch costs, in chi-square: a two-state Markov chain that switches as often as this one."""
+    s = max(1, switches)
+    return 2.0 * (float(np.log(n / s)) + 1.0)
 
 
 def _level(r: Array, sd: Array, use: NDArray[np.bool_]) -> float:
