@@ -207,7 +207,7 @@ class TableMotion:
 
     def known(self, t: Array, before: float, gyro: Array) -> Array:
         """Rows for samples at `t`; rows of the table are all known or none."""
-        profile_t, rests, aligned = self._joined(t)
+        profile_t, rests, aligned = self.joined(t)
         angles, rates = self.profile.angles(profile_t), self.profile.rates(profile_t)
         C = motion.attitudes(angles)
         turning_b = motion.body_rate(angles, rates)
@@ -229,7 +229,7 @@ class TableMotion:
         rows[~used, RATE.start :] = np.nan
         return rows
 
-    def _joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Profile time, whether the table is settled in a dwell then, and whether the joint is good for all else."""
         if self.profile.align == "marks":
             return self._by_marks(t)
