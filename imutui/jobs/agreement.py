@@ -23,6 +23,7 @@ _MOVING = np.deg2rad(1.0)
 _AT_REST = np.deg2rad(0.05)
 _DIRECTION = np.deg2rad(6.0)
 _NORM = 0.05
+_LEAST = 0.4
 _SHIFT = 0.1
 _LONGEST_SHIFT = 120.0
 _TURNS_DPS = 5.0
@@ -230,7 +231,8 @@ def _check_rates(seen: _Seen) -> None:
     raise ValueError(
         f"{seen.read.path}: the gyros do not follow the reference while it turns: gyro {names[worst]} is off by"
         f" {rms:.2f} deg/s (rms) and sees {100.0 * shares[worst]:.0f} % of its rate. It is another log's profile, or"
-        " the mounting is another one: name the right --reference, or import again with the right --mount."
+        " the mounting is another one: name the right --reference, or import again with the right --mount"
+        " and rates in deg/s."
     )
 
 
@@ -265,6 +267,12 @@ def _check_angles(seen: _Seen) -> None:
     read, expected = seen.readings[still, 3:], seen.expected[still, 3:]
     gamma = seen.read.info.gravity_mps2
     norm = np.linalg.norm(read, axis=1)
+    ratio = float(np.median(norm)) / gamma
+    if seen.alive[3:].all() and not _LEAST < ratio < 1.0 / _LEAST:
+        raise ValueError(
+            f"{seen.read.path}: at rest, the specific force has magnitude {ratio * gamma:.3g} m/s², and gravity is"
+            f" {gamma:.3f}: readings are in other units. Import again with accel in g and gyro in deg/s."
+        )
     # where the magnitude is wrong, a channel is; where it is right, the direction says what the angles are worth
     whole = np.abs(norm - gamma) < _NORM * gamma
     if whole.mean() < 0.2:

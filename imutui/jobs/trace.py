@@ -3,10 +3,13 @@
 What it leaves out: the method (`filters.tracing`), how it is told (`imutui.report`), files that come of it.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import imutui
 from filters.effects.record import Trace
@@ -116,7 +119,7 @@ def trace(
     document = {
         "version": VERSION,
         "runs": [_run(read, heldout=read is held) for read in reads],
-        **{key: value for key, value in found.document.items() if key not in ("version", "runs")},
+        **{key: _plain(value) for key, value in found.document.items() if key not in ("version", "runs")},
         "notes": notes,
         "library": f"imutui {imutui.__version__}",
     }
@@ -147,6 +150,17 @@ def _divided(logs: Sequence[Path], holdout: Path | None) -> tuple[list[Path], Pa
 
 def _same_file(a: Path, b: Path) -> bool:
     return a == b or (a.exists() and b.exists() and a.samefile(b))
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it: what is not finite is nothing."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

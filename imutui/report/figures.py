@@ -26,7 +26,7 @@ _SCALE = np.repeat([180.0 / np.pi, 1e3 / STANDARD_GRAVITY], 3)
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
 # told apart by lightness too, for a grey print
 _BEFORE, _AFTER, _FLOOR = "#d95f02", "#1b4f9c", "#888888"
-_POINTS = 4000
+_POINTS = 400
 _DPI = 110
 
 
@@ -103,13 +103,14 @@ def _six() -> "tuple[Figure, list[Axes]]":
 def _residual(run: Series) -> "Figure":
     figure, axes = _six()
     before, after = run.before * _SCALE, run.after * _SCALE
-    # as many points as can be seen, as means: noise then shows what it hides
+    # means over a few hundred stretches, each curve without its own mean (the bias): else noise hides the rest
     group = max(1, run.t.size // _POINTS)
     t = _means(run.t[:, None], group)[:, 0]
     for k, ax in enumerate(axes):
-        centre = np.nanmean(before[:, k]) if np.isfinite(before[:, k]).any() else 0.0
-        ax.plot(t, _means(before[:, k : k + 1], group)[:, 0] - centre, color=_BEFORE, lw=0.7, label="before")
-        ax.plot(t, _means(after[:, k : k + 1], group)[:, 0], color=_AFTER, lw=0.7, label="after")
+        for values, color, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+            mean = _means(values[:, k : k + 1], group)[:, 0]
+            centre = np.nanmean(mean) if np.isfinite(mean).any() else 0.0
+            ax.plot(t, mean - centre, color=color, lw=0.9, label=label)
         _name(ax, k, f"{CHANNELS[k]}, {_UNITS[k]}")
     _bottom(axes, "s")
     return figure
@@ -185,8 +186,9 @@ def _errors(errors: Sequence[Mapping[str, Any]]) -> "Figure":
     ax.bar(at - 0.2, [e.get("before_x_floor") or 0.0 for e in errors], 0.38, color=_BEFORE, label="before")
     ax.bar(at + 0.2, [e["after_x_floor"] for e in errors], 0.38, color=_AFTER, label="after")
     for k, e in enumerate(errors):
-        if band := e.get("floor_band95"):
-            ax.fill_between([k - 0.45, k + 0.45], band[0], band[1], color=_FLOOR, alpha=0.35, lw=0)
+        band, floor = e.get("floor_band95"), e.get("floor")
+        if band and floor and None not in band:
+            ax.fill_between([k - 0.45, k + 0.45], band[0] / floor, band[1] / floor, color=_FLOOR, alpha=0.35, lw=0)
     ax.axhline(1.0, color="black", lw=0.7)
     if max(e.get("before_x_floor") or 0.0 for e in errors) > 10.0:
         ax.set_yscale("log")

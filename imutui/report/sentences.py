@@ -172,7 +172,8 @@ def _unit(entry: Mapping[str, Any]) -> str:
 
 
 def _rival(r: Mapping[str, Any]) -> str:
-    return f"{r.get('label', r['effect'])} (score {r['score_difference']:+.0f})"
+    label = str(r.get("label", r["effect"]))
+    return label if r.get("score_difference") is None else f"{label} (score {r['score_difference']:+.0f})"
 
 
 def _more(count: int) -> str:
@@ -183,11 +184,12 @@ def _drift(entry: Mapping[str, Any], channel: str) -> str:
     level = f"{entry['level']:.3g} {entry['unit']}"
     if entry["kind"] == "random_walk":
         return f"Random walk, {level}; nothing logged explains it."
-    return f"Drift (Gauss-Markov), {level}, over {duration(entry['tau_s'])}; nothing logged explains it."
+    over = "" if entry.get("tau_s") is None else f", over {duration(entry['tau_s'])}"
+    return f"Drift (Gauss-Markov), {level}{over}; nothing logged explains it."
 
 
 def _remainder(d: Mapping[str, Any], channel: str) -> list[str]:
-    entries = [entry for entry in d.get("remainder", []) if entry["channel"] == channel]
+    entries = [e for e in d.get("remainder", []) if e["channel"] == channel and e["ratio"] is not None]
     if not entries:
         return []
     worst = max(entries, key=lambda entry: abs(entry["ratio"] - 1.0))

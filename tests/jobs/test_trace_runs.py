@@ -235,12 +235,26 @@ def not_at_rest(path: Path) -> Read:
     return read(imported(path, given), reference="level")
 
 
+def other_units(path: Path) -> Read:
+    given = arrays(90.0, moving=False, seed=1)
+    given["accel"] *= 9.80665
+    return read(imported(path, given))
+
+
+def rates_in_radians(path: Path) -> Read:
+    given = arrays(90.0, seed=1)
+    given["gyro"] = np.deg2rad(given["gyro"])
+    return read(imported(path, given))
+
+
 CONTRADICTIONS: dict[Callable[[Path], Read], str] = {
     wrong_sign: r"opposite.*2\.\d\d g.*--accel-sign \+1.*other way up",
     wrong_angles: r"gravity is felt 20°.*--reference gravity",
     wrong_time: r'1\.[45]\d s late.*\+1\.[45]\d s.*align = "gyro"',
     wrong_axis: r"gyro y(, z)? reads the opposite.*--gyro-sign",
     other_motion: r"do not follow the reference.*--mount",
+    other_units: r"magnitude 96 m/s².*accel in g",
+    rates_in_radians: r"sees 2 % of its rate.*rates in deg/s",
     not_at_rest: r"the unit moves.*--reference FILE",
 }
 
