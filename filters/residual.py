@@ -62,6 +62,8 @@ class Run:
         Known delays of the six channels, s.
     flagged : bool array or None
         Readings not to be used, shape (N, 6).
+    averaged : bool
+        Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Run:
     bandwidth: Array | None = None
     latency: Array = field(default_factory=lambda: np.zeros(6))
     flagged: NDArray[np.bool_] | None = None
+    averaged: bool = False
 
     @property
     def still(self) -> bool:

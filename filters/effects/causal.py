@@ -145,11 +145,9 @@ class CausalEffects:
         """C_nb of each sample; the last known one where the reference says nothing."""
         q = known[:, QUATERNION]
         have = np.asarray(np.isfinite(q).all(axis=1))
-        C = np.empty((len(q), 3, 3))
-        for k in range(len(q)):
-            if have[k] and (k == 0 or not np.array_equal(q[k], q[k - 1])):
-                self._C = attitude.from_quaternion(q[k])[None]
-            C[k] = self._C[0]
+        last = np.maximum.accumulate(np.where(have, np.arange(len(q)), -1))
+        C = np.where((last >= 0)[:, None, None], attitude.from_quaternion(q[np.maximum(last, 0)]), self._C)
+        self._C = C[-1:].copy()
         return C
 
     def _slopes(self, t: Array, x: Array, turning: Array) -> tuple[Array, Array]:

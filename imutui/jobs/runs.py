@@ -100,6 +100,7 @@ def read_run(path: Path, name: str, options: replay.Options) -> Read:
         bandwidth,
         latency,
         np.repeat(bad[:, None], 6, axis=1) if bad.any() else None,
+        averaged=info.sampling == "stream",
     )
     return Read(path, info, run, log.finished, log.damage, motion.how)
 

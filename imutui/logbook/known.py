@@ -40,9 +40,7 @@ def from_file(path: Path) -> ReferenceFile:
     return ReferenceFile(kind, "reference.csv", "text/csv", content)
 
 
-def from_arrays(
-    t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None
-) -> ReferenceFile | None:
+def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None) -> ReferenceFile | None:
     """Trajectory from the arrays of a recording.
 
     Parameters
