@@ -80,6 +80,7 @@ class Selection:
     atoms: list[Atom] = field(default_factory=list)
     weak: list[Weak] = field(default_factory=list)
     heldout: dict[object, float] = field(default_factory=dict)
+    _searched: dict[int, tuple[object, list["_Candidate"]]] = field(default_factory=dict)
 
     def price(self, atom: Atom) -> float:
         """What an atom's parameters and its choice cost."""
@@ -207,12 +208,23 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
         if g > ACCEPT
     ]
     for c in channels:
-        found += _events(chosen, c)
-        if chosen.design.drift[c].level == 0.0:
-            gain, drift = _drift_of(chosen, c)
-            price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
-            found.append(_Candidate(gain - price, gain, None, c, drift))
+        found += _searched(chosen, c)
     return iter(sorted(found, key=lambda candidate: -candidate.score))
+
+
+def _searched(chosen: Selection, channel: int) -> list[_Candidate]:
+    """Events and drift of a channel, sought again only when something has changed there."""
+    state = tuple(a.key for a in chosen.on(channel)), chosen.design.drift[channel]
+    before, found = chosen._searched.get(channel, (None, []))
+    if before == state:
+        return found
+    found = _events(chosen, channel)
+    if chosen.design.drift[channel].level == 0.0:
+        gain, drift = _drift_of(chosen, channel)
+        price = 2.0 * float(np.log(chosen.design.stack.seconds(channel))) + 2.0 * float(np.log(_DRIFT_GRID))
+        found.append(_Candidate(gain - price, gain, None, channel, drift))
+    chosen._searched[channel] = state, found
+    return found
 
 
 def rank(atom: Atom) -> int:

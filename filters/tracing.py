@@ -34,6 +34,7 @@ _IN_BAND = 1.2
 _SURE = 1.7
 _LEAST_CORRELATION = 0.03
 _SPIKE = 7.0
+_WORSE = 1.1
 _TONE_S = 600.0
 
 Progress = Callable[[float, str], None]
@@ -265,8 +266,11 @@ class _Report:
         assert self.heldout is not None
         white = self._heldout_white(c)
         error = verification.e10(self.heldout, before, after, c, white, self.seed)
-        if error is not None and error.after < error.before:
-            return True
+        if error is not None and error.after != error.before:
+            if error.after < error.before:
+                return True
+            if error.after > _WORSE * error.before:
+                return False
         honest = verification.nis(self.heldout, before, after, c, white, NONE)
         return honest is not None and honest.after < honest.before
 
