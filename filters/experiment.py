@@ -1,12 +1,208 @@
-"""The motion and the temperatures that would separate two rivals."""
+"""The motion and the temperatures that would separate two rivals.
 
+Of two effects A and B that the runs at hand show alike, with S all else that was found, a further run adds
+
+    d² = Σ_c |(I - P[const, S, B]) φ_A θ_A|² / σ_c²   over all runs together, less the same over the runs at hand
+
+if A is what there is: what no mixture of the others can follow, in standard deviations of the noise. Parameters of S
+and B hold for all runs, the constant is each run's own. Regressors of the further run need no data; white noise, and
+drift where a channel has it, are those found. d ≥ 5 separates.
+
+What it leaves out: what can be done at all (`filters.plans`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from filters.evidence import Atom, Design
+import numpy as np
+
+from filters import motion, plans, residual
+from filters.effects.events import Event
+from filters.evidence import Atom, Design, Stack, columns_on
+from filters.plans import Plan
 from filters.residual import Run
 from filters.types import Array
+from filters.whitening import unbiased, whiten
+
+SEPARATES = 5.0
+"""A d of this separates."""
+_NOTHING = 1.0
+_UNIT_S = 600.0
+_BLOCK_S = {plans.STILL_HZ: 2.0, plans.MOVING_HZ: 0.5}
+_DEPENDENT = 1e-7
 
 
-def separating(design: Design, a: Atom, theta: Array, b: Atom, run: Run) -> dict[str, Any] | None:
-    """To be done."""
-    return None
+@dataclass(frozen=True)
+class Option:
+    """A plan and the d that it adds."""
+
+    plan: Plan
+    d: float
+
+    @property
+    def worth(self) -> float:
+        """D per √(10 min)."""
+        return self.d / math.sqrt(self.plan.seconds / _UNIT_S)
+
+
+class Library:
+    """Plans for a unit whose runs are in a design, made ready once for any number of pairs of rivals.
+
+    Parameters
+    ----------
+    design : Design
+        Of the runs at hand, with their noise.
+    like : Run
+        One of them: how the unit sits.
+    """
+
+    def __init__(self, design: Design, like: Run) -> None:
+        self.design = design
+        self._like = like
+        self._seen = plans.Seen.of(design.stack)
+        self._plans: dict[bool, list[Plan]] = {}
+        self._stacks: dict[int, Stack] = {}
+
+    def options(self, a: Atom, theta: Array, b: Atom, rest: Sequence[Atom] = ()) -> list[Option]:
+        """What each plan adds, the best first: those that separate by d per √time, then the others by d.
+
+        Parameters
+        ----------
+        a : Atom
+            What was found,
+        theta : Array
+            with its parameters, SI, shape (k,).
+        b : Atom
+            Its rival.
+        rest : sequence of Atom
+            All else that was found.
+        """
+        pair = _Pair(self.design, a, theta, b, rest)
+        moving = any(atom.hypothesis.source == "motion" for atom in (a, b))
+        made = [Option(plan, pair.added(self._stack(plan))) for plan in self._of(moving)]
+        return sorted(made, key=lambda o: (o.d >= SEPARATES, o.worth if o.d >= SEPARATES else o.d), reverse=True)
+
+    def _of(self, moving: bool) -> list[Plan]:
+        """Plans without motion for what does not depend on any."""
+        if True not in self._plans:
+            self._plans = {True: plans.library(self._seen, moving=True)}
+            self._plans[False] = [plan for plan in self._plans[True] if plan.still]
+        return self._plans[moving]
+
+    def _stack(self, plan: Plan) -> Stack:
+        if id(plan) not in self._stacks:
+            blocks = residual.blocks(plan.run(self._like), _BLOCK_S.get(plan.rate_hz, self.design.stack.period))
+            self._stacks[id(plan)] = Stack.of([blocks])
+        return self._stacks[id(plan)]
+
+
+class _Pair:
+    """Two rivals, beside the rest: what runs tell of the first that the others can't follow."""
+
+    def __init__(self, design: Design, a: Atom, theta: Array, b: Atom, rest: Sequence[Atom]) -> None:
+        self._design, self._a, self._theta = design, a, theta
+        self._channels = sorted({*a.places, *b.places})
+        self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
+        self._lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, Event)]
+        self._known = self._triangle(design.stack, {})
+        self._before = _unfollowed(self._known)
+
+    def added(self, stack: Stack) -> float:
+        """D that a further run adds."""
+        both = np.vstack([self._known, self._triangle(stack, columns_on(stack, self._lasting))])
+        return math.sqrt(max(0.0, _unfollowed(both) ** 2 - self._before**2))
+
+    def _triangle(self, stack: Stack, made: dict[tuple[object, int], Array]) -> Array:
+        """R of the QR decomposition of whitened columns of all channels: the others, then that of A."""
+        return np.asarray(np.linalg.qr(np.vstack([self._white(stack, made, c) for c in self._channels]), mode="r"))
+
+    def _white(self, stack: Stack, made: dict[tuple[object, int], Array], c: int) -> Array:
+        parts = [self._columns(stack, made, atom, c) for atom in self._others]
+        raw = np.column_stack([*parts, self._columns(stack, made, self._a, c) @ self._theta])
+        design = self._design
+        if stack is design.stack:
+            return design.white(raw, c)
+        variance = np.full(stack.t.size, design.sd[c] ** 2 * design.stack.period / stack.period)
+        drift = design.drift[c]
+        if drift.level == 0.0:
+            return unbiased(raw, stack.run, variance)
+        return whiten(raw, stack.t, stack.starts, variance, drift)[0]
+
+    def _columns(self, stack: Stack, made: dict[tuple[object, int], Array], atom: Atom, c: int) -> Array:
+        """Columns of an atom on a channel; an event of the runs at hand does not happen again."""
+        if c not in atom.places:
+            return np.zeros((stack.t.size, atom.size))
+        if stack is self._design.stack:
+            return self._design.columns[:, atom.places[c]]
+        return made.get((atom.key, c), np.zeros((stack.t.size, atom.size)))
+
+
+def _unfollowed(columns: Array) -> float:
+    """Norm of the last column's part that the others can't follow."""
+    scale = np.linalg.norm(columns[:, :-1], axis=0)
+    others = columns[:, :-1] / np.where(scale > 0.0, scale, 1.0)
+    theta = np.linalg.lstsq(others, columns[:, -1], rcond=_DEPENDENT)[0]
+    return float(np.linalg.norm(columns[:, -1] - others @ theta))
+
+
+def separating(
+    design: Design,
+    a: Atom,
+    theta: Array,
+    b: Atom,
+    run: Run,
+    rest: Sequence[Atom] = (),
+    library: Library | None = None,
+) -> dict[str, Any] | None:
+    """The run to make next to tell an effect from its rival.
+
+    Parameters
+    ----------
+    design : Design
+        Of the runs at hand, with their noise.
+    a : Atom
+        What was found,
+    theta : Array
+        with its parameters, SI, shape (k,).
+    b : Atom
+        Its rival.
+    run : Run
+        One of the runs at hand.
+    rest : sequence of Atom
+        All else that was found.
+    library : Library or None
+        That of the design, where several pairs are asked for.
+
+    Returns
+    -------
+    dict or None
+        `a`, `b` effects; `profile` text of a table profile; `thermal` temperature in the case, [[s, degC], …] or None;
+        `duration_s`; `d_expected`; `motion` a sentence for an operator, which says so if d is below 5. None if there is
+        nothing that would tell them apart at all.
+    """
+    options = (library or Library(design, run)).options(a, theta, b, rest)
+    if not options or options[0].d < _NOTHING:
+        return None
+    best = options[0]
+    return {
+        "a": a.hypothesis.effect,
+        "b": b.hypothesis.effect,
+        "profile": motion.to_toml(best.plan.profile),
+        "thermal": None if best.plan.thermal is None else [list(point) for point in best.plan.thermal],
+        "duration_s": best.plan.seconds,
+        "d_expected": best.d,
+        "motion": _sentence(options),
+    }
+
+
+def _sentence(options: Sequence[Option]) -> str:
+    """What to do; without a chamber, if that will do; or that nothing will."""
+    best = options[0]
+    if best.d < SEPARATES:
+        return f"nothing known separates them; nearest comes d = {best.d:.1f} of {SEPARATES:.0f}: {best.plan.said}"
+    plain = next((o for o in options if not o.plan.chamber), best)
+    if plain is best or plain.d < SEPARATES:
+        return best.plan.said
+    return f"{best.plan.said}; or, without a chamber: {plain.plan.said} (d = {plain.d:.0f})"
