@@ -1,4 +1,4 @@
-"""The motion and the temperatures that would separate two rivals.
+"""The motion and the temperatures that would separate an effect from its rivals.
 
 Of two effects A and B that the runs at hand show alike, with S all else that was found, a further run adds
 
@@ -7,6 +7,8 @@ Of two effects A and B that the runs at hand show alike, with S all else that wa
 if A is what there is: what no mixture of the others can follow, in standard deviations of the noise. Parameters of S
 and B hold for all runs, the constant is each run's own. Regressors of the further run need no data; white noise, and
 drift where a channel has it, are those found. d ≥ 5 separates.
+
+With several rivals the plan counts that separates most of them, by the least d that it adds there for its time.
 
 What it leaves out: what can be done at all (`filters.plans`).
 """
@@ -36,19 +38,37 @@ _DEPENDENT = 1e-7
 
 @dataclass(frozen=True)
 class Option:
-    """A plan and the d that it adds."""
+    """A plan, and the d that it adds against each rival, in their order."""
 
     plan: Plan
-    d: float
+    d: tuple[float, ...]
 
     @property
-    def worth(self) -> float:
-        """D per √(10 min)."""
-        return self.d / math.sqrt(self.plan.seconds / _UNIT_S)
+    def separated(self) -> tuple[int, ...]:
+        """Numbers of the rivals that it separates."""
+        return tuple(n for n, d in enumerate(self.d) if d >= SEPARATES)
+
+    @property
+    def hardest(self) -> int:
+        """Number of the rival of the least d that it separates; of the greatest where there is none."""
+        if self.separated:
+            return min(self.separated, key=lambda n: self.d[n])
+        return int(np.argmax(self.d))
+
+    @property
+    def expected(self) -> float:
+        """The d of that rival."""
+        return self.d[self.hardest]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What it separates, and its d per √(10 min); the d alone where it separates nothing."""
+        time = math.sqrt(self.plan.seconds / _UNIT_S) if self.separated else 1.0
+        return len(self.separated), self.expected / time
 
 
 class Library:
-    """Plans for a unit whose runs are in a design, made ready once for any number of pairs of rivals.
+    """Plans for a unit whose runs are in a design, made ready once for any number of effects.
 
     Parameters
     ----------
@@ -65,8 +85,8 @@ class Library:
         self._plans: dict[bool, list[Plan]] = {}
         self._stacks: dict[int, Stack] = {}
 
-    def options(self, a: Atom, theta: Array, b: Atom, rest: Sequence[Atom] = ()) -> list[Option]:
-        """What each plan adds, the best first: those that separate by d per √time, then the others by d.
+    def options(self, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom] = ()) -> list[Option]:
+        """What each plan adds, the best first.
 
         Parameters
         ----------
@@ -74,15 +94,20 @@ class Library:
             What was found,
         theta : Array
             with its parameters, SI, shape (k,).
-        b : Atom
-            Its rival.
+        rivals : sequence of Atom
+            At least one.
         rest : sequence of Atom
             All else that was found.
         """
-        pair = _Pair(self.design, a, theta, b, rest)
-        moving = any(atom.hypothesis.source == "motion" for atom in (a, b))
-        made = [Option(plan, pair.added(self._stack(plan))) for plan in self._of(moving)]
-        return sorted(made, key=lambda o: (o.d >= SEPARATES, o.worth if o.d >= SEPARATES else o.d), reverse=True)
+        pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
+        lasting = list({atom.key: atom for pair in pairs for atom in pair.lasting}.values())
+        moving = any(atom.hypothesis.source == "motion" for atom in (a, *rivals))
+        made = []
+        for plan in self._of(moving):
+            stack = self._stack(plan)
+            columns = columns_on(stack, lasting)
+            made.append(Option(plan, tuple(pair.added(stack, columns) for pair in pairs)))
+        return sorted(made, key=lambda option: option.rank, reverse=True)
 
     def _of(self, moving: bool) -> list[Plan]:
         """Plans without motion for what does not depend on any."""
@@ -105,13 +130,13 @@ class _Pair:
         self._design, self._a, self._theta = design, a, theta
         self._channels = sorted({*a.places, *b.places})
         self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
-        self._lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, Event)]
+        self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, Event)]
         self._known = self._triangle(design.stack, {})
         self._before = _unfollowed(self._known)
 
-    def added(self, stack: Stack) -> float:
-        """D that a further run adds."""
-        both = np.vstack([self._known, self._triangle(stack, columns_on(stack, self._lasting))])
+    def added(self, stack: Stack, columns: dict[tuple[object, int], Array]) -> float:
+        """D that a further run adds, with the columns of all that lasts on it."""
+        both = np.vstack([self._known, self._triangle(stack, columns)])
         return math.sqrt(max(0.0, _unfollowed(both) ** 2 - self._before**2))
 
     def _triangle(self, stack: Stack, made: dict[tuple[object, int], Array]) -> Array:
@@ -151,12 +176,12 @@ def separating(
     design: Design,
     a: Atom,
     theta: Array,
-    b: Atom,
+    rivals: Sequence[Atom],
     run: Run,
     rest: Sequence[Atom] = (),
     library: Library | None = None,
 ) -> dict[str, Any] | None:
-    """The run to make next to tell an effect from its rival.
+    """The run to make next to tell an effect from its rivals.
 
     Parameters
     ----------
@@ -166,43 +191,52 @@ def separating(
         What was found,
     theta : Array
         with its parameters, SI, shape (k,).
-    b : Atom
-        Its rival.
+    rivals : sequence of Atom
+        What would do in its place, the strongest first; none of them contains it.
     run : Run
         One of the runs at hand.
     rest : sequence of Atom
         All else that was found.
     library : Library or None
-        That of the design, where several pairs are asked for.
+        That of the design, where several effects are asked for.
 
     Returns
     -------
     dict or None
-        `a`, `b` effects; `profile` text of a table profile; `thermal` temperature in the case, [[s, degC], …] or None;
-        `duration_s`; `d_expected`; `motion` a sentence for an operator, which says so if d is below 5. None if there is
-        nothing that would tell them apart at all.
+        `a`, `b` effects, b the hardest of the rivals that it separates; `profile` text of a table profile; `thermal`
+        temperature in the case, [[s, degC], …] or None; `duration_s`; `d_expected` against b; `motion` a sentence for
+        an operator, which says so if d is below 5; `leaves` effects of the rivals that stay possible. None if nothing
+        would tell them apart at all.
     """
-    options = (library or Library(design, run)).options(a, theta, b, rest)
-    if not options or options[0].d < _NOTHING:
+    options = (library or Library(design, run)).options(a, theta, rivals, rest) if rivals else []
+    if not options or options[0].expected < _NOTHING:
         return None
     best = options[0]
+    left = [b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated]
+    thermal = best.plan.thermal
     return {
         "a": a.hypothesis.effect,
-        "b": b.hypothesis.effect,
+        "b": rivals[best.hardest].hypothesis.effect,
         "profile": motion.to_toml(best.plan.profile),
-        "thermal": None if best.plan.thermal is None else [list(point) for point in best.plan.thermal],
+        "thermal": None if thermal is None else [list(point) for point in thermal],
         "duration_s": best.plan.seconds,
-        "d_expected": best.d,
-        "motion": _sentence(options),
+        "d_expected": best.expected,
+        "motion": _sentence(options, left),
+        "leaves": left,
     }
 
 
-def _sentence(options: Sequence[Option]) -> str:
-    """What to do; without a chamber, if that will do; or that nothing will."""
+def _sentence(options: Sequence[Option], left: Sequence[str]) -> str:
+    """What to do; without a chamber too, if that will do as well; or that nothing will."""
     best = options[0]
-    if best.d < SEPARATES:
-        return f"nothing known separates them; nearest comes d = {best.d:.1f} of {SEPARATES:.0f}: {best.plan.said}"
+    if not best.separated:
+        return (
+            f"nothing known separates them; nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.plan.said}"
+        )
+    text = best.plan.said
+    if left:
+        text += f" ({' and '.join(left)} would stay possible)"
     plain = next((o for o in options if not o.plan.chamber), best)
-    if plain is best or plain.d < SEPARATES:
-        return best.plan.said
-    return f"{best.plan.said}; or, without a chamber: {plain.plan.said} (d = {plain.d:.0f})"
+    if plain is best or not set(plain.separated) >= set(best.separated):
+        return text
+    return f"{text}; or, without a chamber: {plain.plan.said} (d = {plain.expected:.0f})"

@@ -124,7 +124,7 @@ class Seen:
         """What the runs of a stack went through."""
         temperatures = [b.slow().temperature for b in stack.blocks]
         times = [b.t for b in stack.blocks]
-        fastest = max(float(np.abs(b.run.rates).max()) for b in stack.blocks)
+        fastest = max(float(np.nanmax(np.abs(b.run.rates), initial=0.0)) for b in stack.blocks)
         rate = math.radians(10.0 * round(min(_FASTEST, max(_LEAST_FAST, math.degrees(fastest))) / 10.0))
         if not all(np.isfinite(T).all() for T in temperatures):
             return cls(math.nan, math.nan, math.nan, (), rate)

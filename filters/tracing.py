@@ -31,7 +31,7 @@ _IMPLAUSIBLE = 5.0
 _MATERIAL = 9.0
 _LONG_S = 4.0 * 3600.0
 _IN_BAND = 1.2
-_PAIRS = 4
+_DISPUTED, _RIVALS = 3, 4
 
 Progress = Callable[[float, str], None]
 
@@ -387,14 +387,17 @@ class _Report:
         return out
 
     def _experiment(self) -> None:
-        """The run to make next: for the first pair that one separates, else that which comes nearest."""
-        pairs = [(f, rival.atom) for f in self.found for rival in f.rivals][:_PAIRS]
+        """The run to make next: for the first finding that one separates from a rival, else what comes nearest."""
+        disputed = [f for f in self.found if f.rivals][:_DISPUTED]
+        if not disputed:
+            return
         run = self.stack.blocks[0].run
         library = experiment.Library(self.design, run)
         best = -1.0
-        for f, b in pairs:
+        for f in disputed:
             rest = [atom for atom in self.chosen.atoms if atom is not f.atom]
-            made = experiment.separating(self.design, f.atom, f.theta, b, run, rest, library)
+            others = [r.atom for r in f.rivals[:_RIVALS]]
+            made = experiment.separating(self.design, f.atom, f.theta, others, run, rest, library)
             if made is not None and made["d_expected"] > best:
                 self.experiment, best = made, made["d_expected"]
             if best >= experiment.SEPARATES:
