@@ -34,6 +34,7 @@ _NOTHING = 1.0
 _UNIT_S = 600.0
 _BLOCK_S = {plans.STILL_HZ: 2.0, plans.MOVING_HZ: 0.5}
 _DEPENDENT = 1e-7
+_ABSURD = 100.0
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,9 @@ def separating(
     theta : Array
         with its parameters, SI, shape (k,).
     rivals : sequence of Atom
-        What would do in its place, the strongest first; none of them contains it.
+        What would do in its place, the strongest first; none of them contains it. Whatever would have to be a hundred
+        times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a drift
+        of Earth rate. If that is `a`, the strongest rival takes its place.
     run : Run
         One of the runs at hand.
     rest : sequence of Atom
@@ -208,8 +211,11 @@ def separating(
         an operator, which says so if d is below 5; `leaves` effects of the rivals that stay possible. None if nothing
         would tell them apart at all.
     """
-    options = (library or Library(design, run)).options(a, theta, rivals, rest) if rivals else []
-    if not options or options[0].expected < _NOTHING:
+    a, theta, rivals = _possible(design, a, theta, rivals, rest)
+    if not rivals:
+        return None
+    options = (library or Library(design, run)).options(a, theta, rivals, rest)
+    if options[0].expected < _NOTHING:
         return None
     best = options[0]
     left = [b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated]
@@ -224,6 +230,24 @@ def separating(
         "motion": _sentence(options, left),
         "leaves": left,
     }
+
+
+def _possible(
+    design: Design, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom]
+) -> tuple[Atom, Array, Sequence[Atom]]:
+    """An effect and its rivals without those that are absurd in size."""
+    others = [s for s in rest if s is not a]
+    fitted = [(a, theta), *((b, design.fit([*others, b]).theta[-1]) for b in rivals)]
+    able = [(atom, own) for atom, own in fitted if not _absurd(atom, own)]
+    if len(able) < 2:
+        return a, theta, rivals
+    return able[0][0], able[0][1], [atom for atom, _ in able[1:]]
+
+
+def _absurd(atom: Atom, theta: Array) -> bool:
+    """Whether a parameter is a hundred times of plausible size."""
+    sizes = zip(atom.hypothesis.parameters(), theta.tolist(), strict=True)
+    return any(p.prior > 0.0 and abs(value / p.si) > _ABSURD * p.prior for p, value in sizes)
 
 
 def _sentence(options: Sequence[Option], left: Sequence[str]) -> str:

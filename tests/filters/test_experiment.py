@@ -233,13 +233,25 @@ def test_a_step_beside_it_does_not_happen_again() -> None:
 def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
     """Temperature against its rate takes a ramp, against a scale factor that follows it a motion: one run has both."""
     run = cold.stack.blocks[0].run
-    a = named(cold, "thermal_lin", 2)
-    rivals = [named(cold, "thermal_scale", 2), named(cold, "thermal_rate", 2), named(cold, "warmup", 2, tau_s=400.0)]
+    a = named(cold, "thermal_lin", 5)
+    rivals = [named(cold, "thermal_scale", 5), named(cold, "thermal_rate", 5), named(cold, "warmup", 5, tau_s=400.0)]
     made = experiment.separating(cold, a, of_size(cold, a, 40.0), rivals, run)
     assert made is not None
     assert made["leaves"] == []
     assert made["d_expected"] > experiment.SEPARATES
     assert "and again at" in made["motion"]
+
+
+def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
+    """A gyro at rest that drifts with temperature might have a scale factor of thirty times Earth rate: it has not."""
+    run = performed([Effect("thermal_rate", ("gz",), {"dps_s_per_k": 28.0})], 40)
+    design = designed(run)
+    a = named(design, "thermal_scale", 2)
+    rivals = [named(design, "thermal_lin", 2), named(design, "thermal_rate", 2)]
+    made = experiment.separating(design, a, design.fit([a]).theta[0], rivals, run)
+    assert made is not None
+    assert (made["a"], made["b"]) == ("thermal_lin", "thermal_rate")
+    assert "heat it again" in made["motion"]
 
 
 def test_what_no_plan_separates_stays_possible(cold: Design) -> None:
