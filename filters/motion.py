@@ -402,6 +402,27 @@ def attitudes(angles: Array) -> Array:
     return C
 
 
+def angles_of(C_nb: Array) -> Array:
+    """Outer, middle and inner rotation of attitudes, the inverse of `attitudes`.
+
+    middle = asin C₁₃, outer = atan2(-C₂₃, C₃₃), inner = atan2(-C₁₂, C₁₁); with middle at ±90° only the sum or the
+    difference of the other two is known, and means little there.
+
+    Parameters
+    ----------
+    C_nb : Array
+        Shape (N, 3, 3).
+
+    Returns
+    -------
+    Array
+        rad, shape (N, 3), middle within ±π/2, the others within ±π.
+    """
+    middle = np.arcsin(np.clip(C_nb[:, 0, 2], -1.0, 1.0))
+    outer = np.arctan2(-C_nb[:, 1, 2], C_nb[:, 2, 2])
+    return np.stack([outer, middle, np.arctan2(-C_nb[:, 0, 1], C_nb[:, 0, 0])], axis=1)
+
+
 def from_samples(
     t: ArrayLike,
     outer: ArrayLike,

@@ -2,14 +2,15 @@
 
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
-A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it is still better
-than the best drift process could do in its place (the drift guard). What fails the guard is weak: not told from drift.
+A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it still does so
+when both models have their own best drift process (the drift guard). What fails the guard is weak: not told from drift.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects import events
 from filters.effects.events import Event
@@ -25,6 +26,29 @@ _TRIES = 6
 _DRIFT_GRID = 20.0
 _SECOND = 1.0
 _TEMPERATURE_SHARE = 0.9
+_BAND = 0.01
+_TONES_A_BAND = 3
+_RANK = 0.01
+
+
+_ORDER = (
+    "thermal_lin",
+    "scale",
+    "cross_axis",
+    "warmup",
+    "ramp",
+    "thermal_rate",
+    "thermal_lag",
+    "g_sensitivity",
+    "asymmetry",
+    "nonlinearity_quadratic",
+    "nonlinearity_cubic",
+    "g_squared",
+    "harmonic",
+    "thermal_poly",
+    "hysteresis",
+    "thermal_scale",
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +91,7 @@ class Selection:
 
     def log_seconds(self, atom: Atom) -> float:
         """ln of the seconds of data of its channels."""
-        return float(np.log(max(2.0, np.mean([self.design.stack.seconds(c) for c in atom.places]))))
+        return float(np.log(max(2.0, float(np.mean([self.design.stack.seconds(c) for c in atom.places])))))
 
     def own_gain(self, atom: Atom) -> float:
         """Gain of an accepted atom beside the others."""
@@ -171,8 +195,14 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
     free = [a for a in usable if a.key not in taken]
     gains = chosen.design.gains(chosen.atoms, free)
     _strike_time(free, gains)
+    # of two that do as well the plainer one, which the catalogue has first
     found = [
-        _Candidate(float(g) - chosen.price(a), float(g), a, next(iter(a.places)) if len(a.places) == 1 else -1)
+        _Candidate(
+            float(g) - chosen.price(a) - _RANK * rank(a),
+            float(g),
+            a,
+            next(iter(a.places)) if len(a.places) == 1 else -1,
+        )
         for a, g in zip(free, gains, strict=True)
         if g > ACCEPT
     ]
@@ -183,6 +213,12 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
             price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
             found.append(_Candidate(gain - price, gain, None, c, drift))
     return iter(sorted(found, key=lambda candidate: -candidate.score))
+
+
+def rank(atom: Atom) -> int:
+    """Place of an effect in the catalogue; free curves come last."""
+    name = atom.hypothesis.effect
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _strike_time(atoms: list[Atom], gains: Array) -> None:
@@ -216,7 +252,7 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     taken = {a.key for a in chosen.atoms}
     out = []
     for event in made:
-        if event is None:
+        if event is None or _crowded(chosen, event):
             continue
         atom = Atom(event, {channel: np.arange(event.made.shape[1])})
         if atom.key in taken:
@@ -226,11 +262,23 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     return out
 
 
+def _crowded(chosen: Selection, event: Event) -> bool:
+    """Whether so many tones are here already that one more is part of a narrow band, not a tone of its own."""
+    near = [
+        a
+        for a in chosen.on(event.channel)
+        if isinstance(a.hypothesis, events.Tone)
+        and isinstance(event, events.Tone)
+        and abs(a.hypothesis.hz - event.hz) < _BAND * event.hz
+    ]
+    return len(near) >= _TONES_A_BAND
+
+
 def _uneven(white: Array) -> bool:
     """Whether sums over 16 rows vary more than white noise lets them: else there is no step to look for."""
     size = white.size // 16 * 16
     sums = white[:size].reshape(-1, 16).sum(axis=1)
-    return float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size))
+    return bool(float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size)))
 
 
 def _event_gain(chosen: Selection, event: Event, channel: int, own: Array) -> float:
@@ -322,7 +370,9 @@ def _drift_fit(chosen: Selection, channel: int, more: Array) -> tuple[float, Dri
     return best_drift(rows, t, starts, variance, max(_SECOND, stack.period))
 
 
-def by_seconds(design: Design, channel: int, raw: Array, seconds: float = _SECOND) -> tuple[Array, Array, Array, Array]:
+def by_seconds(
+    design: Design, channel: int, raw: Array, seconds: float = _SECOND
+) -> tuple[Array, Array, NDArray[np.int_], Array]:
     """Rows of blocks averaged over so many seconds: columns, time, first row of each run, variance."""
     stack = design.stack
     per = max(1, round(seconds / stack.period))
