@@ -283,8 +283,8 @@ def _experiment(d: Mapping[str, Any]) -> Iterable[str]:
             yield f"{_upper(a)}, or {b}? {_upper(words)}."
             return
         yield (
-            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough): {words}."
-            " The motion is experiment.toml, which --report DIR or -o FILE saves."
+            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough):"
+            f" {words}. The motion is experiment.toml, which --report DIR or -o FILE saves."
         )
 
 
