@@ -417,6 +417,29 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
     return _filled(stack, makers, width), atoms
 
 
+def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
+    """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
+    wanted = [(a, c) for a in atoms for c in a.places]
+    out: dict[tuple[object, int], Array] = {}
+    places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
+    fast = [
+        (_bound(a.hypothesis, c), slice(places[k], places[k + 1]))
+        for k, (a, c) in enumerate(wanted)
+        if not is_slow(a.hypothesis)
+    ]
+    values = np.empty((stack.t.size, int(places[-1])))
+    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
+        rows = slice(start, start + blocks.t.size)
+        if fast:
+            blocks.mean(fast, values[rows])
+        for k, (a, c) in enumerate(wanted):
+            if is_slow(a.hypothesis):
+                values[rows, places[k] : places[k + 1]] = a.hypothesis.columns(blocks.slow(), c)
+    for k, (a, c) in enumerate(wanted):
+        out[a.key, c] = np.nan_to_num(values[:, places[k] : places[k + 1]])
+    return out
+
+
 def is_slow(h: Hypothesis) -> bool:
     """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
     return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
