@@ -28,7 +28,8 @@ Units
 
 State (order of the 15 errors, `filters.state`)
     position δp_n (m), velocity δv_n (m/s), attitude ε_n (rad), accelerometer bias δb_a (m/s²), gyro bias δb_g (rad/s),
-    north, east, down or body x, y, z.
+    north, east, down or body x, y, z. Effects that join the filter (`filters.inclusion`) add p states x after them:
+    reading - b - φ x is what is integrated; φ (6, p) is accelerometer then gyro, body x, y, z.
 
 Names
     innovation   reference minus predicted state, before the update       residual   sensor minus reference
@@ -39,9 +40,21 @@ Where things are
     `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `motion`
     what a table does · `reference` what is known of the motion · `alignment` how that is found in data · `state` and
     `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same step, compiled ·
-    `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its
-    arrays · `settings`, `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences
-    on what contradicts the model · `allan` white noise and drift of a log · `simulation` units with known truth.
+    `inclusion` effects as further states and noise · `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines`
+    what turns samples into estimates; `layout` its arrays · `settings`, `runner` a run, one sample or many ·
+    `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model · `allan` white noise and
+    drift of a log · `simulation` units with known truth.
+
+    `effects` the catalogue of what may be wrong with a unit · `residual` reading minus what a perfect unit reads, in
+    blocks · `whitening` the bias filter over residuals and regressors, likelihood of drift · `evidence` what a
+    hypothesis gains · `selection` which are there, and their rivals · `levels` what the noise follows · `untestable`
+    what a log can't show · `verification` error before and after · `curves` what a free curve looks like ·
+    `experiment`, `plans` the motion that separates rivals · `tracing` all of it, as a report.
+
+Residual and effects
+    residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an
+    error of the reading, e = φ θ, and the same φ screens residuals and joins the filter, where b_eff = b + φ x. A run
+    is one power-on, with constant biases of its own. What is found is judged on a run that nothing was fitted to.
 
 Measurements of the reference
     exact        the known state itself is fed: a table at rest is known; NIS is then no test

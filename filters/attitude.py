@@ -172,6 +172,27 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     return _axis(2, yaw) @ _axis(1, pitch) @ _axis(0, roll)
 
 
+def from_rpys(angles: Array) -> Array:
+    """Attitudes of many roll, pitch, yaw, C_nb = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Parameters
+    ----------
+    angles : Array
+        rad, shape (N, 3).
+
+    Returns
+    -------
+    Array
+        C_nb, shape (N, 3, 3).
+    """
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
+    C = np.empty((len(angles), 3, 3))
+    C[:, 0, 0], C[:, 0, 1], C[:, 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+    C[:, 1, 0], C[:, 1, 1], C[:, 1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+    C[:, 2, 0], C[:, 2, 1], C[:, 2, 2] = -sp, cp * sr, cp * cr
+    return C
+
+
 def to_rpy(C_nb: Array) -> Array:
     """Roll, pitch, yaw of an attitude (3-2-1 reading).
 

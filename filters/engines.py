@@ -4,7 +4,7 @@ Both keep the same totals, in the layout of `filters.kernels`, and stop at the s
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from types import ModuleType
 from typing import Any, Protocol
@@ -15,7 +15,8 @@ from scipy.special import ndtri
 from filters import attitude, earth, ekf, kernels, layout, reference, spkf, spkf_paper, state
 from filters.consistency import nis_gates
 from filters.imu import Noise
-from filters.layout import STRIDE
+from filters.inclusion import Effects
+from filters.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
 from filters.settings import FILTERS, Settings
 from filters.spkf import Belief, DivergenceError
 from filters.state import NavState, Site
@@ -43,6 +44,8 @@ class Parameters:
         Process noise.
     every : float
         Least time between two rows of output, s; infinity for none.
+    effects : Effects or None
+        Whose states join the 15.
     """
 
     period: float
@@ -51,6 +54,7 @@ class Parameters:
     linear: bool
     noise: Noise
     every: float
+    effects: Effects | None = None
 
     def gravity_anomaly(self) -> float:
         """What the site's gravity has beyond normal gravity there, m/s²."""
@@ -62,7 +66,9 @@ class Parameters:
 class Feed:
     """Samples, body axes, with what is known at each; `t` (N,), `gyro`, `accel` (N, 3), `known` (N or 1, 25).
 
-    `draws` are the standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones.
+    `draws` are the standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones. With
+    effects, `phi` is the regressor of the p extra states, (N, 6, p), and `noise_scale` the factor on the white noise of
+    each channel, (N, 6), accelerometer then gyro; empty without.
     """
 
     t: Array
@@ -70,6 +76,8 @@ class Feed:
     accel: Array
     known: Array
     draws: Array
+    phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
+    noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
 
 
 class Engine(Protocol):
@@ -107,6 +115,10 @@ class Engine(Protocol):
 
     def biases(self) -> tuple[Array, Array]:
         """The six biases, accelerometer then gyro, and their standard deviations; each (6,)."""
+        ...
+
+    def extra(self) -> tuple[Array, Array]:
+        """The p extra states, (p,), and the covariance of all errors, they last, (15 + p, 15 + p)."""
         ...
 
     def alarm(self) -> str | None:
@@ -181,13 +193,17 @@ class Compiled:
         noise = parameters.noise
         densities = np.concatenate([noise.accel_vrw, noise.gyro_arw, noise.accel_walk, noise.gyro_walk])
         self._par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
-        self._par[layout.PAR_GATE :] = nis_gates()
+        self._par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
+        self._par[layout.PAR_WHITE :] = densities[:6] ** 2
+        self._effects = parameters.effects
+        self._extra, self._across = _extra_of(parameters.effects)
         self._work = np.zeros(kernels.WORK)
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief."""
         self.core[: layout.NAV] = row_of(nav)
         self._P = _padded(np.diag(P0_sd**2))
+        self._extra, self._across = _extra_of(self._effects)
 
     def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
         """Feed samples; see `Engine`."""
@@ -200,12 +216,16 @@ class Compiled:
             feed.accel,
             feed.known.reshape(-1),
             feed.draws,
+            feed.phi,
+            feed.noise_scale,
             first,
             stop,
             self.sums,
             self.moments,
             self.out,
             self._work,
+            self._extra,
+            self._across,
         )
         if why == layout.INDEFINITE:
             raise DivergenceError(f"the covariance is not positive definite at {_STATES[row]}")
@@ -221,6 +241,14 @@ class Compiled:
         """The six biases and their standard deviations."""
         variances = self._P[9 * (STRIDE + 1) :: STRIDE + 1]
         return self.core[layout.NAV_BA : layout.NAV].copy(), np.sqrt(variances)
+
+    def extra(self) -> tuple[Array, Array]:
+        """The extra states, and the covariance of all errors."""
+        p = self._across.size // (2 * STRIDE)
+        extra = self._extra.reshape(-1, p) if p else np.empty((EXTRA_OWN, 0))
+        across = self._across.reshape(2 * p, STRIDE)[:p, : state.SIZE]
+        own = extra[EXTRA_OWN : EXTRA_OWN + p]
+        return extra[EXTRA_MEAN].copy(), np.block([[covariance_of(self._P), across.T], [across, own]])
 
     def alarm(self) -> str | None:
         """None: no attitude is special to it."""
@@ -261,6 +289,10 @@ class Stepwise:
         belief = self.belief()
         bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
         return bias, np.sqrt(np.diag(belief.P)[9:])
+
+    def extra(self) -> tuple[Array, Array]:
+        """No extra states: effects join `spkf` only."""
+        return np.empty(0), self.belief().P
 
     def alarm(self) -> str | None:
         """What the filter says of itself, or last said: what the biases went through stays in them."""
@@ -377,9 +409,20 @@ def _totals(parameters: Parameters) -> tuple[Array, Array, Array, Array]:
     return core, np.zeros(layout.SUMS), np.zeros(layout.MOMENTS), np.zeros((_ROOM, layout.OUT))
 
 
-def engine_of(settings: Settings, linear: bool, every: float) -> Engine:
-    """Engine for a filter by name; `linear` and `every` as in `Parameters`."""
-    parameters = Parameters(settings.period, settings.kappa, settings.site, linear, settings.process_noise(), every)
+def _extra_of(effects: Effects | None) -> tuple[Array, Array]:
+    """The extra states at the start and their covariances with the 15, laid out for `kernels`."""
+    p = 0 if effects is None else effects.mean.size
+    extra = np.zeros((EXTRA_OWN + 2 * p, p))
+    if effects is not None:
+        extra[EXTRA_MEAN], extra[EXTRA_TAU], extra[EXTRA_DENSITY] = effects.mean, effects.tau, effects.q
+        extra[EXTRA_OWN : EXTRA_OWN + p] = effects.covariance
+    return extra.ravel(), np.zeros(2 * p * STRIDE)
+
+
+def engine_of(settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> Engine:
+    """Engine for a filter by name; `linear`, `every` and `effects` as in `Parameters`."""
+    noise = settings.process_noise()
+    parameters = Parameters(settings.period, settings.kappa, settings.site, linear, noise, every, effects)
     return ENGINES[settings.filter](parameters)
 
 

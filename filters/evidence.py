@@ -181,15 +181,24 @@ class Design:
         self.columns = np.hstack([self.columns, columns])
         self.raw = np.append(self.raw, np.sqrt(np.mean(columns**2, axis=0)))
         places = np.arange(first, first + columns.shape[1])
-        atom = Atom(hypothesis, {c: places for c in hypothesis.channels})
+        atom = Atom(hypothesis, dict.fromkeys(hypothesis.channels, places))
         for c in list(self._gram):
-            G, B, yy = self._gram[c]
-            W = self.whitened(c, np.arange(self.columns.shape[1]))
-            new = W[:, 1 + first :]
-            cross = W[:, 1:].T @ new
-            G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
-            self._gram[c] = G, np.append(B, new.T @ W[:, 0]), yy
+            if c in hypothesis.channels:
+                self._widen(c, first)
+            else:  # where it does not act nobody asks for it
+                G, B, yy = self._gram[c]
+                more = columns.shape[1]
+                self._gram[c] = np.pad(G, ((0, more), (0, more))), np.append(B, np.zeros(more)), yy
         return atom
+
+    def _widen(self, c: int, first: int) -> None:
+        """Add the columns from `first` on to a channel's Gram matrix."""
+        G, B, yy = self._gram[c]
+        W = self.whitened(c, np.arange(self.columns.shape[1]))
+        new = W[:, 1 + first :]
+        cross = W[:, 1:].T @ new
+        G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
+        self._gram[c] = G, np.append(B, new.T @ W[:, 0]), yy
 
     # ------------------------------------------------------------------------------------------------------- fits
 
@@ -310,7 +319,7 @@ class Design:
         return r
 
     def heldout(self, selection: Sequence[Atom], atom: Atom) -> tuple[float, float]:
-        """Gain of an atom on cells that its fit has not seen: sum over five folds, and the same without its best cell.
+        """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell.
 
         Both fits, without and with it, are joint over all channels that shared effects tie to the atom's.
         """
@@ -408,6 +417,29 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
     return _filled(stack, makers, width), atoms
 
 
+def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
+    """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
+    wanted = [(a, c) for a in atoms for c in a.places]
+    out: dict[tuple[object, int], Array] = {}
+    places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
+    fast = [
+        (_bound(a.hypothesis, c), slice(places[k], places[k + 1]))
+        for k, (a, c) in enumerate(wanted)
+        if not is_slow(a.hypothesis)
+    ]
+    values = np.empty((stack.t.size, int(places[-1])))
+    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
+        rows = slice(start, start + blocks.t.size)
+        if fast:
+            blocks.mean(fast, values[rows])
+        for k, (a, c) in enumerate(wanted):
+            if is_slow(a.hypothesis):
+                values[rows, places[k] : places[k + 1]] = a.hypothesis.columns(blocks.slow(), c)
+    for k, (a, c) in enumerate(wanted):
+        out[a.key, c] = np.nan_to_num(values[:, places[k] : places[k + 1]])
+    return out
+
+
 def is_slow(h: Hypothesis) -> bool:
     """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
     return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
@@ -463,8 +495,10 @@ def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:
         own = values[:, k]
         if not np.isfinite(own).all():
             continue
+        # what differs from run to run only is the runs' biases
+        within = max(float(np.ptp(part)) for part in np.split(own, stack.starts[1:]))
         low, high = float(own.min()), float(own.max())
-        if high - low > 1e-6 * max(1.0, abs(high), abs(low)):
+        if within > 1e-6 * max(1.0, abs(high), abs(low)):
             out[name] = (low, high)
     if all(b.run.still for b in stack.blocks):
         out.pop("since_motion", None)  # it is time then

@@ -7,6 +7,11 @@ substep allow; biases, which have no dynamics, left out of the propagation; and 
 inverse. `fastmath` stays off: it may drop the very terms that keep rounding harmless.
 
 The arrays are laid out as `filters.layout` says.
+
+States beyond the 15 (`filters.inclusion`) act through the effective bias b + φ x alone. The step therefore takes the
+lanes through with z = (navigation errors, effective bias), 15 of them whatever p is, and carries the rest along with
+the linear regression of the lanes on z; see `_carry`. Everything compiled stays in this one file: numba's cache would
+not notice a change in another.
 """
 
 import math
@@ -33,6 +38,15 @@ from filters.layout import (
     CORE_SPREAD,
     CORE_T,
     DONE,
+    EXTRA_BEFORE,
+    EXTRA_DENSITY,
+    EXTRA_ERROR,
+    EXTRA_GAIN,
+    EXTRA_MEAN,
+    EXTRA_OWN,
+    EXTRA_SHARE,
+    EXTRA_TAU,
+    EXTRA_WHITE,
     INDEFINITE,
     KNOWN,
     KNOWN_FORCE,
@@ -63,6 +77,7 @@ from filters.layout import (
     PAR_LINEAR,
     PAR_NOISE,
     PAR_PERIOD,
+    PAR_WHITE,
     STRIDE,
     SUM_BIAS,
     SUM_BIASES,
@@ -548,14 +563,158 @@ def _innovation(core, known, at, nu):  # type: ignore[no-untyped-def]
     nu[6], nu[7], nu[8] = k * ex, k * ey, k * ez
 
 
+# States beyond the 15, p of them, which is known at run time only; `extra` and `across` are laid out as `layout` says.
+
+
 @_compiled
-def _correct(core, known, at, draws, k_draw, par, P, saved, nu, gain, error):  # type: ignore[no-untyped-def]
+def _drift(extra, across, p, dt):  # type: ignore[no-untyped-def]
+    """x ← x exp(-dt/τ), with its covariances, and the variance that w adds over dt; as `inclusion.drift`."""
+    for j in range(p):
+        tau, power = extra[EXTRA_TAU * p + j], extra[EXTRA_DENSITY * p + j] ** 2
+        keep = math.exp(-dt / tau)
+        grown = power * dt if math.isinf(tau) else -0.5 * power * tau * math.expm1(-2.0 * dt / tau)
+        extra[EXTRA_MEAN * p + j] *= keep
+        for i in range(STRIDE):
+            across[j * STRIDE + i] *= keep
+        for i in range(p):
+            extra[(EXTRA_OWN + j) * p + i] *= keep
+            extra[(EXTRA_OWN + i) * p + j] *= keep
+        extra[(EXTRA_OWN + j) * p + j] += grown
+
+
+@_compiled
+def _take_away(extra, p, phi, k, linear, gyro, accel):  # type: ignore[no-untyped-def]
+    """Take the mean effect from the readings at both ends of the step, and note the share of x in the bias of it.
+
+    What x is off by is taken with the mean of both regressors: the angle and, to dt²/12, the velocity are the same.
+    """
+    for i in range(6):
+        start, end = 0.0, 0.0
+        for j in range(p):
+            last = phi[k, i, j]
+            first = extra[(EXTRA_BEFORE + i) * p + j] if linear else last
+            extra[(EXTRA_SHARE + i) * p + j] = 0.5 * (first + last)
+            start += first * extra[EXTRA_MEAN * p + j]
+            end += last * extra[EXTRA_MEAN * p + j]
+        if i < 3:
+            accel[i] -= start
+            accel[3 + i] -= end
+        else:
+            gyro[i - 3] -= start
+            gyro[i] -= end
+
+
+@_compiled
+def _gather(P, extra, across, p, kept):  # type: ignore[no-untyped-def]
+    """P ← covariance of z = (navigation errors, b + φ x), its block of b put by; and Cov(z, x)."""
+    for i in range(36):
+        kept[i] = P[(9 + i // 6) * STRIDE + 9 + i % 6]
+    for j in range(p):
+        for r in range(15):
+            extra[(EXTRA_WHITE + r) * p + j] = across[j * STRIDE + r]
+    for i in range(6):
+        share = (EXTRA_SHARE + i) * p
+        for r in range(15):
+            s = 0.0
+            for j in range(p):
+                s += extra[share + j] * across[j * STRIDE + r]
+            P[(9 + i) * STRIDE + r] += s
+            P[r * STRIDE + 9 + i] += s
+        for j in range(p):
+            s = 0.0
+            for m in range(p):
+                s += extra[share + m] * extra[(EXTRA_OWN + m) * p + j]
+            extra[(EXTRA_WHITE + 9 + i) * p + j] += s
+            for m in range(6):
+                P[(9 + i) * STRIDE + 9 + m] += s * extra[(EXTRA_SHARE + m) * p + j]
+
+
+@_compiled
+def _carry(P, extra, across, p, kept, E, L, par, dt):  # type: ignore[no-untyped-def]
+    """Covariances after the lanes went through with z: of navigation from the lanes, across by regression on z.
+
+    P_zz = L Lᵀ and the lanes stand at ± scale L, so Cov(nav', z) P_zz⁻¹ = (E⁺ - E⁻)/(2 scale) L⁻¹; what is left of nav'
+    is not correlated with z, and x and b act on nav' through z alone. Hence Cov(nav', x) is that times Cov(z, x).
+    """
+    white = EXTRA_WHITE * p
+    for j in range(15):
+        pivot = 1.0 / L[j * STRIDE + j]
+        for i in range(p):
+            extra[white + j * p + i] *= pivot
+        for r in range(j + 1, 15):
+            for i in range(p):
+                extra[white + r * p + i] -= L[j * STRIDE + r] * extra[white + j * p + i]
+    half = 0.5 / math.sqrt(15.0 + par[PAR_KAPPA])
+    for r in range(9):
+        for i in range(p):
+            s = 0.0
+            for j in range(15):
+                s += (E[r * _LN + j] - E[r * _LN + j + 16]) * extra[white + j * p + i]
+            across[i * STRIDE + r] = half * s
+        for i in range(6):
+            # b is the effective bias less φ x
+            s = P[r * STRIDE + 9 + i]
+            for j in range(p):
+                s -= extra[(EXTRA_SHARE + i) * p + j] * across[j * STRIDE + r]
+            P[r * STRIDE + 9 + i] = s
+            P[(9 + i) * STRIDE + r] = s
+    for i in range(36):
+        P[(9 + i // 6) * STRIDE + 9 + i % 6] = kept[i]
+    for i in range(6):
+        P[(9 + i) * STRIDE + 9 + i] += par[PAR_NOISE + 6 + i] * dt
+
+
+@_compiled
+def _keep_or_restore(extra, across, p, keep):  # type: ignore[no-untyped-def]
+    """Keep the covariances of x before an update, or bring them back; forget its errors."""
+    own, size = EXTRA_OWN * p, p * STRIDE
+    for i in range(size):
+        if keep:
+            across[size + i] = across[i]
+        else:
+            across[i] = across[size + i]
+    for i in range(p * p):
+        if keep:
+            extra[own + p * p + i] = extra[own + i]
+        else:
+            extra[own + i] = extra[own + p * p + i]
+    for i in range(p):
+        extra[EXTRA_ERROR * p + i] = 0.0
+
+
+@_compiled
+def _correct_extra(extra, across, p, r, root, normal, u):  # type: ignore[no-untyped-def]
+    """Update of x by row r: `u` is that row of P over √S, `root` 1/√S, `normal` the innovation over √S."""
+    gain = EXTRA_GAIN * p
+    for j in range(p):
+        k = across[j * STRIDE + r] * root
+        extra[gain + j] = k
+        extra[EXTRA_ERROR * p + j] += normal * k
+        _store(across, j * STRIDE, _plus(_row(across, j * STRIDE), -k, u))
+    for j in range(p):
+        for i in range(p):
+            extra[(EXTRA_OWN + j) * p + i] -= extra[gain + j] * extra[gain + i]
+
+
+@_compiled
+def _effect(extra, p, phi, k, i):  # type: ignore[no-untyped-def]
+    """Effect on channel i at sample k."""
+    s = 0.0
+    for j in range(p):
+        s += phi[k, i, j] * extra[EXTRA_MEAN * p + j]
+    return s
+
+
+@_compiled
+def _correct(core, known, at, draws, k_draw, par, P, saved, nu, gain, error, extra, across, p):  # type: ignore[no-untyped-def]
     """Correction (10), H = [I9 0] and R diagonal: one scalar update a row. Returns -1 or the row that failed."""
     _innovation(core, known, at, nu)
     for i in range(15 * STRIDE):
         saved[i] = P[i]
     for i in range(STRIDE):
         error[i] = 0.0
+    if p:
+        _keep_or_restore(extra, across, p, True)
     nis = 0.0
     dof = 0
     for r in range(9):
@@ -579,6 +738,8 @@ def _correct(core, known, at, draws, k_draw, par, P, saved, nu, gain, error):  #
             gain[q] = P[q * STRIDE + r] * root
         for q in range(15):
             _store(P, q * STRIDE, _plus(_row(P, q * STRIDE), -gain[q], u))
+        if p:
+            _correct_extra(extra, across, p, r, root, normal, u)
     core[CORE_DOF_LAST] = dof
     if dof == 0:
         core[CORE_NIS_LAST] = math.nan
@@ -594,11 +755,15 @@ def _correct(core, known, at, draws, k_draw, par, P, saved, nu, gain, error):  #
         core[CORE_IN_A_ROW] += 1.0
         for i in range(15 * STRIDE):
             P[i] = saved[i]
+        if p:
+            _keep_or_restore(extra, across, p, False)
         return -1
     if nis > par[PAR_GATE + dof]:
         core[CORE_OVERRULED] += 1.0
     core[CORE_IN_A_ROW] = 0.0
     _apply(core, error)
+    for j in range(p):
+        extra[EXTRA_MEAN * p + j] += extra[EXTRA_ERROR * p + j]
     return -1
 
 
@@ -636,8 +801,8 @@ def _predict(core, P, gyro, accel, dt, par, held, turned, X, E, D, L, mean):  # 
 
 
 @_compiled
-def _tally(core, gyro, accel, known, at, sums, moments, nu):  # type: ignore[no-untyped-def]
-    """Sums that the gauge wants, and moments of the error while `CORE_SPREAD` is set."""
+def _tally(core, gyro, accel, known, at, sums, moments, nu, extra, p, phi, k):  # type: ignore[no-untyped-def]
+    """Sums that the gauge wants, and moments of the error while `CORE_SPREAD` is set; residuals are without effects."""
     for i in range(3):
         sums[SUM_BIAS + i] += core[NAV_BA + i]
         sums[SUM_BIAS + 3 + i] += core[NAV_BG + i]
@@ -646,6 +811,9 @@ def _tally(core, gyro, accel, known, at, sums, moments, nu):  # type: ignore[no-
         for i in range(3):
             sums[SUM_RESIDUAL + i] += accel[i] - known[at + KNOWN_FORCE + i]
             sums[SUM_RESIDUAL + 3 + i] += gyro[i] - known[at + KNOWN_RATE + i]
+        if p:
+            for i in range(6):
+                sums[SUM_RESIDUAL + i] -= _effect(extra, p, phi, k, i)
         sums[SUM_RESIDUALS] += 1.0
     if core[CORE_SPREAD] != 0.0:
         _innovation(core, known, at, nu)
@@ -663,12 +831,16 @@ def _tally(core, gyro, accel, known, at, sums, moments, nu):  # type: ignore[no-
 
 
 @_compiled
-def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, moments, out, work):  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+    core, P, par, t, gyro, accel, known, draws, phi, scale, first, stop, sums, moments, out, work, extra, across
+):
     """Feed samples from `first` while t < `stop` and the output has room.
 
     Parameters are the arrays described at the top of this module: `core` (CORE,), `P` (15·STRIDE,), `par` (PAR,); `t`
     (N,), `gyro` and `accel` (N, 3); `known` (KNOWN,) for what never changes or (N·KNOWN,); `draws` (N, 9), or empty for
-    exact measurements; `sums` (SUMS,), `moments` (MOMENTS,), `out` (rows, OUT), `work` scratch.
+    exact measurements; `phi` (N, 6, p) the regressor of the extra states, `scale` (N, 6) the factors on white noise, or
+    either empty; `sums` (SUMS,), `moments` (MOMENTS,), `out` (rows, OUT), `work` scratch, `extra` and
+    `across` of the extra states.
 
     Returns
     -------
@@ -685,7 +857,9 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
     mean, nu = work[rest : rest + 16], work[rest + 16 : rest + 32]
     gain, error = work[rest + 32 : rest + 48], work[rest + 48 : rest + 64]
     g, a = work[rest + 64 : rest + 70], work[rest + 70 : rest + 76]
+    kept = work[rest + 80 : rest + 116]
     stride = KNOWN if known.size > KNOWN else 0
+    p = across.size // (2 * STRIDE)
     rows = 0
     k = first
     while k < t.size and t[k] < stop and rows < out.shape[0]:
@@ -698,6 +872,13 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
                 a[i] = core[CORE_ACCEL + i] if par[PAR_LINEAR] != 0.0 else accel[k, i]
                 g[3 + i] = gyro[k, i]
                 a[3 + i] = accel[k, i]
+            if scale.size:
+                for i in range(6):
+                    par[PAR_NOISE + i] = par[PAR_WHITE + i] * scale[k, i] * scale[k, i]
+            if p:
+                _drift(extra, across, p, dt)
+                _take_away(extra, p, phi, k, par[PAR_LINEAR] != 0.0, g, a)
+                _gather(P, extra, across, p, kept)
             if held > GAP:
                 # nobody saw how it turned: what the two ends say of the rate is off by as much as they say
                 for i in range(3):
@@ -706,7 +887,9 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
             failed = _predict(core, P, g, a, dt, par, held, turned, X, E, D, L, mean)
             if failed >= 0:
                 return k, rows, INDEFINITE, failed
-            failed = _correct(core, known, k * stride, draws, k, par, P, saved, nu, gain, error)
+            if p:
+                _carry(P, extra, across, p, kept, E, L, par, dt)
+            failed = _correct(core, known, k * stride, draws, k, par, P, saved, nu, gain, error, extra, across, p)
             if failed >= 0:
                 return k, rows, INDEFINITE, failed
             check = core[0] + core[CORE_NIS_SUM]
@@ -727,7 +910,14 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
             sums,
             moments,
             nu,
+            extra,
+            p,
+            phi,
+            k,
         )
+        for j in range(p):
+            for i in range(6):
+                extra[(EXTRA_BEFORE + i) * p + j] = phi[k, i, j]
         core[CORE_SAMPLES] += 1.0
         if t[k] >= core[CORE_NEXT_OUT] - 1e-9:
             out[rows, OUT_INDEX] = core[CORE_SAMPLES] - 1.0
@@ -748,5 +938,5 @@ def advance(core, P, par, t, gyro, accel, known, draws, first, stop, sums, momen
     return k, rows, DONE, 0
 
 
-WORK = 41 * LANES + 30 * STRIDE + 80
+WORK = 41 * LANES + 30 * STRIDE + 116
 """Length of the scratch array."""

@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects.drivers import Driver
 from filters.evidence import Atom, Design
 from filters.types import Array
+
+_Bools = NDArray[np.bool_]
 
 WINDOW_S = 2.0
 _ACCEPT = 14.0
@@ -17,13 +20,19 @@ _LEAST_RATIO = 1.08
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A driver of a channel's noise: standard deviation from `low` to `high` of its median over the data."""
+    """A driver of a channel's noise: standard deviation from `low` to `high` of its median over the data.
+
+    `knots` and `at`: values of the driver, in its unit, and the relative standard deviation there; empty for a driver
+    that is no scalar.
+    """
 
     channel: int
     driver: str
     low: float
     high: float
     score: float
+    knots: tuple[float, ...] = ()
+    at: tuple[float, ...] = ()
 
     @property
     def ratio(self) -> float:
@@ -76,9 +85,9 @@ def _channel(design: Design, c: int, atoms: list[Atom]) -> tuple[Array, list[Lev
 
 
 def _greedy(
-    design: Design, c: int, atoms: list[Atom], v: Array, X: Array, good: Array, sd: float, cell: Array
+    design: Design, c: int, atoms: list[Atom], v: Array, X: Array, good: _Bools, sd: float, cell: NDArray[np.int_]
 ) -> tuple[Array, list[Level]]:
-    use = good.astype(bool)
+    use = good
     mean = np.median(v[use])
     base = np.ones((v.size, 1))
     chosen: list[Atom] = []
@@ -102,7 +111,9 @@ def _greedy(
         part = own @ theta[-own.shape[1] :]
         low, high = np.exp(0.5 * np.quantile(part[use] - np.median(part[use]), [0.0, 1.0]))
         chosen.append(best)
-        found.append(Level(c, best.hypothesis.effect.removeprefix("driver:"), float(low), float(high), best_score))
+        curve = _curve(best, theta[-own.shape[1] :], X[:, best.places[c]], use)
+        name = best.hypothesis.effect.removeprefix("driver:")
+        found.append(Level(c, name, float(low), float(high), best_score, *curve))
     if not chosen:
         return np.ones(design.stack.t.size), []
     theta = _theta(base[use], v[use] - mean)
@@ -117,25 +128,35 @@ def _greedy(
     return np.clip(fitted, 0.05, 20.0), [level for level in found if level.ratio > _LEAST_RATIO]
 
 
-def _centred(columns: Array, use: Array) -> Array:
-    return columns - columns[use.astype(bool)].mean(axis=0)
+def _curve(atom: Atom, theta: Array, columns: Array, use: _Bools) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Relative standard deviation at the knots of a scalar driver."""
+    h = atom.hypothesis
+    if not isinstance(h, Driver) or h.kind != "hat":
+        return (), ()
+    part = columns[use] @ theta
+    at = np.exp(0.5 * (np.append(0.0, theta) - np.median(part)))
+    return h.knots, tuple(np.clip(at, 0.05, 20.0).tolist())
+
+
+def _centred(columns: Array, use: _Bools) -> Array:
+    return np.asarray(columns - columns[use].mean(axis=0))
 
 
 def _theta(X: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(X, y, rcond=1e-10)[0])
 
 
-def _gain(base: Array, own: Array, y: Array, use: Array, sd: float) -> float:
-    rows = use.astype(bool)
+def _gain(base: Array, own: Array, y: Array, use: _Bools, sd: float) -> float:
+    rows = use
     part, both = base[rows], np.column_stack([base[rows], own[rows]])
     r0 = y[rows] - part @ _theta(part, y[rows])
     r1 = y[rows] - both @ _theta(both, y[rows])
     return float(r0 @ r0 - r1 @ r1) / sd**2
 
 
-def _holds(base: Array, own: Array, y: Array, use: Array, sd: float, cell: Array, gain: float) -> bool:
+def _holds(base: Array, own: Array, y: Array, use: _Bools, sd: float, cell: NDArray[np.int_], gain: float) -> bool:
     """Whether it gains on cells that the fit has not seen."""
-    rows = use.astype(bool)
+    rows = use
     both = np.column_stack([base, own])
     total = 0.0
     for fold in range(5):

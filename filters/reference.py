@@ -207,7 +207,7 @@ class TableMotion:
 
     def known(self, t: Array, before: float, gyro: Array) -> Array:
         """Rows for samples at `t`; rows of the table are all known or none."""
-        profile_t, rests, aligned = self._joined(t)
+        profile_t, rests, aligned = self.joined(t)
         angles, rates = self.profile.angles(profile_t), self.profile.rates(profile_t)
         C = motion.attitudes(angles)
         turning_b = motion.body_rate(angles, rates)
@@ -229,7 +229,7 @@ class TableMotion:
         rows[~used, RATE.start :] = np.nan
         return rows
 
-    def _joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Profile time, whether the table is settled in a dwell then, and whether the joint is good for all else."""
         if self.profile.align == "marks":
             return self._by_marks(t)
@@ -308,34 +308,32 @@ class Path:
         fresh = newest > np.concatenate(
             [[np.searchsorted(self.trajectory.t, before + 1e-9, side="right") - 1], newest[:-1]]
         )
-        for k in np.flatnonzero(fresh):
-            rows[k] = self._row(newest[k], t[k])
+        which = np.flatnonzero(fresh)
+        if which.size:
+            rows[which] = self._rows(newest[which], t[which])
         return rows
 
-    def _row(self, index: int, t: float) -> Array:
-        value = self.trajectory.values[index]
-        row = np.full(COLUMNS, np.nan)
+    def _rows(self, index: NDArray[np.int_], t: Array) -> Array:
+        """Rows of the trajectory as known at t, shape (n, 25)."""
+        values = self.trajectory.values[index]
+        rows = np.full((index.size, COLUMNS), np.nan)
         late = t - self.trajectory.t[index]
-        moved = np.where(np.isnan(value[3:6]), 0.0, value[3:6]) * late
-        latitude = value[0] if np.isfinite(value[0]) else float(self.nav.latitude)
-        height = value[2] if np.isfinite(value[2]) else float(self.nav.height)
-        R_n = float(earth.meridian_radius(np.array(latitude))) + height
-        R_e = float(earth.transverse_radius(np.array(latitude))) + height
-        row[0] = value[0] + moved[0] / R_n
-        row[1] = value[1] + moved[1] / (R_e * np.cos(latitude))
-        row[2] = value[2] - moved[2]
-        row[VELOCITY] = value[3:6]
-        known = np.isfinite(value)
-        angles = known[6:9]
-        if angles.all():
-            C_nb = attitude.from_rpy(*map(float, value[6:9]))
-            row[QUATERNION] = attitude.to_quaternion(C_nb)
+        moved = np.nan_to_num(values[:, 3:6]) * late[:, None]
+        latitude = np.where(np.isfinite(values[:, 0]), values[:, 0], float(self.nav.latitude))
+        height = np.where(np.isfinite(values[:, 2]), values[:, 2], float(self.nav.height))
+        rows[:, 0] = values[:, 0] + moved[:, 0] / (earth.meridian_radius(latitude) + height)
+        rows[:, 1] = values[:, 1] + moved[:, 1] / ((earth.transverse_radius(latitude) + height) * np.cos(latitude))
+        rows[:, 2] = values[:, 2] - moved[:, 2]
+        rows[:, VELOCITY] = values[:, 3:6]
+        known = np.isfinite(values)
+        whole = known[:, 6:9].all(axis=1)
+        rows[whole, QUATERNION] = attitude.to_quaternion(attitude.from_rpys(values[whole, 6:9]))
         # with part of the attitude known, the rest is the filter's own: `complete` fills it in
-        known[6:8] = angles[0] and angles[1]
-        row[VARIANCES] = np.where(known, PAPER_R_SD**2, -1.0)
-        if known[6:9].any() and not angles.all():
-            self.partial[t] = value[6:9]
-        return row
+        known[:, 6:8] = (known[:, 6] & known[:, 7])[:, None]
+        rows[:, VARIANCES] = np.where(known, PAPER_R_SD**2, -1.0)
+        for k in np.flatnonzero(known[:, 6:9].any(axis=1) & ~whole):
+            self.partial[float(t[k])] = values[k, 6:9]
+        return rows
 
     def complete(self, row: Array, t: float, C_nb: Array) -> None:
         """Fill the unknown angles of a row with the filter's own attitude, in place."""

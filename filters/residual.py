@@ -62,6 +62,8 @@ class Run:
         Known delays of the six channels, s.
     flagged : bool array or None
         Readings not to be used, shape (N, 6).
+    averaged : bool
+        Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Run:
     bandwidth: Array | None = None
     latency: Array = field(default_factory=lambda: np.zeros(6))
     flagged: NDArray[np.bool_] | None = None
+    averaged: bool = False
 
     @property
     def still(self) -> bool:
@@ -290,7 +293,7 @@ def even_time(run: Run) -> Array:
     """Time base: the stamps, unless they come in bursts, then the mean rate's."""
     T = 1.0 / run.rate_hz
     off = np.abs(np.diff(run.t) - T) > 0.5 * T
-    return np.arange(run.t.size) * T if off.mean() > _BURSTS else run.t
+    return np.asarray(np.arange(run.t.size) * T, np.float64) if off.mean() > _BURSTS else run.t
 
 
 def residual(run: Run, rows: slice = slice(None)) -> Array:
@@ -381,13 +384,15 @@ def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
     Array, Array
         degC and K/s, each (n,).
     """
-    out = []
+    out: list[Array] = []
     for seconds, derivative in ((_SMOOTH_S, 0), (_SLOPE_S, 1)):
         half = int(min(max(1, round(seconds / period)), (raw.size - 1) // 2))
         if half < 1:
             return raw, np.zeros_like(raw)
-        out.append(signal.savgol_filter(raw, 2 * half + 1, 1, deriv=derivative, delta=period, mode="interp"))
-    return out[0], out[1]
+        out.append(
+            signal.savgol_filter(raw, 2 * half + 1, 1, deriv=derivative, delta=period, mode="interp").astype(np.float64)
+        )
+    return np.asarray(out[0], np.float64), np.asarray(out[1], np.float64)
 
 
 def lag(u: Array, samples: float) -> Array:

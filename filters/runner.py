@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from filters import alarms, alignment, layout, reference, state
+from filters import alarms, alignment, inclusion, layout, reference, state
 from filters.alarms import Turns
 from filters.consistency import Gauge, nis_gates
 from filters.imu import STANDARD_GRAVITY
+from filters.inclusion import Effects
 from filters.motion import Profile
 from filters.reference import Reference, TableMotion, Trajectory
 from filters.settings import Settings
@@ -63,6 +65,30 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Samples:
+    """Samples on their way to the filter: `t` s (N,), `gyro`, `accel` body axes, SI (N, 3), `temperature` degC (N,)."""
+
+    t: Array
+    gyro: Array
+    accel: Array
+    temperature: Array
+
+    def part(self, which: slice | NDArray[np.bool_]) -> "Samples":
+        """Some of them."""
+        return Samples(self.t[which], self.gyro[which], self.accel[which], self.temperature[which])
+
+    @staticmethod
+    def joined(parts: "list[Samples]") -> "Samples":
+        """All of several, in order."""
+        return Samples(
+            np.concatenate([part.t for part in parts]),
+            np.concatenate([part.gyro for part in parts]),
+            np.concatenate([part.accel for part in parts]),
+            np.concatenate([part.temperature for part in parts]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Moments:
     """Mean and covariance of state errors against the reference, after convergence; shapes (15,) and (15, 15)."""
 
@@ -84,7 +110,8 @@ class Estimator:
     Raises
     ------
     ValueError
-        If the reference cannot be had: no motion given, or a rate too slow for it.
+        If the reference cannot be had: no motion given, or a rate too slow for it; or if the effects' numbers do not
+        belong together.
     """
 
     def __init__(self, settings: Settings, every: float = 0.0) -> None:
@@ -94,11 +121,15 @@ class Estimator:
         self.gaps: list[tuple[float, float]] = []
         self.reference: Reference | None = None
         self.aligning = _alignment(settings)
+        self.effects = settings.effects() if settings.effects is not None else None
+        if self.effects is not None:
+            inclusion.check(self.effects)
         self._engine: Engine | None = None
         self._P0_sd = np.zeros(state.SIZE)
-        self._waiting: list[tuple[Array, Array, Array]] = []
+        self._waiting: list[Samples] = []
         self._waiting_count = 0
         self._last_t = -np.inf
+        self._shown_t = -np.inf
         self._turns = Turns()
         self._marks: list[tuple[float, str]] = []
         if self.aligning is None:
@@ -112,7 +143,7 @@ class Estimator:
         settings = self.settings
         nav, P0_sd = found.start()
         self._P0_sd = np.concatenate([P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
-        self._engine = engine_of(settings, found.moving, self.every)
+        self._engine = engine_of(settings, found.moving, self.every, self.effects)
         self._engine.start(nav, self._P0_sd)
 
     @property
@@ -157,6 +188,12 @@ class Estimator:
             float(core[layout.CORE_NIS_LAST]),
             int(core[layout.CORE_DOF_LAST]),
         )
+
+    def extra(self) -> tuple[Array, Array]:
+        """States of the effects now, (p,), and the covariance of all errors, theirs last, (15 + p, 15 + p), SI."""
+        if self._engine is None:
+            raise ValueError("the reference is not found yet: there is no estimate")
+        return self._engine.extra()
 
     @property
     def dof(self) -> float:
@@ -239,7 +276,7 @@ class Estimator:
         return self._turns.confounded()
 
 
-def step(estimator: Estimator, t: float, gyro: Array, accel: Array) -> list[Estimate]:
+def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature: float = np.nan) -> list[Estimate]:
     """Feed one sample.
 
     A reference that has to be found first holds back the first samples, then all of them come at once.
@@ -252,6 +289,8 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array) -> list[Esti
         s since the first sample, increasing.
     gyro, accel : Array
         Angular rate (rad/s) and specific force (m/s²), body axes, shape (3,).
+    temperature : float
+        degC; NaN where it is not known. Effects look at it, the filter does not.
 
     Returns
     -------
@@ -265,15 +304,17 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array) -> list[Esti
     DivergenceError
         If the filter broke down; the message names the sample.
     """
-    return list(run(estimator, np.array([t]), gyro[None], accel[None], last=False))
+    return list(run(estimator, np.array([t]), gyro[None], accel[None], np.array([temperature]), last=False))
 
 
-def run(estimator: Estimator, t: Array, gyro: Array, accel: Array, *, last: bool = True) -> Iterator[Estimate]:
-    """Feed many samples, shapes (N,), (N, 3), (N, 3), and yield estimates; see `step`.
+def run(
+    estimator: Estimator, t: Array, gyro: Array, accel: Array, temperature: Array | None = None, *, last: bool = True
+) -> Iterator[Estimate]:
+    """Feed many samples, shapes (N,), (N, 3), (N, 3), (N,), and yield estimates; see `step`.
 
     `last` says that no more will come, so that samples which wait for a reference are used as they are.
     """
-    for block in rows(estimator, t, gyro, accel, last=last):
+    for block in rows(estimator, t, gyro, accel, temperature, last=last):
         yield from map(estimate_of, block)
 
 
@@ -283,14 +324,16 @@ def finish(estimator: Estimator) -> Iterator[Estimate]:
         yield from map(estimate_of, block)
 
 
-def rows(estimator: Estimator, t: Array, gyro: Array, accel: Array, *, last: bool = True) -> Iterator[Array]:
+def rows(
+    estimator: Estimator, t: Array, gyro: Array, accel: Array, temperature: Array | None = None, *, last: bool = True
+) -> Iterator[Array]:
     """As `run`, with estimates as rows of `filters.layout.OUT_*`, some at a time, shape (K, OUT).
 
     The verdict of `estimator.gauge` is the same for all rows that come at once.
     """
+    samples = Samples(t, gyro, accel, np.full(t.size, np.nan) if temperature is None else temperature)
     for first in range(0, t.size, _CHUNK):
-        part = slice(first, first + _CHUNK)
-        yield from _take(estimator, t[part], gyro[part], accel[part])
+        yield from _take(estimator, samples.part(slice(first, first + _CHUNK)))
     if last:
         yield from _finish(estimator)
 
@@ -298,26 +341,26 @@ def rows(estimator: Estimator, t: Array, gyro: Array, accel: Array, *, last: boo
 def _finish(estimator: Estimator) -> Iterator[Array]:
     if estimator.aligning is None or not estimator._waiting:
         return
-    t, gyro, accel = (np.concatenate(arrays) for arrays in zip(*estimator._waiting, strict=True))
+    samples = Samples.joined(estimator._waiting)
     estimator._waiting.clear()
-    estimator._begin(estimator.aligning.found(t, gyro, accel))
+    estimator._begin(estimator.aligning.found(samples.t, samples.gyro, samples.accel))
     estimator.aligning = None
-    yield from _filter(estimator, t, gyro, accel)
+    yield from _filter(estimator, samples)
 
 
-def _take(estimator: Estimator, t: Array, gyro: Array, accel: Array) -> Iterator[Array]:
-    _check_steps(estimator, t, gyro)
+def _take(estimator: Estimator, samples: Samples) -> Iterator[Array]:
+    _check_steps(estimator, samples.t, samples.gyro)
     if estimator.aligning is None:
-        yield from _filter(estimator, t, gyro, accel)
+        yield from _filter(estimator, samples)
         return
-    aligning, before = estimator.aligning, estimator._waiting_count
+    aligning, before, t = estimator.aligning, estimator._waiting_count, samples.t
     enough = next((k for k in range(t.size) if aligning.enough(float(t[k]), before + k + 1)), None)
     cut = t.size if enough is None else enough + 1
-    estimator._waiting.append((t[:cut], gyro[:cut], accel[:cut]))
+    estimator._waiting.append(samples.part(slice(cut)))
     estimator._waiting_count += cut
     if enough is not None:
         yield from _finish(estimator)
-        yield from _filter(estimator, t[cut:], gyro[cut:], accel[cut:])
+        yield from _filter(estimator, samples.part(slice(cut, None)))
 
 
 def _check_steps(estimator: Estimator, t: Array, gyro: Array) -> None:
@@ -329,7 +372,7 @@ def _check_steps(estimator: Estimator, t: Array, gyro: Array) -> None:
     if not np.all(steps > 0.0):
         k = int(np.argmax(~(steps > 0.0)))
         raise ValueError(f"`t` goes from {before[k]} s to {t[k]} s at sample {seen + k}: time must increase")
-    gaps = (steps > _GAP * period) & np.isfinite(steps)
+    gaps = _gaps(estimator, before, t)
     estimator.gaps += [(float(before[k]), float(steps[k])) for k in np.flatnonzero(gaps)]
     turned = np.sqrt(np.sum(gyro**2, axis=1)) * np.where(gaps | ~np.isfinite(steps), 0.0, steps)
     if np.any(turned > _MAX_TURN):
@@ -342,14 +385,21 @@ def _check_steps(estimator: Estimator, t: Array, gyro: Array) -> None:
         estimator._last_t = float(t[-1])
 
 
-def _filter(estimator: Estimator, t: Array, gyro: Array, accel: Array) -> Iterator[Array]:
+def _gaps(estimator: Estimator, before: Array, t: Array) -> NDArray[np.bool_]:
+    """Which of the steps from `before` to `t` are longer than a sample can stand for."""
+    steps = t - before
+    return (steps > _GAP * estimator.settings.period) & np.isfinite(steps)
+
+
+def _filter(estimator: Estimator, samples: Samples) -> Iterator[Array]:
     """Feed samples to the engine, stopping where a block of the gauge ends or a row has to be completed."""
     found, engine = estimator.reference, estimator._engine
     assert found is not None
     assert engine is not None
-    if not t.size:
+    if not samples.t.size:
         return
-    feed = _feed(estimator, found, t, gyro, accel)
+    feed = _feed(estimator, found, samples)
+    t = feed.t
     partial = found.partial if isinstance(found, reference.Path) else {}
     incomplete = [k for k in range(t.size) if float(t[k]) in partial] if partial else []
     gauge, k = estimator.gauge, 0
@@ -373,20 +423,58 @@ def _filter(estimator: Estimator, t: Array, gyro: Array, accel: Array) -> Iterat
             yield engine.out[:count].copy()
 
 
-def _feed(estimator: Estimator, found: Reference, t: Array, gyro: Array, accel: Array) -> "Feed":
+def _feed(estimator: Estimator, found: Reference, samples: Samples) -> "Feed":
+    """What the engine takes: the samples that are used, with what is known at each and what effects say of it."""
     from filters.engines import Feed, draws
 
     settings = estimator.settings
-    before = float(estimator._core(layout.CORE_T)) if estimator.samples else -np.inf
-    if isinstance(found, TableMotion) and estimator._marks:
-        known = _known_between_marks(estimator, found, t, before, gyro)
-    else:
-        known = found.known(t, before, gyro)
+    known = _known(estimator, found, samples)
+    included: list[Array] = []
+    if estimator.effects is not None:
+        samples, known, *included = _include(estimator, estimator.effects, found, samples, known)
     if found.moving:
         estimator._turns.add(known[:, reference.RATE])
-    drawn = draws(settings.seed, estimator.samples, t.size) if settings.measurements == "drawn" else np.empty((0, 9))
-    contiguous = [np.ascontiguousarray(a, dtype=np.float64) for a in (t, gyro, accel, known)]
-    return Feed(contiguous[0], contiguous[1], contiguous[2], contiguous[3], drawn)
+    n = samples.t.size
+    drawn = draws(settings.seed, estimator.samples, n) if settings.measurements == "drawn" else np.empty((0, 9))
+    arrays = samples.t, samples.gyro, samples.accel, known, drawn, *included
+    return Feed(*(np.require(a, np.float64, ("C", "W")) for a in arrays))
+
+
+def _include(
+    estimator: Estimator, effects: Effects, found: Reference, samples: Samples, known: Array
+) -> tuple[Samples, Array, Array, Array]:
+    """Samples that the effects let pass, what is known at them, their regressors and their noise.
+
+    The others are predicted through, as samples that are flagged in the log are: the engine never sees them.
+    """
+    t = samples.t
+    phi, scale, use = effects.rows(
+        t, samples.gyro, samples.accel, samples.temperature, np.broadcast_to(known, (t.size, known.shape[1]))
+    )
+    inclusion.check_rows(effects.names, t, phi, scale, use)
+    before = float(estimator._core(layout.CORE_T)) if estimator.samples else -np.inf
+    if not use.all() or before != estimator._shown_t:
+        samples = samples.part(use)
+        # what a trajectory says at a sample that is not used goes to the next one that is
+        known = found.known(samples.t, before, samples.gyro)
+        steps_from = np.concatenate([[before], samples.t])[:-1]
+        arrived = np.concatenate([[estimator._shown_t], t[:-1]])[use]
+        left_out = _gaps(estimator, steps_from, samples.t) & ~_gaps(estimator, arrived, samples.t)
+        new = [(float(steps_from[k]), float(samples.t[k] - steps_from[k])) for k in np.flatnonzero(left_out)]
+        estimator.gaps = sorted(estimator.gaps + new)
+    estimator._shown_t = float(t[-1])
+    return samples, known, phi[use], scale[use]
+
+
+def _known(estimator: Estimator, found: Reference, samples: Samples) -> Array:
+    """What the reference says at each sample, or one row for all."""
+    if estimator.effects is not None:
+        before = estimator._shown_t
+    else:
+        before = float(estimator._core(layout.CORE_T)) if estimator.samples else -np.inf
+    if isinstance(found, TableMotion) and estimator._marks:
+        return _known_between_marks(estimator, found, samples.t, before, samples.gyro)
+    return found.known(samples.t, before, samples.gyro)
 
 
 def _known_between_marks(estimator: Estimator, found: TableMotion, t: Array, before: float, gyro: Array) -> Array:

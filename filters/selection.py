@@ -2,14 +2,15 @@
 
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
-A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it is still better
-than the best drift process could do in its place (the drift guard). What fails the guard is weak: not told from drift.
+A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen, and if it still does so
+when both models have their own best drift process (the drift guard). What fails the guard is weak: not told from drift.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects import events
 from filters.effects.events import Event
@@ -27,6 +28,29 @@ _SECOND = 1.0
 _FAST_HZ = 0.2
 """Faster tones are lost in means of 1 s."""
 _TEMPERATURE_SHARE = 0.9
+_BAND = 0.01
+_TONES_A_BAND = 3
+_RANK = 0.01
+
+
+_ORDER = (
+    "thermal_lin",
+    "scale",
+    "cross_axis",
+    "warmup",
+    "ramp",
+    "thermal_rate",
+    "thermal_lag",
+    "g_sensitivity",
+    "asymmetry",
+    "nonlinearity_quadratic",
+    "nonlinearity_cubic",
+    "g_squared",
+    "harmonic",
+    "thermal_poly",
+    "hysteresis",
+    "thermal_scale",
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +82,7 @@ class Selection:
     atoms: list[Atom] = field(default_factory=list)
     weak: list[Weak] = field(default_factory=list)
     heldout: dict[object, float] = field(default_factory=dict)
+    _searched: dict[int, tuple[object, list["_Candidate"]]] = field(default_factory=dict)
 
     def price(self, atom: Atom) -> float:
         """What an atom's parameters and its choice cost."""
@@ -69,7 +94,7 @@ class Selection:
 
     def log_seconds(self, atom: Atom) -> float:
         """ln of the seconds of data of its channels."""
-        return float(np.log(max(2.0, np.mean([self.design.stack.seconds(c) for c in atom.places]))))
+        return float(np.log(max(2.0, float(np.mean([self.design.stack.seconds(c) for c in atom.places])))))
 
     def own_gain(self, atom: Atom) -> float:
         """Gain of an accepted atom beside the others."""
@@ -173,18 +198,41 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
     free = [a for a in usable if a.key not in taken]
     gains = chosen.design.gains(chosen.atoms, free)
     _strike_time(free, gains)
+    # of two that do as well the plainer one, which the catalogue has first
     found = [
-        _Candidate(float(g) - chosen.price(a), float(g), a, next(iter(a.places)) if len(a.places) == 1 else -1)
+        _Candidate(
+            float(g) - chosen.price(a) - _RANK * rank(a),
+            float(g),
+            a,
+            next(iter(a.places)) if len(a.places) == 1 else -1,
+        )
         for a, g in zip(free, gains, strict=True)
         if g > ACCEPT
     ]
     for c in channels:
-        found += _events(chosen, c)
-        if chosen.design.drift[c].level == 0.0:
-            gain, drift = _drift_of(chosen, c)
-            price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
-            found.append(_Candidate(gain - price, gain, None, c, drift))
+        found += _searched(chosen, c)
     return iter(sorted(found, key=lambda candidate: -candidate.score))
+
+
+def _searched(chosen: Selection, channel: int) -> list[_Candidate]:
+    """Events and drift of a channel, sought again only when something has changed there."""
+    state = tuple(a.key for a in chosen.on(channel)), chosen.design.drift[channel]
+    before, found = chosen._searched.get(channel, (None, []))
+    if before == state:
+        return found
+    found = _events(chosen, channel)
+    if chosen.design.drift[channel].level == 0.0:
+        gain, drift = _drift_of(chosen, channel)
+        price = 2.0 * float(np.log(chosen.design.stack.seconds(channel))) + 2.0 * float(np.log(_DRIFT_GRID))
+        found.append(_Candidate(gain - price, gain, None, channel, drift))
+    chosen._searched[channel] = state, found
+    return found
+
+
+def rank(atom: Atom) -> int:
+    """Place of an effect in the catalogue; free curves come last."""
+    name = atom.hypothesis.effect
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _strike_time(atoms: list[Atom], gains: Array) -> None:
@@ -218,7 +266,7 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     taken = {a.key for a in chosen.atoms}
     out = []
     for event in made:
-        if event is None:
+        if event is None or _crowded(chosen, event):
             continue
         atom = Atom(event, {channel: np.arange(event.made.shape[1])})
         if atom.key in taken:
@@ -228,11 +276,23 @@ def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     return out
 
 
+def _crowded(chosen: Selection, event: Event) -> bool:
+    """Whether so many tones are here already that one more is part of a narrow band, not a tone of its own."""
+    near = [
+        a
+        for a in chosen.on(event.channel)
+        if isinstance(a.hypothesis, events.Tone)
+        and isinstance(event, events.Tone)
+        and abs(a.hypothesis.hz - event.hz) < _BAND * event.hz
+    ]
+    return len(near) >= _TONES_A_BAND
+
+
 def _uneven(white: Array) -> bool:
     """Whether sums over 16 rows vary more than white noise lets them: else there is no step to look for."""
     size = white.size // 16 * 16
     sums = white[:size].reshape(-1, 16).sum(axis=1)
-    return float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size))
+    return bool(float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size)))
 
 
 def _event_gain(chosen: Selection, event: Event, channel: int, own: Array) -> float:
@@ -334,7 +394,9 @@ def _drift_fit(
     return best_drift(rows, t, starts, variance, max(seconds, stack.period))
 
 
-def by_seconds(design: Design, channel: int, raw: Array, seconds: float = _SECOND) -> tuple[Array, Array, Array, Array]:
+def by_seconds(
+    design: Design, channel: int, raw: Array, seconds: float = _SECOND
+) -> tuple[Array, Array, NDArray[np.int_], Array]:
     """Rows of blocks averaged over so many seconds: columns, time, first row of each run, variance."""
     stack = design.stack
     per = max(1, round(seconds / stack.period))

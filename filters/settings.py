@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from filters import reference, state
 from filters.imu import IMU400CD_200, ImuSpec, Noise
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.state import PAPER_SITE, Site
@@ -43,6 +44,8 @@ class Settings:
         Time of the first sample's clock at which a profile starts, s.
     offset_sd : float or None
         Its standard deviation, s; None takes the profile's own.
+    effects : callable or None
+        Makes the effects that join the filter, anew for each run; "spkf" alone takes them.
     """
 
     period: float
@@ -57,6 +60,7 @@ class Settings:
     motion: Profile | Trajectory | None = None
     offset: float = 0.0
     offset_sd: float | None = None
+    effects: MakeEffects | None = None
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -66,6 +70,11 @@ class Settings:
         ):
             if value not in allowed:
                 raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(allowed)}')
+        if self.effects is not None and self.filter != "spkf":
+            raise ValueError(
+                f'`filter` is "{self.filter}", but effects are to be included, which join the filter "spkf" only.'
+                " Choose it, or leave the effects out"
+            )
         if self.seed < 0:
             raise ValueError(f"`seed` is {self.seed}, negative")
         if not self.period > 0.0:

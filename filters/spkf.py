@@ -5,7 +5,7 @@ tangent space of the state (metres, m/s, rotation vector in n, biases), so that 
 matters and no attitude is special. What runs is `kernels`, the same step compiled; a test holds the two together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,21 +125,13 @@ def predict(
     n = state.SIZE
     if not n + kappa > 0.0:
         raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {n}")
-    L = np.sqrt(n + kappa) * _cholesky(belief.P, "state covariance")
+    L = np.sqrt(n + kappa) * cholesky(belief.P, "state covariance")
     deviations = np.concatenate([np.zeros((1, n)), L.T, -L.T])
     weights = np.full(2 * n + 1, 0.5 / (n + kappa))
     weights[0] = kappa / (n + kappa)
 
     points = strapdown.propagate(belief.nav.plus(deviations), gyro, accel, dt, gravity)
-    centre = NavState(
-        points.latitude[0],
-        points.longitude[0],
-        points.height[0],
-        points.velocity_n[0],
-        points.C_nb[0],
-        points.accel_bias[0],
-        points.gyro_bias[0],
-    )
+    centre = points.at(0)
     errors = points.minus(centre)
     mean = weights @ errors
     spread = errors - mean
@@ -219,23 +211,43 @@ def correct(
     nu = known.minus(belief.nav)[rows]
     if drawn is not None:
         nu = nu + R_sd * drawn
-    R = np.diag(R_sd**2)
-    PHt = belief.P[:, rows]
-    S = PHt[rows] + R
-    L = _cholesky(S, "innovation covariance")
+    K, P, innovation = gain(belief.P, nu, rows, R_sd)
+    if innovation.nis > gate:
+        return belief, replace(innovation, accepted=False)
+    return Belief(belief.nav.plus(K @ nu), P), innovation
+
+
+def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Array, Array, Innovation]:
+    """Gain and covariance of (10), for any number of states n.
+
+    Parameters
+    ----------
+    P : Array
+        Covariance before, shape (n, n).
+    nu, rows, R_sd : Array
+        Innovation, which states it is of, standard deviations of the measurement; shape (m,).
+
+    Returns
+    -------
+    K, P : Array
+        Shapes (n, m) and (n, n).
+    innovation : Innovation
+        With S and NIS.
+    """
+    PHt = P[:, rows]
+    S = PHt[rows] + np.diag(R_sd**2)
+    L = cholesky(S, "innovation covariance")
     # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
     whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
     K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
     nis = float(whitened[:, -1] @ whitened[:, -1])
-    if nis > gate:
-        return belief, Innovation(nu, S, nis, accepted=False)
-    A = np.eye(state.SIZE)
+    A = np.eye(len(P))
     A[:, rows] -= K
-    P = A @ belief.P @ A.T + (K * R_sd**2) @ K.T
-    return Belief(belief.nav.plus(K @ nu), 0.5 * (P + P.T)), Innovation(nu, S, nis)
+    after = A @ P @ A.T + (K * R_sd**2) @ K.T
+    return K, 0.5 * (after + after.T), Innovation(nu, S, nis)
 
 
-def _cholesky(P: Array, name: str) -> Array:
+def cholesky(P: Array, name: str) -> Array:
     """Lower factor of P; its definiteness does not depend on the states' units, so nothing is added to help it."""
     try:
         return np.asarray(np.linalg.cholesky(P), float)

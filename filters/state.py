@@ -92,6 +92,18 @@ class NavState:
             np.zeros(3),
         )
 
+    def at(self, index: int) -> "NavState":
+        """One of many along the first axis."""
+        return NavState(
+            self.latitude[index],
+            self.longitude[index],
+            self.height[index],
+            self.velocity_n[index],
+            self.C_nb[index],
+            self.accel_bias[index],
+            self.gyro_bias[index],
+        )
+
     def plus(self, error: Array) -> "NavState":
         """State with errors added: position in metres, attitude by C_nb ← exp(ε) C_nb, the rest by sums.
 

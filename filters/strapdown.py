@@ -28,7 +28,7 @@ def propagate(state: NavState, gyro: Array, accel: Array, dt: float, gravity: fl
         One state, or many along leading axes.
     gyro : Array
         Measured angular rate, rad/s, body: held over the step, shape (3,); or at its start and end and linear between,
-        shape (2, 3).
+        shape (2, 3), or (2, ..., 3) where each of many states has its own.
     accel : Array
         Measured specific force, m/s², body, likewise.
     dt : float
@@ -41,8 +41,8 @@ def propagate(state: NavState, gyro: Array, accel: Array, dt: float, gravity: fl
     NavState
         Same leading shape.
     """
-    rates = [reading - state.gyro_bias for reading in np.broadcast_to(gyro, (2, 3))]
-    forces = [reading - state.accel_bias for reading in np.broadcast_to(accel, (2, 3))]
+    rates = [reading - state.gyro_bias for reading in _ends(gyro)]
+    forces = [reading - state.accel_bias for reading in _ends(accel)]
     n = substeps(rates, dt)
     for k in range(n):
         at = np.array([k, k + 0.5, k + 1.0]) / n
@@ -50,6 +50,10 @@ def propagate(state: NavState, gyro: Array, accel: Array, dt: float, gravity: fl
         force_b = [forces[0] + a * (forces[1] - forces[0]) for a in at]
         state = _substep(state, rate_b, force_b, dt / n, gravity)
     return state
+
+
+def _ends(reading: Array) -> Array:
+    return reading if reading.ndim > 1 else np.broadcast_to(reading, (2, 3))
 
 
 def substeps(rates: list[Array], dt: float) -> int:

@@ -1,7 +1,7 @@
 """Error before and after: what corrections are worth on data that they were not fitted to.
 
 e10            10 s means, never across a change of motion, after the bias of the first 60 s is taken off
-nis            √(NIS / dof) of those means in the bias filter, drift included after: honesty of the covariance, not error
+nis            √(NIS / dof) of those means in the bias filter, with drift after: honesty of the covariance, not error
 drift_10s, _60s   position error of free inertial navigation from every minute, started from the true state with the
                filter's biases
 bias_prediction   mean of the next 60 s as the bias filter foretells it
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from filters.effects.hypothesis import CHANNELS, DPS, MG
@@ -70,7 +71,7 @@ class Windows:
     t: Array
     seconds: Array
     mean: Array
-    run: Array
+    run: NDArray[np.int_]
 
 
 def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> Windows:
@@ -105,7 +106,7 @@ def _regimes(blocks: object) -> Array:
     n = blocks.t.size  # type: ignore[attr-defined]
     if run.still:
         return np.zeros(n)
-    rates = np.round(run.rates[blocks._edges[:-1]] / _SAME_RATE)  # type: ignore[attr-defined]  # noqa: SLF001
+    rates = np.round(run.rates[blocks._edges[:-1]] / _SAME_RATE)  # type: ignore[attr-defined]
     return np.cumsum(np.r_[False, (np.diff(rates, axis=0) != 0.0).any(axis=1)]).astype(np.float64)
 
 
@@ -174,7 +175,7 @@ def _held(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
 
 
 def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, seed: int) -> Figure | None:
-    """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; says nothing of transfer."""
+    """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer."""
     w = stack.weight[:, channel]
     good = w > 0.0
     constant = (stack.run[:, None] == np.unique(stack.run)).astype(np.float64)
@@ -377,7 +378,7 @@ def _attitudes_at(stack: Stack) -> Array:
         return run.C_nb[None]
     if run.still:
         return attitudes(run.angles)
-    middles = np.minimum((stack.blocks[0]._edges[:-1] + stack.blocks[0]._edges[1:]) // 2, run.t.size - 1)  # noqa: SLF001
+    middles = np.minimum((stack.blocks[0]._edges[:-1] + stack.blocks[0]._edges[1:]) // 2, run.t.size - 1)
     return attitudes(run.angles[middles])
 
 

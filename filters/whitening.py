@@ -1,9 +1,9 @@
 """The bias filter that whitens residuals and regressors alike, and the likelihood of drift.
 
-Model of a channel:  r_k = b_run + g_k + sum θ φ_k + v_k,  v white with standard deviation sd_k, g nothing, a random walk
-or a Gauss-Markov process, b diffuse at the start of each run. A two-state Kalman filter [b, g] runs once over r and, with
-the same gains, over every column of φ; normalised innovations turn generalised into ordinary least squares, with the
-exact likelihood. Without g it is the paper's model of a constant bias.
+Model of a channel:  r_k = b_run + g_k + sum θ φ_k + v_k,  v white with standard deviation sd_k, g nothing, a random
+walk or a Gauss-Markov process, b diffuse at the start of each run. A two-state Kalman filter [b, g] runs once over r
+and, with the same gains, over every column of φ; normalised innovations turn generalised into ordinary least squares,
+with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ NONE = Drift(1.0, 0.0)
 """No drift."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-untyped-def]
     """Normalised innovations of every column into `out`; returns the sum of log innovation variances."""
     n, k = columns.shape
@@ -82,7 +82,7 @@ def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-u
             P00, P01 = _DIFFUSE * (r + P11), 0.0
         S = P00 + 2.0 * P01 + P11 + r
         K0, K1 = (P00 + P01) / S, (P01 + P11) / S
-        first = P00 > 0.5 * _DIFFUSE * r
+        first = 0.5 * _DIFFUSE * r < P00
         scale = 0.0 if first else 1.0 / np.sqrt(S)
         if not first:
             log_det += np.log(S)

@@ -111,7 +111,7 @@ def load_scenario(path: Path) -> Scenario:
     Parameters
     ----------
     path : Path
-        The file; a profile it names is looked for beside it.
+        The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table.
 
     Returns
     -------
@@ -124,6 +124,8 @@ def load_scenario(path: Path) -> Scenario:
     """
     document = _parsed(path)
     try:
+        if "segment" in document or "samples" in document:
+            return Scenario(profile=_profile(document, path))
         return _scenario(document, path)
     except ScenarioError:
         raise

@@ -14,7 +14,8 @@ FLOORS = {
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},
     "imutui.session": {"imutui.instrument", "imutui.logbook", "filters"},
-    "imutui.jobs": {"filters", "imutui.logbook"},
+    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling"},
+    "imutui.report": {"filters", "imutui.jobs"},
     "imutui.tui": {"imutui.session.client", "imutui.session.plan", "imutui.jobs"},
     "imutui.config": {"filters"},
     "imutui.scenario": {"filters", "imutui.logbook.motions"},
@@ -28,6 +29,7 @@ DOORS = {
     "rosbags": {"imutui.logbook"},
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},
+    "matplotlib": {"imutui.report"},
 }
 
 

@@ -1,4 +1,4 @@
-"""Errors that a sensor adds by itself: functions of temperature, of time, and of what it senses (catalogue 1-11, 13, 14).
+"""Errors that a sensor adds by itself: functions of temperature, time, what it senses (catalogue 1-11, 13, 14).
 
 x is what the channel itself senses, T the temperature in the case, T' its rate, t the time since power-on.
 """

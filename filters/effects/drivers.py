@@ -201,16 +201,18 @@ def _hat(name: str, low: float, high: float) -> Basis:
 
 def _thresholds(low: float, high: float) -> list[Basis]:
     at = np.linspace(low, high, THRESHOLDS + 2)[1:-1]
+    return [threshold(float(limit)) for limit in at]
 
-    def one(limit: float) -> Basis:
-        def above(inputs: Inputs) -> Array:
-            return (inputs.temperature > limit).astype(np.float64)[:, None]
 
-        parts: dict[str, float | str] = {"threshold_degc": limit}
-        name = "temperature_threshold"
-        return Basis(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS)
+def threshold(limit: float) -> Basis:
+    """e = k H(T - limit)."""
 
-    return [one(float(limit)) for limit in at]
+    def above(inputs: Inputs) -> Array:
+        return (inputs.temperature > limit).astype(np.float64)[:, None]
+
+    parts: dict[str, float | str] = {"threshold_degc": limit}
+    name = "temperature_threshold"
+    return Basis(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS)
 
 
 def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:
@@ -235,21 +237,26 @@ def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:
     return made
 
 
-def _line(name: str, value: Values, source: str) -> Basis:
-    return Basis(name, lambda inputs: value(inputs)[:, None], 1, "line", source, {})
+def _line(name: str, value: Values, source: str, parts: dict[str, float | str] | None = None) -> Basis:
+    return Basis(name, lambda inputs: value(inputs)[:, None], 1, "line", source, parts or {})
+
+
+def _centre(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float | str]:
+    """Where a product's first factor is zero, if that is not its own zero."""
+    return {"centre": 0.5 * sum(ranges[name])} if name in ("temperature", "time") else {}
 
 
 def _products(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
     w, f = [f"w{axis}" for axis in "xyz"], [f"f{axis}" for axis in "xyz"]
     pairs = [*itertools.product(w, f), *itertools.product(("temperature", "time"), (*w, *f))]
     made = [
-        _line(f"{a}*{b}", _product(_centred(a, ranges), SCALARS[b][1]), "motion")
+        _line(f"{a}*{b}", _product(_centred(a, ranges), SCALARS[b][1]), "motion", _centre(a, ranges))
         for a, b in pairs
         if a in ranges and b in ranges
     ]
     for a, (k, axis) in itertools.product(("temperature", "time"), enumerate(AXES)):
         if a in ranges and axis in ranges:
-            made.append(_with_angle(a, _centred(a, ranges), k, axis))
+            made.append(_with_angle(a, _centred(a, ranges), k, axis, _centre(a, ranges)))
     return made
 
 
@@ -262,10 +269,10 @@ def _centred(name: str, ranges: Mapping[str, tuple[float, float]]) -> Values:
     return lambda inputs: value(inputs) - middle
 
 
-def _with_angle(name: str, value: Values, k: int, axis: str) -> Basis:
+def _with_angle(name: str, value: Values, k: int, axis: str, parts: dict[str, float | str]) -> Basis:
 
     def columns(inputs: Inputs) -> Array:
         angle = inputs.angles[:, k]
         return np.stack([value(inputs) * np.sin(angle), value(inputs) * np.cos(angle)], axis=1)
 
-    return Basis(f"{name}*angle_{axis}", columns, 2, "fourier", "motion", {"order": 1.0})
+    return Basis(f"{name}*angle_{axis}", columns, 2, "fourier", "motion", {"order": 1.0, **parts})

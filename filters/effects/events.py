@@ -121,7 +121,7 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
         None if the runs are too short.
     """
     parts = np.split(np.arange(t.size), starts[1:])
-    longest = max(part.size for part in parts)
+    longest = int(max(part.size for part in parts))
     size = 1 << int(np.ceil(np.log2(longest * _PAD)))
     hz = np.fft.rfftfreq(size, period)
     power = np.zeros(hz.size)
@@ -129,18 +129,18 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
         place = np.round((t[part] - t[part[0]]) / period).astype(int)
         signal = np.zeros(size)
         signal[np.minimum(place, size - 1)] = white[part]
-        power += 2.0 * np.abs(np.fft.rfft(signal)) ** 2 / max(1, np.count_nonzero(white[part]))
+        power += 2.0 * np.abs(np.fft.rfft(signal)) ** 2 / max(1, int(np.count_nonzero(white[part])))
     allowed = (hz > _PERIODS / (longest * period)) & (hz < min(most_hz, 0.475 / period))
     if not allowed.any():
         return None
     best = float(hz[allowed][np.argmax(power[allowed])])
     fine = best + np.linspace(-1.0, 1.0, 17) / (size * period)
-    refined = max(fine.tolist(), key=lambda f: _power(f, white, t, parts))
+    refined = float(fine[np.argmax([_power(f, white, t, parts) for f in fine.tolist()])])
     columns = np.zeros((t.size, 2 * len(parts)))
     for k, part in enumerate(parts):
         columns[part, 2 * k] = np.sin(2.0 * np.pi * refined * t[part])
         columns[part, 2 * k + 1] = np.cos(2.0 * np.pi * refined * t[part])
-    penalty = 2.0 * np.log(6.0 * t.size / 2.0)
+    penalty = 2.0 * float(np.log(6.0 * t.size / 2.0))
     return Tone(channel, columns, penalty, {"hz": refined}, columns.shape[1], refined)
 
 
@@ -238,7 +238,7 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
     use = np.isfinite(sd)
     if use.sum() < 64:
         return None
-    price = 2.0 * np.log(r.size)
+    price = 2.0 * float(np.log(r.size))
     smooth = np.convolve(np.where(use, r, 0.0), np.ones(9) / 9.0, "same")
     low, high = np.quantile(smooth[use], [0.15, 0.85])
     s, free = np.zeros(r.size, bool), np.zeros(r.size, bool)
@@ -249,11 +249,19 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
         if not (s & use).any() or not (~s & use).any():
             return None
         low, high = _level(r, sd, ~s & use), _level(r, sd, s & use)
+        price = _price(int(np.count_nonzero(np.diff(s.astype(int)))), r.size)
     switches = int(np.count_nonzero(np.diff(s.astype(int)))) - int(np.count_nonzero(s[starts[1:]] != s[starts[1:] - 1]))
     if switches < _SWITCHES:
         return None
     facts = {"switches": float(switches)}
-    return Telegraph(channel, s.astype(np.float64)[:, None], switches * price, facts, 1, switches)
+    penalty = switches * _price(switches, r.size)
+    return Telegraph(channel, s.astype(np.float64)[:, None], penalty, facts, 1, switches)
+
+
+def _price(switches: int, n: int) -> float:
+    """What telling of one switch costs, in chi-square: a two-state Markov chain that switches as often as this one."""
+    s = max(1, switches)
+    return 2.0 * (float(np.log(n / s)) + 1.0)
 
 
 def _level(r: Array, sd: Array, use: NDArray[np.bool_]) -> float:
@@ -261,7 +269,7 @@ def _level(r: Array, sd: Array, use: NDArray[np.bool_]) -> float:
     return float(weight @ r[use] / weight.sum())
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _viterbi(cost, price, free):  # type: ignore[no-untyped-def]
     """Cheapest sequence of two states, a switch costing `price` but where it is free."""
     n = len(cost)

@@ -120,7 +120,7 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_
         raise ValueError(f"`reading` has shape {reading.shape} and `perfect` {perfect.shape} for {t.size} stamps")
     flagged = np.zeros(reading.shape, np.bool_)
     faults: list[Fault] = []
-    if t.size < steps._LEAST_WINDOW:
+    if t.size < steps.LEAST_WINDOW:
         return flagged, faults
     look = stamps.look(t)
     for c in range(len(CHANNELS)):

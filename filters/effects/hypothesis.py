@@ -1,5 +1,6 @@
 """What every deterministic effect offers: columns that its parameters multiply, and what the parameters mean."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
@@ -82,7 +83,7 @@ class Hypothesis(Protocol):
 
 
 @dataclass(frozen=True)
-class Own:
+class Own(ABC):
     """An effect of one channel by itself; subclasses give the columns."""
 
     channel: int
@@ -106,6 +107,14 @@ class Own:
     def label(self) -> str:
         """Words for a sentence."""
         return self.text
+
+    @abstractmethod
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Regressor, SI per SI of the parameters, shape (n, k)."""
+
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The k parameters."""
 
     @property
     def gyro(self) -> bool:

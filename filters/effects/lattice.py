@@ -16,7 +16,10 @@ _QUANTILES = (0.5, 0.25, 0.1, 0.03)
 _KEPT = 0.9
 _KEPT_VARIANCE = 0.623
 _WINDOW_S = 2.0
-_LEAST_WINDOW, _MOST_WINDOW = 32, 1024
+LEAST_WINDOW = 32
+"""Samples: of fewer, noise is not told."""
+
+_MOST_WINDOW = 1024
 
 
 def lattice(x: Array, lsb: float | None = None) -> float:
@@ -59,7 +62,7 @@ def _refined(steps: Array, step: float) -> float:
 
 def window(fs: float, count: int) -> int:
     """Samples of a window of 2 s, within what gives a scale and what follows its changes."""
-    return max(1, min(count, max(_LEAST_WINDOW, min(_MOST_WINDOW, round(_WINDOW_S * fs)))))
+    return max(1, min(count, max(LEAST_WINDOW, min(_MOST_WINDOW, round(_WINDOW_S * fs)))))
 
 
 def scales(x: Array, width: int, order: int = 1) -> Array:
@@ -88,7 +91,7 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
     rows = size[: size.size // width * width].reshape(-1, width)
     kept = max(1, round(_KEPT * width))
     small = np.partition(rows, kept - 1, axis=1)[:, :kept]
-    return np.sqrt(np.mean(small**2, axis=1) / (_KEPT_VARIANCE * math.comb(2 * order, order)))
+    return np.asarray(np.sqrt(np.mean(small**2, axis=1) / (_KEPT_VARIANCE * math.comb(2 * order, order))))
 
 
 def spread(per_window: Array, width: int, count: int) -> Array:

@@ -28,6 +28,7 @@ _FALSE_LEVEL = 1.06  # the level's own error: 6 % from 512 bins
 _LOBE = 2.5  # bins from a peak to where its main lobe under Hann's window ends
 _WIDTHS = (1, 9, 65)  # bins
 _LEAST_BUMP = 1.5  # times the level: a spectrum that is not flat is no line
+_SIDE_LEVEL = 0.1  # of the level: side lobes below do not count
 _SIDE = 4.0  # times the side lobes of a lone line
 _MOST_HARMONIC = 20
 _LONG = spectra.SEGMENT
@@ -195,9 +196,12 @@ def _taken(channel: int, ratio: Array, at: int, limits: list[tuple[int, Array]],
     """The peak around a bin; what belongs to it, side lobes and the band around, becomes level in `ratio`."""
     excess, top = float(ratio[at]), (at + _offset(ratio, at)) * hz
     k = np.arange(ratio.size)
-    away = np.maximum(np.abs(k - at) / (lobe / _LOBE), 1.0 + 1e-9)
+    # the line may be half a bin nearer
+    away = np.maximum((np.abs(k - at) - 0.5) / (lobe / _LOBE), 1.0 + 1e-9)
     side = _SIDE * excess / (np.pi * away * (away**2 - 1.0)) ** 2
-    ratio[(np.abs(k - at) <= lobe) | (ratio < side)] = 1.0
+    # a side lobe and noise of its own size add up, or do not
+    own = (side > _SIDE_LEVEL) & (np.sqrt(ratio) < np.sqrt(side) + np.sqrt(limits[0][1]))
+    ratio[own | (np.abs(k - at) <= lobe)] = 1.0
     band = np.abs(k - at) <= NARROW * at
     members = np.flatnonzero(band & np.any([_mean_of(ratio, width) > limit for width, limit in limits], axis=0))
     ratio[band] = 1.0

@@ -1,5 +1,6 @@
 """Errors of the reference or of the whole unit: where parameters are shared by channels (catalogue 12, 15-20)."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,7 +13,7 @@ from filters.types import Array
 
 
 @dataclass(frozen=True)
-class Shared:
+class Shared(ABC):
     """An effect of several channels with the same parameters; subclasses give the columns of each."""
 
     effect: ClassVar[str]
@@ -29,6 +30,14 @@ class Shared:
     def label(self) -> str:
         """Words for a sentence."""
         return self.text
+
+    @abstractmethod
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        """Regressor, SI per SI of the parameters, shape (n, k)."""
+
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The k parameters."""
 
     def shape(self) -> Mapping[str, float | str]:
         """Nothing else."""

@@ -1,12 +1,13 @@
-"""What fast noise is like: its band limit (27), its correlation between channels (28); and, after everything known is
-taken out, whether sums of what remains vary as sums of white noise do.
+"""Fast noise: its band limit (27), its correlation between channels (28), and whether what remains is white.
 
-All of it at frequencies above those of motions and drifts. Lines are to be removed first; what is left of one does
-little harm, for levels are medians. Leaves out how large noise is, and what drives its size.
+Band limit and correlation are looked at above the frequencies of motions and drifts. Lines are to be removed first;
+what is left of one does little harm, for levels are medians. `variance_ratio` is for the whitened blocks, after
+everything known is taken out. Leaves out how large noise is, and what drives its size.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ CORRELATED = 5.5
 """Standard deviations of a correlation."""
 
 _HIGHEST = 10.0  # times the sampling rate: no limit that shows
-_GRID = 400
+_GRID = 1000
+_UNSEEN = 4.0  # drop of χ² from white noise that is none
 _CLIPPED = 12.0  # times the level: what is left of a line, chance of noise 6e-6
 _TAPER = 0.1
 
@@ -137,23 +139,23 @@ def _points(runs: list[tuple[float, Array]], c: int) -> list[_Points]:
         first = round(max(spectra.LOWEST, SLOWEST * fs) / hz)
         centres, levels = spectra.bands(s.density, s.averaged, first)
         if centres.size >= 4:
-            # a median of n exponential variables has relative variance 1 / (n ln² 2) of its own; padding adds no bins
+            # of a median of n exponential variables: 1 / (n ln² 2). Bins under Hann are worth 1 / 1.94, padded ones 0
             width = spectra.stretch(s.density[first:-1].size) * min(1.0, x.shape[0] * hz / fs)
-            variance = np.full(centres.size, 1.5 / (width * s.averaged * np.log(2.0) ** 2))
+            variance = np.full(centres.size, 1.94 / (width * s.averaged * np.log(2.0) ** 2))
             points.append(_Points(fs, centres * hz / fs, np.log(levels), variance))
     return points
 
 
 def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> BandLimit | None:
     grid = np.append(np.geomspace(0.02 * fs, _HIGHEST * fs, _GRID), np.inf)
-    chi2 = np.array([sum(_misfit(p, hz) for p in points) for hz in grid])
+    chi2 = np.sum([_misfit(p, grid) for p in points], axis=0)
     best = int(np.argmin(chi2))
-    if best == 0 or best >= _GRID - 1:
-        best = best if best == 0 else _GRID
+    if chi2[-1] < chi2[best] + _UNSEEN:
+        best = _GRID
     freedom = max(1, sum(p.log.size - 1 for p in points) - 1)
     # what no first-order limit explains makes all of it less certain
     scale = max(1.0, chi2[best] / freedom)
-    score = (sum(_misfit(p, expected) for p in points) - chi2[best]) / scale
+    score = (float(np.sum([_misfit(p, np.array([expected])) for p in points])) - chi2[best]) / scale
     hz, ratio = float(grid[best]), _ratio(float(grid[best]), fs)
     times = ratio / _ratio(expected, fs)
     if score < SIGNIFICANT or max(times, 1.0 / times) < RATIO:
@@ -161,22 +163,19 @@ def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> Ban
     return BandLimit(name, hz, _sd(grid, chi2 / scale, best), expected, ratio, float(score))
 
 
-def _pole(hz: float, fs: float) -> float:
-    return float(np.exp(-2.0 * np.pi * hz / fs))
-
-
 def _ratio(hz: float, fs: float) -> float:
-    p = _pole(hz, fs)
+    p = float(np.exp(-2.0 * np.pi * hz / fs))
     return ((1.0 + p) / (1.0 - p)) ** 2
 
 
-def _misfit(points: _Points, hz: float) -> float:
-    """χ² of one run with its own density."""
-    p = _pole(hz, points.fs)
+def _misfit(points: _Points, hz: Array) -> Array:
+    """χ² of one run with its own density, for each of some limits, shape (G,)."""
+    p = np.exp(-2.0 * np.pi * hz[:, None] / points.fs)
     gain = (1.0 - p) ** 2 / (1.0 - 2.0 * p * np.cos(2.0 * np.pi * points.cycles) + p**2)
     rest = points.log - np.log(gain)
     weight = 1.0 / points.variance
-    return float(np.sum(weight * (rest - np.sum(weight * rest) / np.sum(weight)) ** 2))
+    rest -= (rest @ weight / np.sum(weight))[:, None]
+    return np.asarray(rest**2 @ weight)
 
 
 def _sd(grid: Array, chi2: Array, best: int) -> float:
@@ -253,8 +252,10 @@ def _whitened(X: NDArray[np.complex128], first: int) -> NDArray[np.complex128]:
 def variance_ratio(whitened: Array, scales: Sequence[int]) -> list[tuple[int, float, float]]:
     """Variance of sums over m values against m times that of one, for white noise 1.
 
-    VR(m) = Σ (x_k + … + x_{k+m-1})² / (m (n - m + 1) s²), s² the mean square. For white noise its variance is
-    2 (2m - 1)(m - 1) / (3 m n), which gives χ² its effective degrees of freedom 2 / variance.
+    VR(m) = Σ (x_k + … + x_{k+m-1})² / (m (n - m + 1) s²), s² the mean square. For white noise it is a sum of χ² of one
+    degree of freedom, VR - 1 ≈ Σ_k (λ_k - 1) χ² / n, λ_k = sin²(π m k/n) / (m sin²(π k/n)). Its variance makes the
+    effective degrees of freedom of the lower tail; the upper has a shifted χ² of the same skewness too, for the few
+    largest λ make it heavier.
 
     Parameters
     ----------
@@ -290,6 +291,22 @@ def _ratio_at(total: Array, square: float, m: int) -> tuple[int, float, float]:
     if m == 1:
         return 1, 1.0, 1.0
     ratio = float(np.mean((total[m:] - total[:-m]) ** 2)) / (m * square)
-    freedom = 3.0 * m * n / ((2.0 * m - 1.0) * (m - 1.0))
-    one_sided = min(stats.chi2.sf(freedom * ratio, freedom), stats.chi2.cdf(freedom * ratio, freedom))
+    sd, skewness = _of_white(n, m)
+    if ratio > 1.0:
+        freedom = 8.0 / skewness**2
+        one_sided = stats.chi2.sf(freedom + (ratio - 1.0) / sd * np.sqrt(2.0 * freedom), freedom)
+    else:
+        freedom = 2.0 / sd**2
+        one_sided = stats.chi2.cdf(freedom * ratio, freedom)
     return m, ratio, float(min(1.0, 2.0 * one_sided))
+
+
+@lru_cache(maxsize=64)
+def _of_white(n: int, m: int) -> tuple[float, float]:
+    """Standard deviation and skewness of VR(m) for n values of white noise."""
+    angle = np.pi * np.arange(1, n) / n
+    gain = np.append(np.sin(m * angle) ** 2 / (m * np.sin(angle) ** 2), m) - 1.0
+    # values at the ends are in fewer sums
+    worth = (n - m + 1) / n
+    second, third = np.sum(gain**2) / worth, np.sum(gain**3) / worth**2
+    return float(np.sqrt(2.0 * second) / n), float(8.0 * third / (2.0 * second) ** 1.5)

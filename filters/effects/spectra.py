@@ -1,5 +1,4 @@
-"""Spectra of residuals at the full rate, over several runs: periodograms on one grid of frequencies, and what they
-stand on.
+"""Spectra of residuals at the full rate: periodograms of several runs on one grid, and the level they stand on.
 
 A run longer than `SEGMENT` samples is taken in half-overlapping segments. All runs share one spacing of frequencies,
 that of the longest segment; shorter runs are padded with zeros.
@@ -53,11 +52,11 @@ def usable(series: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
 
 
 def spacing(series: Sequence[tuple[float, Array]]) -> float:
-    """Hz between frequencies of the grid: of a segment at the highest rate, or of the longest run if that is shorter."""
+    """Hz between frequencies of the grid: of a segment at the highest rate, or of the longest run, if shorter."""
     lasting = max(x.shape[0] / fs for fs, x in series)
     fastest = max(fs for fs, _ in series)
     length = min(lasting, SEGMENT / fastest)
-    return fastest / fft.next_fast_len(int(np.ceil(length * fastest)), real=True)
+    return float(fastest / fft.next_fast_len(int(np.ceil(length * fastest)), real=True))
 
 
 def segments(x: Array, fs: float, hz: float) -> Iterator[Array]:
@@ -150,7 +149,8 @@ def bands(density: Array, averaged: float, first: int) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     rows = inner[: count * width].reshape(count, width)
     medians = np.median(rows, axis=1) / (special.gammaincinv(averaged, 0.5) / averaged)
-    return first + width * (np.arange(count) + 0.5), np.maximum(medians, np.finfo(float).tiny)
+    centres = first + width * (np.arange(count) + 0.5)
+    return np.asarray(centres, float), np.asarray(np.maximum(medians, np.finfo(float).tiny))
 
 
 def stretch(bins: int) -> int:

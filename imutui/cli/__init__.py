@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from imutui.cli import attach, config, demo, import_, mark, record, replay, status, stop, virtual
+from imutui.cli import attach, config, demo, import_, mark, record, replay, status, stop, trace, virtual
 from imutui.cli.outcome import handled
 
 COMMANDS: dict[str, Callable[..., None]] = {
@@ -23,6 +23,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "virtual": virtual.command,
     "import": import_.command,
     "replay": replay.command,
+    "trace": trace.command,
     "config": config.command,
 }
 

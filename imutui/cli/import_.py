@@ -114,7 +114,7 @@ def _reference(
 
     if beside is not None or asked not in (None, "trajectory"):
         return beside, set(recording.known)
-    made = known.from_arrays(recording.t, recording.known, info.axes().mount)
+    made = known.from_arrays(recording.t, recording.known, info.axes().mount, info.site())
     if made is None and asked == "trajectory":
         raise importer.ImportDataError(
             f"{file} says nothing of the motion: --reference trajectory needs one of ang, ref_quat, gps_pos,"

@@ -19,6 +19,12 @@ Reference = Annotated[
         help="What is known of the motion: level on north-east-down, still, or a file: table profile, trajectory.",
     ),
 ]
+Effects = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option(
+        "--effects", metavar="FILE|none", help="Effects that join the filter: a file that `imutui trace -o` wrote."
+    ),
+]
 AccelSign = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option(
@@ -55,6 +61,15 @@ def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":
 
     file = known.from_file(Path(text))
     return file, file.kind
+
+
+def effects_of(text: str | None) -> bytes | None:
+    """Content of the file that --effects names; empty for "none", None if the option is not given."""
+    if text is None:
+        return None
+    from imutui.logbook import effects
+
+    return effects.NONE if text == "none" else effects.from_file(Path(text))
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:

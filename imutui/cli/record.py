@@ -7,6 +7,7 @@ import typer
 
 from imutui.cli.options import (
     AccelSign,
+    Effects,
     Force,
     Gravity,
     GyroSign,
@@ -17,6 +18,7 @@ from imutui.cli.options import (
     Rate,
     Reference,
     SiteText,
+    effects_of,
     parse_site,
     reference_of,
 )
@@ -39,6 +41,7 @@ def command(
         str | None, typer.Option("--filter", metavar="spkf|spkf-paper|ekf|none", help="Filter to run.")
     ] = None,
     reference: Reference = None,
+    effects: Effects = None,
     note: Annotated[str, typer.Option("--note", help="Goes into the file and its name.")] = "",
     name: Name = None,
     output: Output = None,
@@ -87,5 +90,6 @@ def command(
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
         reference_file=("", "") if file is None else (file.name, file.content.decode("utf-8-sig")),
+        effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
     follow(plan, json=json)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from imutui.cli.options import End, Force, Json, Output, Reference, Start, reference_of
+from imutui.cli.options import Effects, End, Force, Json, Output, Reference, Start, effects_of, reference_of
 
 
 def command(
@@ -19,6 +19,7 @@ def command(
         typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter."),
     ] = None,
     reference: Reference = None,
+    effects: Effects = None,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
@@ -58,7 +59,7 @@ def command(
         raise fail(USAGE, f"--estimates is {estimates:g}; it must be 0 (all) or more a second.")
     file, name = reference_of(reference)
     overrides = _overrides(filter_name, name, set_ or [])
-    options = Options(start, end, overrides, file, speed, output, estimates, force)
+    options = Options(start, end, overrides, file, effects_of(effects), speed, output, estimates, force)
     documents, code = [], FINE
     for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
         if isinstance(outcome, dict):

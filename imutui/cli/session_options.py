@@ -6,7 +6,7 @@ from typing import Any
 from imutui.cli.outcome import say
 from imutui.config import Config
 from imutui.logbook.session import SessionInfo
-from imutui.session.info import check_live, motion_of
+from imutui.session.info import check_live, effects_of, motion_of
 from imutui.session.plan import Plan
 
 
@@ -86,8 +86,10 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         seed=plan.seed,
         kappa=plan.kappa,
         noise=plan.noise,
+        g_unit=plan.g_unit,
+        rate_hz=plan.rate_hz,
         gravity_mps2=plan.gravity if plan.gravity is not None else SessionInfo().gravity_mps2,
     )
     probe.axes()
-    check_live(probe, motion_of(plan))
+    check_live(probe, motion_of(plan), effects_of(plan, probe))
     return plan

@@ -16,7 +16,7 @@ from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.runner import Estimator
 from filters.settings import Settings
-from imutui.logbook import estimates, motions, reader, results, schemas
+from imutui.logbook import effects, estimates, motions, reader, results, schemas
 from imutui.logbook.estimates import Verdict
 from imutui.logbook.motions import ReferenceFile
 from imutui.logbook.reader import Log, UnreadableLogError
@@ -42,6 +42,8 @@ class Options:
         Fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
     reference : ReferenceFile or None
         A profile or trajectory instead of what the log has.
+    effects : bytes or None
+        An effects file's content instead of what the log has; empty for no effects.
     speed : float or None
         Times real time to pace the samples at; None goes as fast as it can.
     output : Path or None
@@ -56,6 +58,7 @@ class Options:
     end: float | None = None
     overrides: dict[str, Any] | None = None
     reference: ReferenceFile | None = None
+    effects: bytes | None = None
     speed: float | None = None
     output: Path | None = None
     estimates_hz: float = ESTIMATES_HZ
@@ -82,6 +85,8 @@ class Part:
         s since the first one, shape (N,).
     gyro, accel : np.ndarray
         rad/s and m/s², body axes, shape (N, 3).
+    temperature : np.ndarray
+        degC, shape (N,); NaN where it is not known.
     """
 
     start: float
@@ -89,6 +94,7 @@ class Part:
     t: np.ndarray
     gyro: np.ndarray
     accel: np.ndarray
+    temperature: np.ndarray
 
 
 def replay(path: Path, options: Options, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
@@ -139,6 +145,8 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
         for rows in run(estimator, part, options.speed, progress):
             if sink is not None:
                 sink.take(rows, estimator)
+        if estimator.latest is None:
+            raise ValueError(f"{path}: the effects leave no sample to filter. --effects none leaves effects out")
     except BaseException:
         if sink is not None:
             sink.abandon()
@@ -168,7 +176,11 @@ def prepare(log: Log, part: Part, options: Options) -> tuple[SessionInfo, Settin
     if isinstance(motion, Profile) and motion.align == "gyro":
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
     noise = measured_noise(info, part) if info.noise == FROM_LOG else None
-    return info, info.settings(motion, noise, offset, offset_sd)
+    try:
+        make = effects.maker(effects_of(log, options), info)
+    except ValueError as error:
+        raise ValueError(f"{log.path}: {error}. --effects none leaves effects out") from error
+    return info, info.settings(motion, noise, offset, offset_sd, make)
 
 
 def session_of(log: Log, options: Options) -> SessionInfo:
@@ -186,7 +198,13 @@ def session_of(log: Log, options: Options) -> SessionInfo:
     if options.reference is not None:
         digest = hashlib.sha256(options.reference.content).hexdigest()
         info = replace(info, reference=options.reference.kind, reference_sha256=digest)
+    info = replace(info, effects_sha256=effects.digest(effects_of(log, options)))
     return replace(info, **(options.overrides or {}))
+
+
+def effects_of(log: Log, options: Options) -> bytes:
+    """Content of the effects file that a replay takes: the one asked for, else the log's own."""
+    return log.attachments.get(effects.ATTACHMENT, effects.NONE) if options.effects is None else options.effects
 
 
 def motion_of(log: Log, info: SessionInfo, options: Options, start: float) -> Profile | Trajectory | None:
@@ -251,8 +269,10 @@ def select(log: Log, start: float | None, end: float | None) -> Part:
     first_ns = int(stamps[0])
     begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))
     every = bool(use.all())
-    gyro, accel = (log.gyro, log.accel) if every else (log.gyro[use], log.accel[use])
-    return Part(begun, first_ns, reader.seconds_since(stamps, first_ns), gyro, accel)
+    columns = log.gyro, log.accel, log.temperature()
+    return Part(
+        begun, first_ns, reader.seconds_since(stamps, first_ns), *(columns if every else (c[use] for c in columns))
+    )
 
 
 def run(
@@ -266,7 +286,8 @@ def run(
             time.sleep(max(0.0, part.t[first] / speed - (time.monotonic() - started)))
         piece = slice(first, first + size)
         last = first + size >= part.t.size
-        yield from runner.rows(estimator, part.t[piece], part.gyro[piece], part.accel[piece], last=last)
+        samples = (column[piece] for column in (part.t, part.gyro, part.accel, part.temperature))
+        yield from runner.rows(estimator, *samples, last=last)
         if first % 512 == 0:
             progress(min(1.0, (first + size) / part.t.size))
     progress(1.0)

@@ -1,4 +1,4 @@
-"""Samples, temperatures and packets as columns that grow, filled from batches of messages or one by one."""
+"""Samples, temperatures, packets and table angles as columns that grow, from batches of messages or one by one."""
 
 import numpy as np
 from mcap.records import Message
@@ -50,9 +50,10 @@ class Columns:
         self._imu = Growing(9, np.uint64)
         self._temperature = Growing(2, np.uint64)
         self._raw = Growing(fast.RAW_SIZE, np.uint8)
+        self._table = Growing(7, np.uint64)
 
     def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
-        """Take the samples, temperatures and packets of a batch, if all are plain.
+        """Take the samples, temperatures, packets and table angles of a batch, if all are plain.
 
         Parameters
         ----------
@@ -68,13 +69,14 @@ class Columns:
         bool
             False if some message has another layout than the plain one; then none is taken.
         """
-        _, _, imu, temperature, raw = counts.tolist()
-        rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw)
+        _, _, imu, temperature, raw, table = counts.tolist()
+        rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw), self._table.room(table)
         if not fast.gather(batch.data, batch.table, roles, *rooms):
             return False
         self._imu.keep(imu)
         self._temperature.keep(temperature)
         self._raw.keep(raw)
+        self._table.keep(table)
         return True
 
     def sample(self, message: Message) -> None:
@@ -101,6 +103,14 @@ class Columns:
         self._raw.room(1)[0] = np.frombuffer(message.data, np.uint8)
         self._raw.keep(1)
 
+    def table(self, message: Message) -> None:
+        """One TableReference of any layout."""
+        m = schemas.decode(schemas.TYPES[schemas.REFERENCE], message.data)
+        row = self._table.room(1)
+        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        row[0, 1:] = np.concatenate([m.angles_deg, m.rates_dps]).astype(np.float64).view(np.uint64)
+        self._table.keep(1)
+
     def imu(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Stamps (ns, int64, (N,)), angular rate (rad/s, (N, 3)), specific force (m/s², (N, 3)), validity (bool, (N,)).
 
@@ -115,6 +125,11 @@ class Columns:
         """Stamps (ns, int64, (M,)) and degC (M,)."""
         stamps, values = (self._temperature.columns(column, column + 1)[:, 0] for column in range(2))
         return stamps.view(np.int64), values.view(np.float64)
+
+    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stamps (ns, int64, (L,)), angles (deg, (L, 3)) and rates (deg/s, (L, 3))."""
+        angles, rates = (self._table.columns(first, first + 3).view(np.float64) for first in (1, 4))
+        return self._table.columns(0, 1)[:, 0].view(np.int64), angles, rates
 
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""

@@ -13,13 +13,14 @@ MESSAGE_HEADER_SIZE = 22
 """Bytes before a message's data: channel id, sequence, log time, publish time."""
 OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
 """Columns of a table of records: of a message, offset and length are those of its data."""
-IGNORED, OTHER, IMU, TEMPERATURE, RAW = range(5)
+IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE = range(6)
 """What a channel's messages are to the reader."""
 
 RAW_SIZE = 38
 _DOUBLE = 8
 _IMU_DOUBLES = 37
 _TEMPERATURE_DOUBLES = 2
+_TABLE_DOUBLES = 6
 
 
 @njit(cache=True)
@@ -90,7 +91,7 @@ def tabulate(data, start, wanted, table):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def tally(table, roles):  # type: ignore[no-untyped-def]
-    """How many messages have each role, shape (5,), and the rows of those with role OTHER.
+    """How many messages have each role, shape (6,), and the rows of those with role OTHER.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def tally(table, roles):  # type: ignore[no-untyped-def]
     roles : np.ndarray
         Role of each channel id, uint8, shape (65536,).
     """
-    counts = np.zeros(5, np.int64)
+    counts = np.zeros(6, np.int64)
     for row in range(table.shape[0]):
         counts[roles[table[row, 1]]] += 1
     others = np.empty(counts[OTHER], np.int64)
@@ -133,6 +134,22 @@ def _body(data, at, length, doubles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _table_body(data, at, length):  # type: ignore[no-untyped-def]
+    """As `_body`, for a message with one more string between the header and its six float64."""
+    if length < 16 or data[at] != 0 or data[at + 1] != 1:
+        return -1
+    text = np.int64(_uint(data, at + 12, 4))
+    kind = (12 + text + 3) // 4 * 4
+    if text < 1 or 4 + kind + 4 > length:
+        return -1
+    letters = np.int64(_uint(data, at + 4 + kind, 4))
+    body = at + 4 + (kind + 4 + letters + 7) // _DOUBLE * _DOUBLE
+    if letters < 1 or body + _TABLE_DOUBLES * _DOUBLE != at + length:
+        return -1
+    return body
+
+
+@njit(cache=True)
 def _stamp(data, at):  # type: ignore[no-untyped-def]
     """Stamp of a message, ns: the header's; of a header without one, the publish time before the data."""
     seconds = np.int64(np.int32(np.uint32(_uint(data, at + 4, 4))))
@@ -141,7 +158,7 @@ def _stamp(data, at):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def gather(data, table, roles, imu, temperature, raw):  # type: ignore[no-untyped-def]
+def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[no-untyped-def]
     """Copy the fields of a table's messages into columns, in the table's order.
 
     Parameters
@@ -159,13 +176,15 @@ def gather(data, table, roles, imu, temperature, raw):  # type: ignore[no-untype
         uint64, shape (M, 2): stamp, bits of the temperature.
     raw : np.ndarray
         uint8, shape (K, 38).
+    motion : np.ndarray
+        uint64, shape (L, 7): stamp of a table's reference, bits of its angles and rates.
 
     Returns
     -------
     bool
         Whether all of them have the plain layout; if not, what was copied means nothing.
     """
-    i = j = k = 0
+    i = j = k = m = 0
     for row in range(table.shape[0]):
         role, at, length = roles[table[row, 1]], table[row, 2], table[row, 3]
         if role == IMU:
@@ -192,4 +211,12 @@ def gather(data, table, roles, imu, temperature, raw):  # type: ignore[no-untype
             for byte in range(RAW_SIZE):
                 raw[k, byte] = data[at + byte]
             k += 1
+        elif role == TABLE:
+            body = _table_body(data, at, length)
+            if body < 0:
+                return False
+            motion[m, 0] = np.uint64(_stamp(data, at))
+            for column in range(_TABLE_DOUBLES):
+                motion[m, 1 + column] = _uint(data, body + _DOUBLE * column, 8)
+            m += 1
     return True

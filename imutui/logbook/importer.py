@@ -222,15 +222,15 @@ def write(
     next_second = int(stamp_ns[0])
     for k, stamp in enumerate(stamp_ns.tolist()):
         if stamp >= next_second or changed[k]:
-            message = schemas.table_reference(stamp, info.reference, angles[k], rates[k])
-            log.message(schemas.REFERENCE, message, stamp, stamp)
+            row = schemas.encode_table_reference(stamp, info.reference, angles[k].tolist(), rates[k].tolist())
+            log.encoded(schemas.REFERENCE, row, stamp, stamp)
         if stamp >= next_second:
             next_second = stamp + 1_000_000_000
             progress(k)
         log.imu(stamp, stamp, gyro[k], accel[k])
         if recording.temperature_degc is not None:
-            message = schemas.temperature(stamp, float(recording.temperature_degc[k]))
-            log.message(schemas.TEMPERATURE, message, stamp, stamp)
+            data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
+            log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
     duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
     log.finish({"samples": int(stamp_ns.size), "duration_s": duration, "source": source.name}, time.time_ns())
 

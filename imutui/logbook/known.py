@@ -8,6 +8,7 @@ import numpy as np
 from filters import attitude
 from filters.motion import Profile, attitudes
 from filters.reference import Trajectory
+from filters.state import Site
 from filters.types import Array
 from imutui.logbook import motions, trajectory
 from imutui.logbook.importer import ImportDataError
@@ -39,7 +40,7 @@ def from_file(path: Path) -> ReferenceFile:
     return ReferenceFile(kind, "reference.csv", "text/csv", content)
 
 
-def from_arrays(t: Array, known: Mapping[str, Array], mount: Array) -> ReferenceFile | None:
+def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None) -> ReferenceFile | None:
     """Trajectory from the arrays of a recording.
 
     Parameters
@@ -50,6 +51,8 @@ def from_arrays(t: Array, known: Mapping[str, Array], mount: Array) -> Reference
         `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as contracts section 2 has them, NaN where unknown.
     mount : Array
         M from instrument to body axes, shape (3, 3).
+    site : Site or None
+        Where a table stands: with its angles, and no receiver, position and velocity are known too.
 
     Returns
     -------
@@ -66,6 +69,9 @@ def from_arrays(t: Array, known: Mapping[str, Array], mount: Array) -> Reference
         values[:, :6] = _fixes(known, t.size)
     if "ang" in known:
         values[:, 6:] = attitude.to_rpy(attitudes(np.deg2rad(known["ang"])))
+        if site is not None and np.isnan(values[:, :6]).all():
+            told = np.isfinite(values[:, 6:]).all(axis=1)
+            values[told, :6] = site.latitude, site.longitude, site.height, 0.0, 0.0, 0.0
     elif "ref_quat" in known:
         values[:, 6:] = attitude.to_rpy(body_attitude(known["ref_quat"], mount))
     rows = np.isfinite(values).any(axis=1)

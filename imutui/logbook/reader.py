@@ -41,6 +41,18 @@ class Event:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What /table/reference says: at each stamp (UTC, ns, int64, (L,)) angles (deg, (L, 3)) and rates (deg/s, (L, 3)).
+
+    NaN where it is not known.
+    """
+
+    stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    angles_deg: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    rates_dps: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+
+
 @dataclass(slots=True)
 class Log:
     """Content of a log.
@@ -67,6 +79,8 @@ class Log:
         Packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only.
     reference : str or None
         Kind of the last /table/reference.
+    table : Table
+        Content of all of them.
     events : list of Event
         Marks and events.
     diagnostics : dict
@@ -90,6 +104,7 @@ class Log:
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     reference: str | None = None
+    table: Table = field(default_factory=Table)
     events: list[Event] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
@@ -104,6 +119,17 @@ class Log:
     def seconds(self) -> np.ndarray:
         """Time of the samples since the first, s, shape (N,)."""
         return seconds_since(self.stamp_ns, int(self.stamp_ns[0])) if self.stamp_ns.size else np.empty(0)
+
+    def temperature(self) -> np.ndarray:
+        """Temperature of each sample, degC, shape (N,): the last one taken by then, the first for those before it.
+
+        A unit's samples carry their own, as they did live. NaN if there is none.
+        """
+        if not self.temperature_stamp_ns.size:
+            return np.full(self.stamp_ns.size, np.nan)
+        order = np.argsort(self.temperature_stamp_ns, kind="stable")
+        last = np.searchsorted(self.temperature_stamp_ns[order], self.stamp_ns, side="right") - 1
+        return np.asarray(self.temperature_degc[order[np.maximum(last, 0)]])
 
 
 def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
@@ -185,7 +211,7 @@ class _Content:
         self._topics = {
             schemas.RAW: fast.RAW if raw else fast.IGNORED,
             schemas.TEMPERATURE: fast.TEMPERATURE,
-            schemas.REFERENCE: fast.OTHER,
+            schemas.REFERENCE: fast.TABLE,
             schemas.DIAGNOSTICS: fast.OTHER,
             schemas.EVENTS: fast.OTHER,
         }
@@ -249,6 +275,9 @@ class _Content:
             roles = self._roles[batch.table[:, self._fast.CHANNEL]]
             for row in np.flatnonzero(roles > self._fast.OTHER).tolist():
                 self._message(batch.message(row), int(roles[row]))
+        elif counts[self._fast.TABLE]:
+            last = np.flatnonzero(self._roles[batch.table[:, self._fast.CHANNEL]] == self._fast.TABLE)[-1]
+            self._last[schemas.REFERENCE] = batch.message(int(last))
         if failure is not None:
             raise failure
 
@@ -259,6 +288,9 @@ class _Content:
             self._columns.temperature(message)
         elif role == self._fast.RAW:
             self._columns.packet(message)
+        elif role == self._fast.TABLE:
+            self._columns.table(message)
+            self._last[schemas.REFERENCE] = message
         elif self.channels[message.channel_id][0] == schemas.EVENTS:
             m = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
             self.log.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
@@ -272,6 +304,7 @@ class _Content:
         log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
         log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
         log.packets = columns.packets()
+        log.table = Table(*columns.tables())
         try:
             if (last := self._last.get(schemas.REFERENCE)) is not None:
                 log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind

@@ -173,6 +173,7 @@ def document(
         "converged_s": converged_since(estimator, axes),
         "nis": nis_fields(estimator),
         "noise": noise_fields(estimator, axes, info.noise),
+        "effects": effect_fields(estimator),
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
         "lost_packets": counters.lost_packets,
         "bad_checksums": counters.bad_checksums,
@@ -229,6 +230,18 @@ def noise_fields(estimator: Estimator, axes: AxisMap, source: str) -> dict[str, 
             "accel_walk_mps2_sqrt_h": _vrw(np.array(used.accel_walk), axes),
         },
     }
+
+
+def effect_fields(estimator: Estimator) -> list[dict[str, Any]]:
+    """States of the effects that joined the filter, SI; an empty list without effects."""
+    if estimator.effects is None:
+        return []
+    values, P = estimator.extra()
+    sd = np.sqrt(np.maximum(np.diag(P)[state.SIZE :], 0.0))
+    return [
+        {"name": name, "value": float(value), "sd": float(s)}
+        for name, value, s in zip(estimator.effects.names, values, sd, strict=True)
+    ]
 
 
 def _arw(density: np.ndarray, axes: AxisMap) -> list[float]:

@@ -84,6 +84,7 @@ RAW_DTYPE = np.dtype(
 """Raw packets as an array reads them: the bytes of `encode_raw`, one packet a record."""
 # header (stamp, length of the frame_id with its NUL, frame_id, padding), then the numbers of sensor_msgs/Imu
 _IMU = struct.Struct("<4siII9s3x4d9d3d9d3d9d")
+_TEMPERATURE = struct.Struct("<4siII9s3x2d")
 _ESTIMATE = struct.Struct("<4siII9s3x31dB6?")
 _IMU_FRAME = "imu_body"
 NO_ESTIMATE = -1.0
@@ -200,6 +201,22 @@ def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple
 def temperature(stamp: int, degc: float) -> Any:
     """sensor_msgs/Temperature inside the instrument's case."""
     return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
+
+
+def encode_temperature(stamp: int, degc: float) -> bytes:
+    """CDR bytes of `temperature`, packed by hand: an imported recording has one a sample."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    return _TEMPERATURE.pack(_CDR_HEADER, seconds, rest, 9, b"imu_case\0", degc, 0.0)
+
+
+def encode_table_reference(stamp: int, kind: str, angles_deg: list[float], rates_dps: list[float]) -> bytes:
+    """CDR bytes of `table_reference`, packed by hand: a table that turns has one a sample."""
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    text = kind.encode() + b"\0"
+    # numbers are aligned to 8 bytes counted from after the encapsulation's 4; 24 come before the text
+    room = (24 + len(text) + 7) // 8 * 8 - 24
+    layout = f"<4siII6s2xI{room}s6d"
+    return struct.pack(layout, _CDR_HEADER, seconds, rest, 6, b"table\0", len(text), text, *angles_deg, *rates_dps)
 
 
 def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:

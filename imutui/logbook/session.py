@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.settings import Settings
@@ -52,6 +53,8 @@ class SessionInfo:
         "table1", or "log": measured on the log before it is filtered.
     reference_sha256 : str
         Of the file that the reference comes from, if it does.
+    effects_sha256 : str
+        Of the effects file, if effects join the filter.
     stamps : str
         What each time stamp means.
     """
@@ -85,6 +88,7 @@ class SessionInfo:
     kappa: float = 0.0
     noise: str = TABLE_1
     reference_sha256: str = ""
+    effects_sha256: str = ""
     software: str = ""
     stamps: str = ""
     source: str = ""
@@ -93,30 +97,35 @@ class SessionInfo:
         """Between instrument and body axes."""
         return AxisMap(parse_mount(self.mount), self.accel_sign, parse_signs(self.gyro_sign))
 
+    def site(self) -> Site:
+        """Where the unit stood."""
+        return Site(
+            float(np.deg2rad(self.latitude_deg)),
+            float(np.deg2rad(self.longitude_deg)),
+            self.height_m,
+            self.gravity_mps2,
+        )
+
     def settings(
         self,
         motion: Profile | Trajectory | None = None,
         noise: Noise | None = None,
         offset: float = 0.0,
         offset_sd: float | None = None,
+        effects: MakeEffects | None = None,
     ) -> Settings:
         """Settings of the filter for this session's samples; "none" as the filter gives those of the default one.
 
-        What is no text or number comes from outside: a motion, noise that was measured, a profile's place in time.
+        What is no text or number comes from outside: a motion, noise that was measured, a profile's place in time,
+        the effects of a file.
         """
         if self.noise not in NOISES:
             raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
-        site = Site(
-            float(np.deg2rad(self.latitude_deg)),
-            float(np.deg2rad(self.longitude_deg)),
-            self.height_m,
-            self.gravity_mps2,
-        )
         return Settings(
             1.0 / self.rate_hz,
             filter="spkf" if self.filter == "none" else self.filter,
             reference=self.reference,
-            site=site,
+            site=self.site(),
             measurements=self.measurements,
             seed=self.seed,
             kappa=self.kappa,
@@ -124,6 +133,7 @@ class SessionInfo:
             motion=motion,
             offset=offset,
             offset_sd=offset_sd,
+            effects=effects,
         )
 
     def strings(self) -> dict[str, str]:
@@ -151,9 +161,13 @@ class SessionInfo:
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""
-        decisive = {"settings": asdict(self.settings()), "mount": self.mount, "accel_sign": self.accel_sign}
+        settings = asdict(self.settings())
+        del settings["effects"]  # code; its file has a hash
+        decisive = {"settings": settings, "mount": self.mount, "accel_sign": self.accel_sign}
         decisive |= {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}
         decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}
+        if self.effects_sha256:
+            decisive["effects_sha256"] = self.effects_sha256
         text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -31,11 +31,12 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.port import Port, PortError
+from imutui.logbook import effects
 from imutui.logbook.session import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import connect, wire
 from imutui.session.connect import Identity, InstrumentError
-from imutui.session.info import default_path, motion_of, session_info
+from imutui.session.info import default_path, effects_of, motion_of, session_info
 from imutui.session.live import LiveView
 from imutui.session.plan import Plan
 from imutui.session.snapshot import snapshot
@@ -114,6 +115,7 @@ class Engine:
         self.streaming = threading.Event()
         self.take: Take
         self._motion = motion_of(plan)
+        self._effects = effects_of(plan, self.info)
         self._port = port
         self._stop_reading = threading.Event()
         self._queue: queue.SimpleQueue[Arrival | Missed | Gone | Call] = queue.SimpleQueue()
@@ -133,7 +135,7 @@ class Engine:
 
     def start(self) -> None:
         """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
-        self.take = Take(self.info, self.timebase, None, self._motion)
+        self.take = Take(self.info, self.timebase, None, self._motion, self._effects)
         for thread in self._threads:
             thread.start()
         limit = _FIRST_PACKET_S + (1.0 / self.plan.rate_hz if self.plan.sampling == "polled" else 0.0)
@@ -383,11 +385,13 @@ class Engine:
             writer.attach(
                 name, "text/csv" if name.endswith(".csv") else "application/toml", text.encode(), time.time_ns()
             )
+        if self.plan.effects:
+            writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, self.plan.effects.encode(), time.time_ns())
         self._new_take(writer, info)
         self._event("acquisition", f"recording to {path.name}")
 
     def _new_take(self, writer: LogWriter | None, info: SessionInfo) -> None:
-        self.take = Take(info, self.timebase, writer, self._motion)
+        self.take = Take(info, self.timebase, writer, self._motion, self._effects)
         self._base = self._seen
 
     def _fail(self, code: int, message: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from filters import layout, runner
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.runner import Estimator
@@ -43,17 +44,20 @@ class LiveFilter:
         Settings.
     motion : Profile, Trajectory or None
         What the reference needs.
-
+    effects : callable or None
+        Makes the effects that join the filter.
     """
 
-    def __init__(self, info: SessionInfo, motion: Profile | Trajectory | None = None) -> None:
+    def __init__(
+        self, info: SessionInfo, motion: Profile | Trajectory | None = None, effects: MakeEffects | None = None
+    ) -> None:
         self.info = info
-        self.estimator = Estimator(info.settings(motion), every=ESTIMATE_PERIOD_S)
+        self.estimator = Estimator(info.settings(motion, effects=effects), every=ESTIMATE_PERIOD_S)
         self.failure: str | None = None
         self.seconds = 0.0
         self.waiting = 0
         self._first_ns: int | None = None
-        self._waiting: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
         self._marks: list[tuple[int, str]] = []
 
     def mark(self, stamp_ns: int, text: str) -> None:
@@ -67,15 +71,17 @@ class LiveFilter:
             self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns or 0), text)
         self._marks.clear()
 
-    def sample(self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray) -> Iterator[tuple[int, bytes]]:
-        """Take a sample; yield stamps and messages of estimates that are due."""
+    def sample(
+        self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, degc: float = np.nan
+    ) -> Iterator[tuple[int, bytes]]:
+        """Take a sample and its temperature; yield stamps and messages of estimates that are due."""
         if self.failure is not None:
             return
         if self._first_ns is None:
             self._first_ns = stamp_ns
             self._pass_marks()
             prepare()  # not before: while the instrument is being asked who it is, nothing may delay the answers
-        self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel))
+        self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel, degc))
         self.waiting = len(self._waiting)
         if _ready.is_set():
             yield from self._use(last=False)
@@ -91,9 +97,10 @@ class LiveFilter:
         t = np.array([sample[0] for sample in waiting])
         gyro = np.array([sample[1] for sample in waiting]).reshape(-1, 3)
         accel = np.array([sample[2] for sample in waiting]).reshape(-1, 3)
+        temperature = np.array([sample[3] for sample in waiting], float)
         started = time.perf_counter()
         try:
-            for rows in runner.rows(self.estimator, t, gyro, accel, last=last):
+            for rows in runner.rows(self.estimator, t, gyro, accel, temperature, last=last):
                 yield from self._messages(rows)
         except (DivergenceError, ValueError) as error:
             self.failure = f"the filter stopped, recording goes on: {error}"

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 
 import imutui
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.runner import Estimator
 from filters.state import Site
 from imutui.instrument.port import Port
-from imutui.logbook import motions
+from imutui.logbook import effects, motions
 from imutui.logbook.session import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.session.connect import Identity
 from imutui.session.plan import Plan
@@ -58,6 +59,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         kappa=plan.kappa,
         noise=plan.noise,
         reference_sha256=hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else "",
+        effects_sha256=effects.digest(plan.effects.encode()),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
     )
@@ -72,7 +74,12 @@ def motion_of(plan: Plan) -> Profile | Trajectory | None:
     return motions.parse(name, text.encode()) if name else None
 
 
-def check_live(info: SessionInfo, motion: Profile | Trajectory | None) -> None:
+def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
+    """What makes the effects of the plan's effects file, if it has one."""
+    return effects.maker(plan.effects.encode(), info)
+
+
+def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: MakeEffects | None = None) -> None:
     """Refuse, before the instrument is touched, what a filter cannot do live; raises ValueError with the reason."""
     if info.noise == FROM_LOG:
         raise ValueError(
@@ -80,7 +87,7 @@ def check_live(info: SessionInfo, motion: Profile | Trajectory | None) -> None:
             " --set filter.noise=log."
         )
     if info.filter != "none":
-        Estimator(info.settings(motion))
+        Estimator(info.settings(motion, effects=effects))
 
 
 def default_path(logs: Path, serial_number: str, note: str) -> Path:

@@ -44,6 +44,8 @@ class Plan:
         Of the filter; "log" is refused, since it needs the whole log.
     reference_file : tuple of str
         Name and text of the file that the reference comes from, both empty if it comes from none.
+    effects : str
+        Text of the effects file; empty for none.
     virtual : tuple of str
         Further arguments of `imutui virtual`, for port "virtual".
     """
@@ -75,6 +77,7 @@ class Plan:
     kappa: float = 0.0
     noise: str = "table1"
     reference_file: tuple[str, str] = ("", "")
+    effects: str = ""
     virtual: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -108,6 +111,6 @@ class Plan:
         """Effective configuration as TOML, kept in the log."""
         lines = ["# effective configuration of the acquisition"]
         for key, value in asdict(self).items():
-            if value is not None and key != "reference_file":  # an attachment of its own
+            if value is not None and key not in ("reference_file", "effects"):  # attachments of their own
                 lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
         return "\n".join(lines) + "\n"

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from filters.inclusion import MakeEffects
 from filters.motion import Profile
 from filters.reference import Trajectory
 from filters.runner import Estimator
@@ -80,6 +81,8 @@ class Take:
         None when not recording.
     motion : Profile, Trajectory or None
         What the filter's reference needs.
+    effects : callable or None
+        Makes the effects that join the filter.
     """
 
     def __init__(
@@ -88,6 +91,7 @@ class Take:
         timebase: Timebase,
         writer: LogWriter | None,
         motion: Profile | Trajectory | None = None,
+        effects: MakeEffects | None = None,
     ) -> None:
         self.info = info
         self.writer = writer
@@ -97,7 +101,7 @@ class Take:
         self.rate = _Rate()
         self.started_ns: int | None = None
         self.flushed_ns: int | None = None
-        self.filter = LiveFilter(info, motion) if info.filter != "none" else None
+        self.filter = LiveFilter(info, motion, effects) if info.filter != "none" else None
         self._timebase = timebase
         self._axes = info.axes()
         self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
@@ -151,14 +155,14 @@ class Take:
         accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
         self.samples += 1
         self.rate.add(sample.stamp_ns)
+        degc = float(self._scaling.temperature_degc(sample.temperature))
         if self.writer is not None:
             log_ns = self._timebase.utc_ns(host_ns)
-            degc = float(self._scaling.temperature_degc(sample.temperature))
             self.writer.imu(log_ns, stamp_ns, gyro, accel, valid=valid)
             self.writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
         # a count at its limit says only "this or more": the filter predicts through it
         if self.filter is not None and valid:
-            self._filter(self.filter.sample(stamp_ns, gyro, accel), host_ns)
+            self._filter(self.filter.sample(stamp_ns, gyro, accel, degc), host_ns)
 
     def _filter(self, messages: Iterator[tuple[int, bytes]], host_ns: int) -> None:
         for stamp_ns, message in messages:

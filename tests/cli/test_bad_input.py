@@ -24,6 +24,8 @@ from imutui.logbook.writer import LogWriter
 
 START_NS = 1_700_000_000_000_000_000
 KEPT = b"not to be overwritten"
+EFFECTS = 'version = 1\n[[effect]]\neffect = "gremlins"\nchannels = ["gy"]\ninclude_as = "A"\n'
+"""An effects file that is one, but for the effect that nobody knows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +122,17 @@ RECORD_USAGE = {
     "--name " + "n" * 300: "name",
     "-o kept": "--force",
     "-o folder": "folder",
+    "--effects missing.toml": "missing.toml: No such file",
+    "--effects folder": "folder: Is a directory",
+    "--effects kept": "is not TOML",
+    "--effects newer.toml": "reads version 1",
+    "--effects gremlins.toml": "gremlins",
 }
+
+
+def effects_files(home: Path) -> None:
+    (home / "gremlins.toml").write_text(EFFECTS)
+    (home / "newer.toml").write_text("version = 2\n")
 
 
 @pytest.mark.parametrize("flags", RECORD_USAGE, ids=lambda flags: flags[:24])
@@ -128,6 +140,7 @@ def test_record_refuses_nonsense_before_it_opens_the_port(run: Run, home: Path, 
     """Exit 2, naming what would be right; the port, which does not exist, is never asked for."""
     (home / "kept").write_bytes(KEPT)
     (home / "folder").mkdir()
+    effects_files(home)
     error = run("record", "--port", "/dev/no-such-port", "--json", *flags.split(" ")).error(2)
     assert RECORD_USAGE[flags] in error
     assert (home / "kept").read_bytes() == KEPT
@@ -539,6 +552,10 @@ REPLAY_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
     "good.mcap -o hard.mcap --force": (2, ("itself",)),
     "good.mcap good.mcap -o out.mcap": (2, ("one log",)),
     "good.mcap -o kept/out.mcap": (5, ("kept", "folder")),
+    "good.mcap --effects missing.toml": (2, ("--effects missing.toml", "No such file", "imutui trace")),
+    "good.mcap --effects kept": (2, ("--effects kept", "is not TOML")),
+    "good.mcap --effects newer.toml": (2, ("--effects newer.toml", "`version` 2", "version 1")),
+    "good.mcap --effects gremlins.toml -o out.mcap": (2, ("good.mcap", "gremlins", "--effects none")),
 }
 
 
@@ -551,6 +568,7 @@ def test_replay_refuses_what_cannot_be_and_overwrites_nothing(run: Run, home: Pa
     (home / "empty.mcap").touch()
     (home / "kept").write_bytes(KEPT)
     (home / "folder").mkdir()
+    effects_files(home)
     code, words = REPLAY_FLAGS[flags]
     error = run("replay", "--json", *flags.split(" ")).error(code)
     assert all(word in error for word in words), error

@@ -39,8 +39,8 @@ def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
         log.imu(stamp + 9, stamp, rng.normal(size=3), rng.normal(size=3), valid=k % rate != 5)
         log.message(schemas.TEMPERATURE, schemas.temperature(stamp, rng.normal()), stamp, stamp)
         if k % rate == rate - 1:
-            angles = np.full(3, k)
-            log.message(schemas.REFERENCE, schemas.table_reference(stamp, f"kind {k}", angles, angles), stamp, stamp)
+            angles, rates = np.array([k, k + 0.5, -k]), np.full(3, k)
+            log.message(schemas.REFERENCE, schemas.table_reference(stamp, f"kind {k}", angles, rates), stamp, stamp)
             log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp)
             log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
             log.flush()
@@ -96,7 +96,7 @@ def messages(content: bytes) -> Iterator[tuple[str, Message]]:
 
 def assert_same(log: Log, content: bytes) -> None:
     """Every field of every message is what rosbags makes of it, to the last bit."""
-    imu, temperature, packets, events = [], [], [], []
+    imu, temperature, packets, events, tables = [], [], [], [], []
     for topic, message in messages(content):
         m = schemas.decode(schemas.TYPES[topic], message.data)
         if topic == schemas.IMU:
@@ -109,6 +109,10 @@ def assert_same(log: Log, content: bytes) -> None:
             packets.append(schemas.decode_raw(message.data))
         elif topic == schemas.EVENTS:
             events.append(m.msg)
+        elif topic == schemas.REFERENCE:
+            tables.append((schemas.stamp_ns(m.header), *m.angles_deg, *m.rates_dps))
+    assert log.table.stamp_ns.tolist() == [row[0] for row in tables]
+    assert np.hstack([log.table.angles_deg, log.table.rates_dps]).tolist() == [list(row[1:]) for row in tables]
     assert log.stamp_ns.tolist() == [row[0] for row in imu]
     columns = np.array([row[1:7] for row in imu])
     assert np.hstack([log.gyro, log.accel]).tobytes() == columns.tobytes()
@@ -270,6 +274,19 @@ def test_the_packed_sample_is_what_rosbags_writes(stamp: int, gyro: Any, accel: 
     assert schemas.encode_imu(stamp, np.array(gyro), np.array(accel), valid=valid) == schemas.encode(schemas.IMU, made)
 
 
+@given(
+    st.integers(0, 2**31 * 10**9 - 1), numbers, vectors, vectors, st.sampled_from(["", "level", "gravity", "profile"])
+)
+def test_packed_temperatures_and_angles_are_what_rosbags_writes(
+    stamp: int, degc: float, angles: Any, rates: Any, kind: str
+) -> None:
+    """By hand and by definition, byte for byte, whatever the length of the text before the numbers."""
+    made = schemas.table_reference(stamp, kind, np.array(angles), np.array(rates))
+    assert schemas.encode_table_reference(stamp, kind, angles, rates) == schemas.encode(schemas.REFERENCE, made)
+    temperature = schemas.encode(schemas.TEMPERATURE, schemas.temperature(stamp, degc))
+    assert schemas.encode_temperature(stamp, degc) == temperature
+
+
 def test_a_flagged_sample_says_no_estimate_in_both_covariances(tmp_path: Path) -> None:
     """As ROS says it, so that others' programs see it too; every other sample is valid."""
     log = reader.read(recorded(tmp_path / "a.mcap"))
@@ -307,3 +324,11 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
     assert fast.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
+
+
+def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
+    """Between temperatures the one before, its own at equal stamps, the first for samples before all; NaN for none."""
+    log = Log(tmp_path / "a.mcap", stamp_ns=np.array([0, 10, 20, 30, 40]))
+    assert np.isnan(log.temperature()).all()
+    log.temperature_stamp_ns, log.temperature_degc = np.array([10, 25, 40]), np.array([1.0, 2.0, 3.0])
+    assert log.temperature().tolist() == [1.0, 1.0, 1.0, 2.0, 3.0]

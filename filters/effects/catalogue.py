@@ -1,0 +1,127 @@
+"""The catalogue: every effect by name, with what it is, and how a hypothesis is made again from its name and shape."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from filters.effects import additive, drivers, motion
+from filters.effects.hypothesis import CHANNELS, Hypothesis
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An effect of the catalogue.
+
+    Attributes
+    ----------
+    kind : str
+        Family: additive, motion, event, drift, noise, fault.
+    equation : str
+        Of the error e.
+    include_as : str
+        A constant states, S stochastic states, N noise, P pre-filter.
+    source : str
+        Where the form comes from.
+    """
+
+    kind: str
+    equation: str
+    include_as: str
+    source: str
+
+
+_STANDARD = "IEEE Std 952 / 1293 error models"
+_FAULT = "data acquisition practice"
+
+EFFECTS: dict[str, Entry] = {
+    "thermal_lin": Entry("additive", "k (T - T0)", "A", _STANDARD),
+    "thermal_poly": Entry("additive", "k1 dT + k2 dT² (+ k3 dT³)", "A", "IEEE Std 1293; PX4 thermal calibration"),
+    "thermal_rate": Entry("additive", "k T'", "A", _STANDARD),
+    "thermal_lag": Entry("additive", "k (T_tau - T)", "A", "first-order heat path"),
+    "hysteresis": Entry("additive", "k mean P_n(T) / width", "A", "Prandtl-Ishlinskii play operators"),
+    "warmup": Entry("additive", "k exp(-t/tau)", "A", _STANDARD),
+    "ramp": Entry("additive", "k t", "A", _STANDARD),
+    "scale": Entry("additive", "k x", "A", _STANDARD),
+    "asymmetry": Entry("additive", "k |x|", "A", _STANDARD),
+    "nonlinearity_cubic": Entry("additive", "k x³", "A", _STANDARD),
+    "nonlinearity_quadratic": Entry("additive", "k w²", "A", _STANDARD),
+    "thermal_scale": Entry("additive", "k x (T - T0)", "A", _STANDARD),
+    "cross_axis": Entry("additive", "k_j x_j + k_k x_k", "A", _STANDARD),
+    "mounting": Entry("motion", "v × d", "A", "small rotation"),
+    "g_sensitivity": Entry("additive", "G f", "A", _STANDARD),
+    "g_squared": Entry("additive", "k f_j²", "A", _STANDARD),
+    "earth_rate": Entry("motion", "k C w_ie", "A", "WGS-84"),
+    "harmonic": Entry("motion", "a sin h θ + b cos h θ", "A", "table wobble, magnetic fields"),
+    "delay": Entry("motion", "-tau x'", "A", "first-order expansion"),
+    "lever_arm": Entry("motion", "w × (w × r) + w' × r", "A", "rigid-body kinematics"),
+    "tilt": Entry("motion", "C (δ × (0, 0, -γ))", "A", "small rotation"),
+    "gravity": Entry("motion", "k C (0, 0, -γ)", "A", "WGS-84 normal gravity"),
+    "tone": Entry("event", "a sin 2π f t + b cos 2π f t", "S", "vibration"),
+    "step": Entry("event", "k H(t - t0)", "S", "mechanical shock, restarts"),
+    "telegraph": Entry("event", "k s(t), s in {0, 1}", "S", "burst noise"),
+    "random_walk": Entry("drift", "b' = w", "S", "IEEE Std 952 rate random walk"),
+    "gauss_markov": Entry("drift", "b' = -b/tau + w", "S", "IEEE Std 952 correlated noise"),
+    "noise_level": Entry("noise", "log σ² = a + terms", "N", _STANDARD),
+    "bandwidth": Entry("noise", "first-order limit", "N", _STANDARD),
+    "noise_crosstalk": Entry("noise", "correlated noise", "N", _STANDARD),
+    "spikes": Entry("fault", "isolated readings", "P", _FAULT),
+    "stuck": Entry("fault", "repeated readings", "P", _FAULT),
+    "saturation": Entry("fault", "clipped readings", "P", _FAULT),
+    "coarse": Entry("fault", "a coarse lattice", "N", _FAULT),
+    "dropout": Entry("fault", "missing readings", "P", _FAULT),
+    "jitter": Entry("fault", "stamps that are off", "P", _FAULT),
+}
+"""Name to entry, in the order of contracts section 6."""
+
+
+def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any]) -> Hypothesis:
+    """A deterministic effect from its name, channels and shape, as a trace wrote them.
+
+    Parameters
+    ----------
+    effect : str
+        In the catalogue, or driver:NAME.
+    channels : tuple of str
+        Of gx gy gz ax ay az.
+    shape : mapping
+        What its `shape()` gave, and a driver's knots.
+
+    Raises
+    ------
+    ValueError
+        If there is no such effect, or its shape is not one that it can have.
+    """
+    for s in motion.shared():
+        if s.effect == effect:
+            return s
+    if len(channels) != 1:
+        raise ValueError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')
+    channel = CHANNELS.index(channels[0])
+    wanted = {key: value for key, value in shape.items() if key != "knots"}
+    if effect.startswith("driver:"):
+        return _driver(effect.removeprefix("driver:"), channel, shape)
+    for h in (*additive.hypotheses(channel), *motion.harmonics(channel)):
+        if h.effect == effect and dict(h.shape()) == wanted:
+            return h
+    known = [dict(h.shape()) for h in (*additive.hypotheses(channel), *motion.harmonics(channel)) if h.effect == effect]
+    if not known:
+        raise ValueError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')
+    raise ValueError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')
+
+
+def _driver(name: str, channel: int, shape: Mapping[str, Any]) -> Hypothesis:
+    """A driver on its own knots; those without a memory of the table's motion."""
+    ranges = dict.fromkeys((*drivers.SCALARS, "outer", "middle", "inner"), (0.0, 1.0))
+    knots = shape.get("knots")
+    if knots is not None:
+        ranges[name] = (float(knots[0]), float(knots[-1]))
+    if "centre" in shape:
+        first = name.split("*")[0]
+        ranges[first] = (float(shape["centre"]), float(shape["centre"]))
+    if "threshold_degc" in shape:
+        return drivers.threshold(float(shape["threshold_degc"])).on(channel)
+    for basis in drivers.bases(ranges):
+        same = basis.name == name and basis.kind == shape.get("basis")
+        if same and all(basis.parts.get(key) == shape.get(key) for key in ("order", "tau_s")):
+            return basis.on(channel)
+    raise ValueError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')

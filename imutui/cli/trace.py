@@ -1,0 +1,151 @@
+"""`imutui trace`."""
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from imutui.cli.options import Force, Json, Output, Reference, reference_of
+
+if TYPE_CHECKING:
+    from imutui.jobs.trace import Traced
+
+_WIDEST = 100
+
+
+def command(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one unit; each is one power-on.")],
+    holdout: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--holdout", metavar="LOG", help="Run to which nothing is fitted; else the last of several logs."),
+    ] = None,
+    reference: Reference = None,
+    output: Output = None,
+    report: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--report", metavar="DIR", help="Folder for a page with figures, and the separating experiment."),
+    ] = None,
+    about: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option("--about", metavar="EFFECT", help="Effect whose smallest size is wanted that these logs show."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of everything random.")] = 0,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find what the model of the unit lacks: residual, effect, filter with the effect, error before and after.
+
+    Give runs that differ: a cold start, a warm one, another motion. -o writes the effects for the filter.
+
+    Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
+    """
+    from imutui.cli.outcome import FINDINGS, FINE, say
+    from imutui.jobs.trace import Options, trace
+    from imutui.logbook.results import dumps
+
+    _check_outputs(output, report, logs, force)
+    file, name = reference_of(reference)
+    options = Options(holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed)
+    show = _progress()
+    try:
+        traced = trace(logs, options, show)
+    finally:
+        show(1.0, "")
+    for sentence in traced.damage:
+        say(f"imutui: {sentence}")
+    if json:
+        print(dumps(traced.document))
+    else:
+        print(_text(traced))
+    if output is not None:
+        _write_effects(output, traced, force)
+    if report is not None:
+        from imutui.report import page
+
+        written = page.write(report, traced.document, traced.trace.series, traced.source)
+        say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
+    raise typer.Exit(FINDINGS if traced.damage else FINE)
+
+
+def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], force: bool) -> None:
+    """Refuse what cannot be written before minutes are spent on it."""
+    from imutui.cli.outcome import USAGE, fail, refuse_existing
+
+    if output is not None:
+        if any(output.exists() and log.exists() and output.samefile(log) for log in logs):
+            raise fail(USAGE, f"-o names one of the logs, {output}; name another file, such as effects.toml.")
+        refuse_existing(output, force)
+        if not output.parent.is_dir():
+            raise fail(USAGE, f"{output.parent} is no folder: -o needs one that exists.")
+    if report is None:
+        return
+    from imutui.report import figures
+
+    if not figures.available():
+        raise fail(USAGE, "--report draws figures with matplotlib, which is not here: pip install 'imutui[report]'.")
+    if report.exists() and not report.is_dir():
+        raise fail(USAGE, f"{report} is a file; --report names a folder.")
+    refuse_existing(report / "index.html", force)
+
+
+def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
+    from imutui.cli.outcome import say
+    from imutui.logbook import effects_file
+
+    effects_file.write(output, effects_file.dumps(traced.trace, traced.source), overwrite=force)
+    included = traced.trace.included
+    if included:
+        names = ", ".join(f"{effect.effect} ({' '.join(effect.channels)})" for effect in included)
+        say(f"imutui: {output}: {names}")
+    else:
+        say(f"imutui: {output}: no effect; with it the filter is what it is without")
+    experiment = traced.document.get("separating_experiment")
+    if experiment and experiment.get("profile"):
+        beside = output.with_name("experiment.toml")
+        try:
+            effects_file.write(beside, experiment["profile"], overwrite=force)
+            say(f"imutui: {beside}: the motion that would separate the causes")
+        except FileExistsError:
+            say(f"imutui: {beside} exists and is left as it is; --force replaces it")
+
+
+def _text(traced: "Traced") -> str:
+    """Result as sentences, as wide as the terminal."""
+    from imutui.report import sentences
+
+    width = min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)
+    out = [textwrap.fill(line, width) for line in sentences.headline(traced.document, traced.source)]
+    out.append("")
+    for line in sentences.channel_lines(traced.document):
+        first = f"{line.channel}  {line.status:<18} "
+        for n, sentence in enumerate(line.sentences or ("–",)):
+            start = first if n == 0 else " " * len(first)
+            out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
+    for section in sentences.sections(traced.document):
+        out += ["", section.title]
+        out += [
+            textwrap.fill(_start(sentence), width, initial_indent="  ", subsequent_indent="    ")
+            for sentence in section.sentences
+        ]
+    return "\n".join(out)
+
+
+def _start(sentence: str) -> str:
+    """A sentence begins with a capital, unless it begins with a name of a channel."""
+    first = sentence.split(" ", 1)[0].rstrip(":")
+    return sentence if first in ("gx", "gy", "gz", "ax", "ay", "az") else sentence[:1].upper() + sentence[1:]
+
+
+def _progress() -> Callable[[float, str], Any]:
+    if not sys.stderr.isatty():
+        return lambda share, what: None
+
+    def show(share: float, what: str) -> None:
+        text = f"{share * 100:3.0f} %  {what}" if share < 1.0 else ""
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+    return show

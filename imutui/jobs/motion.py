@@ -1,0 +1,214 @@
+"""What is known of a log's motion, at its samples: angles of the table, their rates, and where they are not known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters import alignment, motion
+from filters.imu import IMU400CD_200, STANDARD_GRAVITY
+from filters.motion import Profile
+from filters.reference import TableMotion, Trajectory
+from filters.residual import rest_attitudes
+from filters.types import Array
+from imutui.jobs import replay
+from imutui.logbook import reader
+from imutui.logbook.reader import Log
+from imutui.logbook.session import SessionInfo
+
+_IMPORTED = "imported"
+_MOSTLY = 0.5
+_WILD = 0.5 * STANDARD_GRAVITY
+# nearer to middle = ±90° than this, outer and inner cannot be told apart
+_GIMBAL = np.cos(np.deg2rad(87.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Motion of the table at the samples of a log.
+
+    Attributes
+    ----------
+    angles, rates : Array
+        rad (unwrapped) and rad/s, shape (N, 3), or (1, 3) at rest.
+    C_nb : Array or None
+        Attitude of a unit at rest that does not sit as the angles say, shape (3, 3).
+    unknown : bool array or None
+        Samples at which none of it is known, shape (N,).
+    how : str
+        In words, where that is worth a word.
+    """
+
+    angles: Array
+    rates: Array
+    C_nb: Array | None = None
+    unknown: NDArray[np.bool_] | None = None
+    how: str = ""
+
+
+def motion_of(log: Log, info: SessionInfo, options: replay.Options) -> Motion:
+    """Motion at the samples, by the log's own reference or the one that is asked for.
+
+    Parameters
+    ----------
+    log : Log
+        Samples and what the file says of the table.
+    info : SessionInfo
+        From `replay.session_of`.
+    options : replay.Options
+        `reference` and `overrides` count.
+
+    Raises
+    ------
+    ValueError
+        If the reference does not say the attitude, or the log does not follow it.
+    """
+    still = np.zeros((1, 3))
+    if info.reference == "level":
+        return Motion(still, still)
+    if info.reference == "gravity":
+        return Motion(still, still, _levelled(log, info))
+    own = options.reference is None
+    if own and info.reference == "trajectory" and np.isfinite(log.table.angles_deg).all(axis=1).any():
+        return _from_table(log, info)
+    known = replay.motion_of(log, info, options, 0.0)
+    if isinstance(known, Profile):
+        return _from_profile(log, info, known)
+    if isinstance(known, Trajectory):
+        return _from_trajectory(log, known)
+    raise ValueError(
+        f"{log.path}: the reference is {info.reference!r}, not level, gravity, or a file. Name one: --reference"
+        " level|gravity|FILE."
+    )
+
+
+def _levelled(log: Log, info: SessionInfo) -> Array:
+    force = _calm_mean(log.accel[log.valid]) if log.valid.any() else np.zeros(3)
+    try:
+        return alignment.level_by_gravity(info.settings().site, force, 0.0).nav.C_nb
+    except ValueError as error:
+        raise ValueError(
+            f"{log.path}: the mean specific force has magnitude {np.linalg.norm(force):.3f} m/s², gravity is"
+            f" {info.gravity_mps2:.3f}: the unit does not stand still, a channel is dead, or units are wrong. Name how"
+            " the table moves (--reference FILE), or import again with the right flags."
+        ) from error
+
+
+def _calm_mean(force: Array) -> Array:
+    """Mean without wild samples, which the tracer will name."""
+    calm = (np.abs(force - np.median(force, axis=0)) < _WILD).all(axis=1)
+    return np.asarray(force[calm].mean(axis=0) if calm.any() else force.mean(axis=0))
+
+
+# --------------------------------------------------------------------------------------------------- a table's profile
+
+
+def _from_profile(log: Log, info: SessionInfo, profile: Profile) -> Motion:
+    t = log.seconds()
+    offset, how = 0.0, ""
+    if profile.align == "gyro":
+        use = log.valid
+        try:
+            offset, sd = alignment.offset_of_profile(profile, t[use], log.gyro[use])
+        except ValueError as error:
+            raise ValueError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
+        how = f"the profile starts at {offset:.3f} ± {sd:.3f} s of the log, found from the gyros"
+    table = TableMotion(profile, info.settings().site, IMU400CD_200, 1.0 / info.rate_hz, offset)
+    for event in log.events:
+        if event.name == "mark":
+            table.mark(float(reader.seconds_since(event.stamp_ns, int(log.stamp_ns[0]))), event.text)
+    profile_t, rests, _ = table.joined(t)
+    angles, rates = profile.angles(profile_t), profile.rates(profile_t)
+    unknown = None
+    if profile.align == "marks":
+        if not rests.any():
+            raise ValueError(
+                f'{log.path}: its profile is joined to the log by marks (align = "marks"), and the log has none that'
+                ' fits. Join it by the gyros (align = "gyro") or from the first sample (align = "none"): --reference'
+                " FILE."
+            )
+        unknown = ~rests
+        how = "only dwells are used: a profile joined by marks does not say when the table moves"
+    return _made(angles, rates, unknown, how)
+
+
+# -------------------------------------------------------------------------------------------- a table's recorded angles
+
+
+def _from_table(log: Log, info: SessionInfo) -> Motion:
+    """Angles as the log has them: those of an imported recording hold until they change; others are joined by lines."""
+    table, t = log.table, log.seconds()
+    if np.array_equal(table.stamp_ns, log.stamp_ns):
+        angles, rates = np.deg2rad(table.angles_deg), np.deg2rad(table.rates_dps)
+    elif info.sampling == _IMPORTED:
+        row = np.maximum(np.searchsorted(table.stamp_ns, log.stamp_ns, side="right") - 1, 0)
+        angles, rates = np.deg2rad(table.angles_deg[row]), np.deg2rad(table.rates_dps[row])
+    else:
+        at = reader.seconds_since(table.stamp_ns, int(log.stamp_ns[0]))
+        angles = _lines(t, at, np.deg2rad(table.angles_deg), turns=True)
+        rates = np.full_like(angles, np.nan)
+    return _completed(log, t, angles, rates)
+
+
+def _from_trajectory(log: Log, known: Trajectory) -> Motion:
+    rows = np.isfinite(known.values[:, 6:9]).all(axis=1)
+    if not rows.any():
+        raise ValueError(
+            f"{log.path}: its trajectory has no attitude (roll, pitch, yaw are empty), and tracing needs the attitude"
+            " at each sample. Trace a part at rest with --reference gravity, or import with arrays `ang` or `ref_quat`,"
+            " or name a table profile: --reference FILE."
+        )
+    t, at = log.seconds(), known.t[rows]
+    # roll, pitch, yaw turn about the same axes in the other order: Rz Ry Rx is the transpose of Rx(-) Ry(-) Rz(-)
+    own = motion.angles_of(motion.attitudes(-known.values[rows, 6:9]).transpose(0, 2, 1))
+    angles = _lines(t, at, own, turns=True)
+    near = np.interp(t, at, np.abs(np.cos(own[:, 1])))
+    # farther from a row than three of their steps, nobody knows the attitude
+    step = float(np.median(np.diff(at))) if at.size > 1 else 0.0
+    far = _distance(t, at) > 3.0 * step + t[-1] / t.size
+    angles[far | (near < _GIMBAL)] = np.nan
+    return _completed(log, t, angles, np.full_like(angles, np.nan))
+
+
+def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
+    """Angles without gaps, which are marked as unknown, and rates from them where there are none of their own."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(angles).all(axis=1))
+    if known.mean() < _MOSTLY:
+        raise ValueError(
+            f"{log.path}: the attitude is known for {100.0 * known.mean():.0f} % of the samples; tracing needs most of"
+            " them. Take the part where it is known when importing (--start, --end), or name a reference: --reference"
+            " level|gravity|FILE."
+        )
+    angles = np.unwrap(angles, axis=0) if known.all() else _lines(t, t[known], angles[known], turns=True)
+    told = np.isfinite(rates)
+    if not told.all():
+        rates = np.where(told, rates, _slopes(t, angles))
+    unknown = None if known.all() else ~known
+    how = "" if known.all() else f"the attitude is not known for {100.0 * (1.0 - known.mean()):.2f} % of the samples"
+    return _made(angles, rates, unknown, how)
+
+
+def _slopes(t: Array, angles: Array) -> Array:
+    return np.asarray(np.gradient(angles, t, axis=0)) if t.size > 1 else np.zeros_like(angles)
+
+
+def _made(angles: Array, rates: Array, unknown: NDArray[np.bool_] | None, how: str) -> Motion:
+    rest = rest_attitudes(angles)
+    if len(rest) == 1 and not rates.any():
+        return Motion(rest, np.zeros((1, 3)), None, unknown, how)
+    # unmoving angles of one axis beside moving rates contradict each other; that is for who compares them with readings
+    return Motion(np.unwrap(angles, axis=0), rates, None, unknown, how)
+
+
+def _lines(t: Array, at: Array, values: Array, *, turns: bool) -> Array:
+    """Straight lines through rows of values, shape (N, 3); angles by the short way round."""
+    whole = np.isfinite(values).all(axis=1)
+    values = np.unwrap(values[whole], axis=0) if turns else values[whole]
+    return np.stack([np.interp(t, at[whole], column) for column in values.T], axis=1)
+
+
+def _distance(t: Array, at: Array) -> Array:
+    """From each time to the nearest of others, s."""
+    after = np.clip(np.searchsorted(at, t), 1, at.size - 1) if at.size > 1 else np.zeros(t.size, np.int64)
+    before = np.maximum(after - 1, 0)
+    return np.asarray(np.minimum(np.abs(t - at[before]), np.abs(t - at[after])))

@@ -1,0 +1,130 @@
+"""From a log to a run: readings in the instrument's axes and sign, temperature, and what is known of the motion.
+
+Samples that the log flags as no reading (a count at its limit) stay in and are flagged.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from filters.imu import IMU400CD_200
+from filters.residual import Run
+from filters.types import Array
+from imutui.instrument.scaling import Scaling
+from imutui.jobs import replay
+from imutui.jobs.motion import motion_of
+from imutui.logbook import reader
+from imutui.logbook.reader import Log
+from imutui.logbook.session import SessionInfo
+
+CROSSBOW = "IMU400CD"
+# the unit's own loop: 400/3 Hz
+_LOOP_HZ = 400.0 / 3.0
+_SHORTEST_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """A log that was read for tracing.
+
+    Attributes
+    ----------
+    path : Path
+        The log.
+    info : SessionInfo
+        Its session, with the reference in force.
+    run : Run
+        Its samples.
+    finished : bool
+        Whether the file has its footer.
+    damage : str
+        What is wrong with the file, if anything.
+    how : str
+        How the motion is known, where that is worth a word.
+    """
+
+    path: Path
+    info: SessionInfo
+    run: Run
+    finished: bool
+    damage: str
+    how: str
+
+
+def read_run(path: Path, name: str, options: replay.Options) -> Read:
+    """Read a log as one run.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    name : str
+        What the run is to be called.
+    options : replay.Options
+        Reference and overrides of the session.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is nothing to read.
+    ValueError
+        If it is too short, or its motion is not known.
+    """
+    log = reader.read(path)
+    t = log.seconds()
+    if t[-1] < _SHORTEST_S:
+        raise ValueError(
+            f"{path} lasts {t[-1]:.1f} s; tracing needs at least {_SHORTEST_S:.0f} s, better half an hour a run with"
+            " the unit warming up. Record a longer one."
+        )
+    info = replay.session_of(log, options)
+    axes = info.axes()
+    motion = motion_of(log, info, options)
+    reading = np.empty((t.size, 6))
+    reading[:, :3] = axes.gyro_to_instrument(log.gyro)
+    reading[:, 3:] = axes.accel_to_instrument(log.accel)
+    bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
+    lsb, bandwidth, latency = _figures(info) if log.own else (None, None, np.zeros(6))
+    run = Run(
+        name,
+        t,
+        reading,
+        _temperature(log, t),
+        motion.angles,
+        motion.rates,
+        axes,
+        info.settings().site,
+        motion.C_nb,
+        lsb,
+        bandwidth,
+        latency,
+        np.repeat(bad[:, None], 6, axis=1) if bad.any() else None,
+        averaged=info.sampling == "stream",
+    )
+    return Read(path, info, run, log.finished, log.damage, motion.how)
+
+
+def _temperature(log: Log, t: Array) -> Array | None:
+    """Temperature at the samples by straight lines between the messages, degC; None if the log has none."""
+    known = np.isfinite(log.temperature_degc)
+    if not known.any():
+        return None
+    at = reader.seconds_since(log.temperature_stamp_ns[known], int(log.stamp_ns[0]))
+    if (np.diff(at) < 0.0).any():
+        order = np.argsort(at, kind="stable")
+        return np.asarray(np.interp(t, at[order], log.temperature_degc[known][order]))
+    return np.asarray(np.interp(t, at, log.temperature_degc[known]))
+
+
+def _figures(info: SessionInfo) -> tuple[Array | None, Array | None, Array]:
+    """Size of a count (SI), band limits (Hz) and latencies (s) of the six channels, as far as the unit is known."""
+    if info.sampling == "imported" or not info.instrument.startswith(CROSSBOW):
+        return None, None, np.zeros(6)
+    scaling = Scaling(info.rate_range_dps, info.accel_range_g)
+    lsb = np.repeat([np.deg2rad(float(scaling.rates_dps(1))), float(scaling.accels_g(1)) * info.g_unit], 3)
+    bandwidth = np.repeat([IMU400CD_200.gyro_bandwidth, IMU400CD_200.accel_bandwidth], 3)
+    # Table 1's limits as the first-order filter that the unit runs once a loop, y += (1 - p) (x - y): a ramp comes out
+    # p/(1 - p) loops late
+    p = np.exp(-2.0 * np.pi * bandwidth / _LOOP_HZ)
+    return lsb, bandwidth, p / (1.0 - p) / _LOOP_HZ

@@ -1,0 +1,201 @@
+"""From logs to what a unit's model lacks: read, check that they belong together, trace.
+
+What it leaves out: the method (`filters.tracing`), how it is told (`imutui.report`), files that come of it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import imutui
+from filters.effects.record import Trace
+from imutui.jobs import agreement, replay, runs
+from imutui.jobs.runs import Read
+from imutui.logbook import reader
+from imutui.logbook.motions import ReferenceFile
+
+VERSION = 1
+_READING = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a trace may set.
+
+    Attributes
+    ----------
+    holdout : Path or None
+        Log of the run that nothing is fitted to; by default the last of several logs.
+    reference : ReferenceFile or None
+        A profile or trajectory instead of what the logs have.
+    overrides : dict
+        Fields of `SessionInfo` to replace: reference.
+    asked : tuple of str
+        Effects whose limits are wanted even if nothing is found.
+    seed : int
+        Of everything random.
+    """
+
+    holdout: Path | None = None
+    reference: ReferenceFile | None = None
+    overrides: dict[str, Any] = field(default_factory=dict)
+    asked: tuple[str, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """Result of a trace.
+
+    Attributes
+    ----------
+    document : dict
+        Contracts section 6, JSON-ready; `notes` beside it: sentences on what the logs could not give.
+    trace : Trace
+        What joins the filter, and the residuals for figures.
+    source : str
+        Which logs it is of.
+    damage : tuple of str
+        What is wrong with the files, a sentence each.
+    """
+
+    document: dict[str, Any]
+    trace: Trace
+    source: str
+    damage: tuple[str, ...]
+
+
+def trace(
+    logs: Sequence[Path], options: Options, progress: Callable[[float, str], None] = lambda share, what: None
+) -> Traced:
+    """Trace a unit over its logs, one log a run.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        At least one.
+    options : Options
+        What is held out, reference, seed.
+    progress : callable
+        Told the share done, 0 to 1, and what is being done.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is nothing to read in one of them.
+    ValueError
+        If they do not belong together, or do not follow their reference; the message says what to do.
+    """
+    from filters import tracing
+
+    _check_asked(options.asked)
+    training, heldout, notes = _divided(logs, options.holdout)
+    paths = [*training, *([heldout] if heldout is not None else [])]
+    names = _names(paths)
+    reads = []
+    for number, (path, name) in enumerate(zip(paths, names, strict=True)):
+        progress(_READING * number / len(paths), f"reading {path.name}")
+        wanted = replay.Options(overrides=dict(options.overrides), reference=options.reference)
+        reads.append(runs.read_run(path, name, wanted))
+    agreement.check_together(reads)
+    for read in reads:
+        agreement.check_reference(read)
+    fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
+    notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
+    notes += agreement.expectations(fitted, held)
+
+    found = tracing.trace(
+        [read.run for read in fitted],
+        None if held is None else held.run,
+        asked=options.asked,
+        seed=options.seed,
+        progress=lambda share, what: progress(_READING + (1.0 - _READING) * share, what),
+    )
+    damage = tuple(sentence for read in reads if (sentence := _damage(read)))
+    document = {
+        "version": VERSION,
+        "runs": [_run(read, heldout=read is held) for read in reads],
+        **{key: _plain(value) for key, value in found.document.items() if key not in ("version", "runs")},
+        "notes": notes,
+        "library": f"imutui {imutui.__version__}",
+    }
+    return Traced(document, found, _source(fitted, held), damage)
+
+
+def _check_asked(effects: Sequence[str]) -> None:
+    from filters.simulation.catalogue import EFFECTS
+
+    for effect in effects:
+        if effect not in EFFECTS:
+            raise ValueError(f"{effect!r} is no effect of the catalogue; it has: {', '.join(EFFECTS)}")
+
+
+def _divided(logs: Sequence[Path], holdout: Path | None) -> tuple[list[Path], Path | None, list[str]]:
+    """Logs to fit, the log held out, and what was done about one that is both."""
+    if holdout is None:
+        return (list(logs), None, []) if len(logs) == 1 else (list(logs[:-1]), logs[-1], [])
+    kept = [log for log in logs if not _same_file(log, holdout)]
+    if not kept:
+        raise ValueError(
+            f"{holdout} is held out, and there is no other log to trace. Name more logs, or leave --holdout out: one"
+            " log is judged by folds within it."
+        )
+    told = [] if len(kept) == len(logs) else [f"{holdout} is held out: it is not among the logs that are fitted"]
+    return kept, holdout, told
+
+
+def _same_file(a: Path, b: Path) -> bool:
+    return a == b or (a.exists() and b.exists() and a.samefile(b))
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it: what is not finite is nothing."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Short names, no two alike."""
+    for name in (lambda path: path.stem, str):
+        names = [name(path) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    # the same log twice: refused when their samples are compared
+    return [f"{n} {path.stem}" for n, path in enumerate(paths, 1)]
+
+
+def _run(read: Read, *, heldout: bool) -> dict[str, Any]:
+    run, info = read.run, read.info
+    return {
+        "id": run.name,
+        "log": str(read.path.resolve()),
+        "kind": info.kind,
+        "rate_hz": run.rate_hz,
+        "seconds": run.seconds,
+        "samples": int(run.t.size),
+        "accel_sign": info.accel_sign,
+        "mount": info.mount,
+        "reference": info.reference,
+        "heldout": heldout,
+        "log_sha256": reader.sha256(read.path),
+    }
+
+
+def _damage(read: Read) -> str:
+    if read.damage:
+        return f"{read.path}: {read.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
+    return "" if read.finished else f"{read.path} is unfinished; all up to its last flush is used."
+
+
+def _source(fitted: Sequence[Read], held: Read | None) -> str:
+    text = "trace of " + ", ".join(read.path.name for read in fitted)
+    return text if held is None else f"{text}; held out {held.path.name}"

@@ -1,0 +1,41 @@
+"""Numbers as people read them."""
+
+import math
+
+
+def plus_minus(value: float, sd: float | None, unit: str) -> str:
+    """Value and standard deviation to the same digit, two of them of the deviation: "0.0200 ± 0.0010 deg/s/K"."""
+    tail = f" {unit}" if unit else ""
+    if sd is None or not math.isfinite(sd) or sd <= 0.0:
+        return f"{value:.4g}{tail}"
+    if max(abs(value), sd) < 1e-3 or sd >= 1e5:
+        power = math.floor(math.log10(max(abs(value), sd)))
+        scale = 10.0**power
+        decimals = _decimals(sd / scale)
+        return f"({value / scale:.{decimals}f} ± {sd / scale:.{decimals}f})e{power:d}{tail}"
+    decimals = _decimals(sd)
+    return f"{value:.{decimals}f} ± {sd:.{decimals}f}{tail}"
+
+
+def _decimals(sd: float) -> int:
+    return max(0, 1 - math.floor(math.log10(sd)))
+
+
+def times_floor(x: float | None) -> str:
+    """A ratio to the floor: two digits below ten."""
+    if x is None:
+        return "–"
+    return f"{x:.0f}" if x >= 99.5 else f"{x:.1f}" if x >= 9.95 else f"{x:.2f}"
+
+
+def share(x: float) -> str:
+    """A share as a percentage that never claims more than it is."""
+    percent = 100.0 * x
+    return f"{percent:.0f} %" if percent < 99.5 else f"{min(99.9, math.floor(percent * 10.0) / 10.0):.1f} %"
+
+
+def duration(seconds: float) -> str:
+    """Seconds, or minutes, or hours."""
+    if seconds < 600.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

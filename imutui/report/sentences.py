@@ -1,0 +1,326 @@
+"""What a trace found, in sentences; the terminal and the page say the same ones.
+
+Pure functions from the result document (contracts section 6) to text. Everything it names is in the instrument's own
+axes and sign.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from imutui.report.numbers import duration, plus_minus, share, times_floor
+
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+_UNITS = {"g": "deg/s", "a": "mg"}
+_KINDS = {
+    "simulated": "SIMULATED readings",
+    "measured": "measured readings",
+    "unknown": "origin of readings not stated",
+}
+_STATUS = {
+    "clean": "clean",
+    "explained": "explained",
+    "confounded": "several causes fit",
+    "partial": "explained in part",
+    "stochastic": "drifts",
+    "run_specific": "event of one run",
+    "unexplained": "not explained",
+}
+_METRICS = {
+    "e10": "10 s mean error",
+    "nis": "√(NIS/dof)",
+    "drift_10s": "free drift over 10 s",
+    "drift_60s": "free drift over 60 s",
+    "bias_prediction": "bias predicted 60 s ahead",
+    "coverage": "truth inside the bias' 3σ band",
+    "gravity_norm": "magnitude of gravity",
+    "gravity_direction": "direction of gravity",
+}
+_REASONS = {
+    "equals_bias": "would look like a constant bias",
+    "no_excitation": "nothing here excites it",
+    "collinear_with": "",
+}
+_FEW = 3
+_SEPARATES = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelLine:
+    """A channel, its status in a word or two, and what is said of it."""
+
+    channel: str
+    status: str
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading with its sentences."""
+
+    title: str
+    sentences: tuple[str, ...]
+
+
+def headline(d: Mapping[str, Any], source: str) -> list[str]:
+    """What was traced, whose readings, how long, and the one sentence of the result."""
+    runs = d["runs"]
+    kinds = sorted({run["kind"] for run in runs})
+    words = ", ".join(_KINDS.get(kind, kind) for kind in kinds)
+    total = sum(run["seconds"] for run in runs)
+    rates = sorted({round(run["rate_hz"], 2) for run in runs})
+    rate = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g}"
+    references = ", ".join(sorted({run["reference"] for run in runs if "reference" in run}))
+    size = f"{len(runs)} run{'s' if len(runs) > 1 else ''}, {duration(total)} at {rate} Hz, {words}"
+    lines = [source, size + (f", reference {references}" if references else "")]
+    return [*lines, sentence] if (sentence := d.get("sentence")) else lines
+
+
+def channel_lines(d: Mapping[str, Any]) -> list[ChannelLine]:
+    """One entry a channel, in order, with what was found on it alone."""
+    lines = []
+    for channel in CHANNELS:
+        status = d.get("status", {}).get(channel, "clean")
+        said = [_finding(f, d) for f in d.get("findings", []) if tuple(f["channels"]) == (channel,)]
+        said += [
+            f"with others: {f['label']} (below)"
+            for f in d.get("findings", [])
+            if channel in f["channels"] and len(f["channels"]) > 1
+        ]
+        said += [_drift(entry, channel) for entry in d.get("drift", []) if channel in entry["channels"]]
+        said += _remainder(d, channel)
+        if error := _error(d, channel):
+            said.append(error)
+        if status == "clean":
+            said = [" ".join(["Nothing found.", *said])]
+        lines.append(ChannelLine(channel, _STATUS.get(status, status), tuple(said)))
+    return lines
+
+
+def sections(d: Mapping[str, Any]) -> list[Section]:
+    """What is to be said of several channels or of none: shared effects, data, weak terms, limits, what to do next."""
+    made = [
+        Section("Over several channels", tuple(_finding(f, d, names=True) for f in shared(d))),
+        Section("Data", tuple(_fault(entry) for entry in d.get("integrity", []))),
+        Section("Lines", tuple(_line(entry) for entry in d.get("lines", []))),
+        Section("Noise level", tuple(_noise(entry) for entry in d.get("noise_level", []))),
+        Section("Weak: not told from drift, not used", tuple(_weak(entry) for entry in d.get("weak", []))),
+        Section("Errors", tuple(_errors(d))),
+        Section("Asked about", tuple(_limit(entry) for entry in d.get("limits", []))),
+        Section("To separate the causes", tuple(_experiment(d))),
+        Section("These logs cannot show", tuple(_untestable(d.get("untestable", [])))),
+        Section("Notes", (held_out(d), *(_sentence(note) for note in d.get("notes", [])))),
+    ]
+    return [section for section in made if section.sentences]
+
+
+def shared(d: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Findings with one parameter over several channels."""
+    return [f for f in d.get("findings", []) if len(f["channels"]) > 1]
+
+
+def held_out(d: Mapping[str, Any]) -> str:
+    """How error before and after was measured."""
+    held = [run["id"] for run in d["runs"] if run.get("heldout")]
+    if held:
+        return f"Errors before and after are those of run {held[0]}, to which nothing was fitted."
+    return (
+        "Held out: folds of the one run. Errors before and after are within-run; that does not show transfer to another"
+        " power-on."
+    )
+
+
+# ------------------------------------------------------------------------------------------------------- one finding
+
+
+def _finding(f: Mapping[str, Any], d: Mapping[str, Any], *, names: bool = False) -> str:
+    parts = [f["label"]]
+    if amount := _amount(f.get("params", [])):
+        parts.append(amount)
+    text = ", ".join(parts)
+    if names:
+        text = f"{' '.join(f['channels'])}: {text}"
+    told = []
+    if f.get("share_of_excess") is not None:
+        told.append(f"explains {share(f['share_of_excess'])}")
+    if f.get("proposed_form"):
+        told.append(f"form: {f['proposed_form']}")
+    if f.get("confirmed") is False:
+        told.append("NOT confirmed by the held-out run, and not used")
+    if any(p.get("plausible") is False for p in f.get("params", [])):
+        told.append("implausibly large for this physics: read it as an empirical term")
+    if f.get("rivals"):
+        told.append("or: " + ", ".join(_rival(r) for r in f["rivals"][:_FEW]) + _more(len(f["rivals"]) - _FEW))
+    return _sentence("; ".join([text, *told]))
+
+
+def _amount(params: list[Mapping[str, Any]]) -> str:
+    if not params:
+        return ""
+    if len(params) <= _FEW:
+        named = len(params) > 1
+        return ", ".join(
+            (f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in params
+        )
+    largest = max(params, key=lambda p: abs(p["value"]))
+    return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(params)} points".replace("  ", " ")
+
+
+def _unit(entry: Mapping[str, Any]) -> str:
+    """The unit of a pure number is not said."""
+    unit = entry.get("unit") or ""
+    return "" if unit == "1" else str(unit)
+
+
+def _rival(r: Mapping[str, Any]) -> str:
+    label = str(r.get("label", r["effect"]))
+    return label if r.get("score_difference") is None else f"{label} (score {r['score_difference']:+.0f})"
+
+
+def _more(count: int) -> str:
+    return f" and {count} more" if count > 0 else ""
+
+
+def _drift(entry: Mapping[str, Any], channel: str) -> str:
+    level = f"{entry['level']:.3g} {entry['unit']}"
+    if entry["kind"] == "random_walk":
+        return f"Random walk, {level}; nothing logged explains it."
+    over = "" if entry.get("tau_s") is None else f", over {duration(entry['tau_s'])}"
+    return f"Drift (Gauss-Markov), {level}{over}; nothing logged explains it."
+
+
+def _remainder(d: Mapping[str, Any], channel: str) -> list[str]:
+    entries = [e for e in d.get("remainder", []) if e["channel"] == channel and e["ratio"] is not None]
+    if not entries:
+        return []
+    worst = max(entries, key=lambda entry: abs(entry["ratio"] - 1.0))
+    return [f"Not traced: {worst['ratio']:.1f} × the noise's variance at {worst['scale_s']:.3g} s."]
+
+
+def _error(d: Mapping[str, Any], channel: str) -> str:
+    for e in d.get("error", []):
+        if e["metric"] == "e10" and e.get("channel") == channel:
+            where = "on a run not used" if e.get("heldout") == "run" else "within the run"
+            before, after = times_floor(e.get("before_x_floor")), times_floor(e.get("after_x_floor"))
+            if before == after:
+                return f"Error {before} × floor {where}."
+            return f"Error {before} → {after} × floor {where}."
+    return ""
+
+
+# ------------------------------------------------------------------------------------------------------- the rest
+
+
+def _fault(entry: Mapping[str, Any]) -> str:
+    where = entry.get("where")
+    text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
+    n = entry.get("count")
+    count = "" if not n else ", once" if n == 1 else f", {n} times"
+    return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}{count}" + (f" ({text})" if text else ""))
+
+
+def _line(entry: Mapping[str, Any]) -> str:
+    width = f" ± {0.5 * entry['width_hz']:.2g}" if entry.get("width_hz") else ""
+    text = f"{' '.join(entry['channels'])}: {entry['hz']:.4g}{width} Hz, {entry['rms']:.3g} {entry['unit']} rms"
+    if entry.get("rivals"):
+        text += "; or: " + ", ".join(_rival(r) for r in entry["rivals"][:_FEW])
+    return _sentence(text)
+
+
+def _noise(entry: Mapping[str, Any]) -> str:
+    text = f"{' '.join(entry['channels'])}: changes with {_word(entry['driver'])}"
+    return _sentence(f"{text}, by up to {entry['ratio']:.2f} ×" if entry.get("ratio") is not None else text)
+
+
+def _weak(entry: Mapping[str, Any]) -> str:
+    label = entry.get("label") or _word(entry["effect"])
+    amount = _amount(entry.get("params", []))
+    score = f" (score {entry['score']:.0f})" if entry.get("score") is not None else ""
+    return _sentence(f"{' '.join(entry.get('channels', []))}: {label}{f', {amount}' if amount else ''}{score}")
+
+
+def _limit(entry: Mapping[str, Any]) -> str:
+    return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}: {entry['text']}")
+
+
+def _errors(d: Mapping[str, Any]) -> Iterable[str]:
+    """Before, after and floor of all but the headline error, a sentence a metric."""
+    by_metric: dict[str, list[Mapping[str, Any]]] = {}
+    for e in d.get("error", []):
+        if e["metric"] != "e10" and e.get("after") is not None:
+            by_metric.setdefault(e["metric"], []).append(e)
+    for metric, entries in by_metric.items():
+        changed = [e for e in entries if _differs(e)]
+        if not changed and len(entries) > 1:
+            yield f"{_METRICS.get(metric, metric)}: unchanged."
+            continue
+        told = [_change(e) for e in changed or entries]
+        yield f"{_METRICS.get(metric, metric)}: {'; '.join(told)}."
+
+
+def _differs(e: Mapping[str, Any]) -> bool:
+    before, after = e.get("before"), e["after"]
+    return before is None or abs(before - after) > 0.02 * max(abs(before), abs(after))
+
+
+def _change(e: Mapping[str, Any]) -> str:
+    who = f"{e['channel']} " if e.get("channel") and e["channel"] != "all" else ""
+    unit = f" {_unit(e)}" if _unit(e) else ""
+    before = "–" if e.get("before") is None else f"{e['before']:.3g}"
+    floor = f" (floor {e['floor']:.3g})" if e.get("floor") is not None else ""
+    if not _differs(e):
+        return f"{who}{e['after']:.3g}{unit}, unchanged{floor}"
+    return f"{who}{before} → {e['after']:.3g}{unit}{floor}"
+
+
+def _experiment(d: Mapping[str, Any]) -> Iterable[str]:
+    experiment = d.get("separating_experiment")
+    if experiment:
+        a, b = (_label_of(d, experiment[key]) for key in "ab")
+        words = experiment.get("motion") or f"a run of {duration(experiment['duration_s'])}"
+        expected = float(experiment["d_expected"])
+        if expected < _SEPARATES:
+            yield f"{_upper(a)}, or {b}? {_upper(words)}."
+            return
+        yield (
+            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough):"
+            f" {words}. The motion is experiment.toml, which --report DIR or -o FILE saves."
+        )
+
+
+def _label_of(d: Mapping[str, Any], effect: str) -> str:
+    for f in d.get("findings", []):
+        if f["effect"] == effect:
+            return str(f["label"])
+        for r in f.get("rivals", []):
+            if r["effect"] == effect and "label" in r:
+                return str(r["label"])
+    return _word(effect)
+
+
+def _untestable(entries: Iterable[Mapping[str, Any]]) -> Iterable[str]:
+    """Grouped by reason, each effect once."""
+    groups: dict[tuple[str, str], dict[str, None]] = {}
+    for entry in entries:
+        other = str(entry.get("with") or "") if entry["reason"] == "collinear_with" else ""
+        groups.setdefault((entry["reason"], other), {})[_word(entry["effect"])] = None
+    for (reason, other), effects in sorted(
+        groups.items(), key=lambda item: (list(_REASONS).index(item[0][0]), item[0])
+    ):
+        if reason == "collinear_with":
+            yield f"{', '.join(effects)} apart from {_word(other)}."
+        else:
+            yield f"{', '.join(effects)}: {_REASONS[reason]}."
+
+
+def _word(effect: str) -> str:
+    """An effect's or driver's name as words."""
+    return effect.removeprefix("driver:").replace("_", " ")
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else text + "."

@@ -1,0 +1,286 @@
+"""`imutui trace` around the tracer: which logs it gets, what comes out where, and how it ends."""
+
+import json
+import sys
+import tomllib
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import traces
+from traces import arrays, imported
+
+from filters.effects.record import Trace
+from filters.residual import Run
+from imutui import cli
+from imutui.report import figures
+from imutui.scenario import load_profile, load_scenario
+
+
+@dataclass
+class Outcome:
+    """How a command ended."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+
+@dataclass
+class Tracer:
+    """In place of the tracer: takes what it is given and returns a hand-made result."""
+
+    made: Callable[[tuple[str, ...]], Trace] = traces.trace
+    runs: list[str] = field(default_factory=list)
+    heldout: str | None = None
+    seed: int = -1
+
+    def trace(self, runs: Sequence[Run], heldout: Run | None, *, asked: Sequence[str] = (), seed: int = 0,
+              progress: Callable[[float, str], None] = lambda share, what: None) -> Trace:  # fmt: skip
+        self.runs = [run.name for run in runs]
+        self.heldout = None if heldout is None else heldout.name
+        self.seed = seed
+        progress(0.5, "selecting")
+        return self.made((*self.runs, *([self.heldout] if self.heldout else [])))
+
+
+@pytest.fixture
+def tracer(monkeypatch: pytest.MonkeyPatch) -> Tracer:
+    """The one call to the method is replaced."""
+    import filters
+
+    stand_in = Tracer()
+    module = types.ModuleType("filters.tracing")
+    module.trace = stand_in.trace  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "filters.tracing", module)
+    monkeypatch.setattr(filters, "tracing", module, raising=False)
+    return stand_in
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Three runs of a unit at rest, ten seconds past a minute."""
+    folder = tmp_path_factory.mktemp("logs")
+    return {name: imported(folder / f"{name}.mcap", arrays(70.0, moving=False, seed=n), kind="simulated")
+            for n, name in enumerate("abc")}  # fmt: skip
+
+
+@pytest.fixture
+def run(home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Run a command line in this process."""
+
+    def call(*arguments: str | Path) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["imutui", "trace", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        assert "imutui's own" not in err, err
+        return Outcome(int(ended.value.code or 0), out, err)
+
+    return call
+
+
+def test_the_last_of_several_logs_is_held_out(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
+    """And the result says which, with what was read."""
+    done = run(logs["a"], logs["b"], logs["c"], "--json", "--seed", "5")
+    assert done.code == 0
+    assert (tracer.runs, tracer.heldout, tracer.seed) == (["a", "b"], "c", 5)
+    result = json.loads(done.stdout)
+    assert [r["heldout"] for r in result["runs"]] == [False, False, True]
+    first = result["runs"][0]
+    assert (first["id"], first["kind"], first["accel_sign"]) == ("a", "simulated", -1)
+    assert first["rate_hz"] == pytest.approx(20.0)
+    assert first["seconds"] == pytest.approx(70.0)
+    assert result["library"].startswith("imutui ")
+    assert set(traces.document()) < set(result)
+    assert any("held-out run lasts 70 s" in note for note in result["notes"])
+    assert done.stderr == ""
+
+
+def test_one_log_is_judged_by_folds(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
+    """Nothing is held out, and the text says what that means."""
+    done = run(logs["a"])
+    assert (tracer.runs, tracer.heldout) == (["a"], None)
+    assert "that does not show transfer" in " ".join(done.stdout.split())
+
+
+def test_another_log_can_be_held_out(run: Any, tracer: Tracer, logs: dict[str, Path]) -> None:
+    """It need not be among the logs; if it is, it is taken out of them and that is said."""
+    run(logs["a"], logs["b"], "--holdout", logs["c"])
+    assert (tracer.runs, tracer.heldout) == (["a", "b"], "c")
+    done = run(logs["a"], logs["b"], logs["c"], "--holdout", logs["a"])
+    assert (tracer.runs, tracer.heldout) == (["b", "c"], "a")
+    assert "not among the logs that are fitted" in " ".join(done.stdout.split())
+    done = run(logs["a"], "--holdout", logs["a"])
+    assert done.code == 2
+    assert "no other log" in done.stderr
+
+
+def test_the_text_fits_eighty_columns_and_says_it_is_simulated(
+    run: Any, tracer: Tracer, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sentences, not a dump."""
+    monkeypatch.setenv("COLUMNS", "80")
+    text = run(logs["a"], logs["b"]).stdout
+    assert max(map(len, text.splitlines())) <= 80
+    assert "SIMULATED" in text
+    assert "0.0200 ± 0.0010 deg/s/K" in text
+    assert "8.41 → 1.01 × floor on a run not used" in " ".join(text.split())
+
+
+def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
+    """The experiment serves the virtual unit and the filter as it is; a second trace does not touch it unasked."""
+    done = run(logs["a"], logs["b"], "-o", "effects.toml")
+    assert done.code == 0
+    read = tomllib.loads((home / "effects.toml").read_text())
+    assert read["source"] == "trace of a.mcap; held out b.mcap"
+    assert len(read["effect"]) == 2
+    assert "thermal_lin (gy)" in done.stderr
+    assert load_profile(home / "experiment.toml").duration == 60.0
+    profile = load_scenario(home / "experiment.toml").profile
+    assert profile is not None
+    assert profile.duration == 60.0
+    refused = run(logs["a"], logs["b"], "-o", "effects.toml")
+    assert refused.code == 2
+    assert "--force" in refused.stderr
+    other = run(logs["a"], logs["b"], "-o", "other.toml")
+    assert other.code == 0
+    assert "experiment.toml exists" in other.stderr
+    assert run(logs["a"], logs["b"], "-o", "effects.toml", "--force").code == 0
+
+
+def test_a_clean_unit_gives_an_empty_effects_file(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
+    """Exit 0, and it is said."""
+    tracer.made = traces.nothing
+    done = run(logs["a"], "-o", "effects.toml")
+    assert done.code == 0
+    assert "no effect" in done.stderr
+    assert "effect" not in tomllib.loads((home / "effects.toml").read_text())
+    assert "Nothing found." in done.stdout
+
+
+def test_a_report_is_a_page_with_figures(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
+    """Not over another one unless forced; without matplotlib a sentence names the extra."""
+    pytest.importorskip("matplotlib")
+    tracer.made = lambda names: replace(traces.nothing(names), series=())
+    done = run(logs["a"], logs["b"], "--report", "r")
+    assert done.code == 0
+    assert (home / "r" / "index.html").exists()
+    assert "figures" in done.stderr
+    assert run(logs["a"], logs["b"], "--report", "r").code == 2
+
+
+def test_without_matplotlib_a_report_is_refused_first(
+    run: Any, tracer: Tracer, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before minutes are spent."""
+    monkeypatch.setattr(figures, "available", lambda: False)
+    done = run(logs["a"], "--report", "r")
+    assert done.code == 2
+    assert "pip install 'imutui[report]'" in done.stderr
+    assert tracer.runs == []
+
+
+def test_a_damaged_log_is_traced_as_far_as_it_goes(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
+    """Exit 1, the result all the same."""
+    long = imported(home / "long.mcap", arrays(200.0, moving=False, seed=4))
+    content = long.read_bytes()
+    long.write_bytes(content[: int(len(content) * 0.8)])
+    done = run("long.mcap", "--json")
+    assert done.code == 1
+    assert "long.mcap: the file ends in the middle" in done.stderr
+    assert json.loads(done.stdout)["runs"][0]["seconds"] > 60.0
+
+
+def test_a_channel_that_is_dead_does_not_stop_the_trace(
+    run: Any, tracer: Tracer, logs: dict[str, Path], home: Path
+) -> None:
+    """The tracer says what it is."""
+    given = arrays(70.0, seed=2)
+    given["gyro"][:, 1] = 0.0
+    given["accel"][:, 2] = 4.0
+    imported(home / "dead.mcap", given)
+    assert run("dead.mcap").code == 0
+
+
+def test_mistakes_end_with_one_paragraph_and_a_next_step(
+    run: Any, tracer: Tracer, logs: dict[str, Path], home: Path
+) -> None:
+    """Exit 2 for what was asked, 3 for what cannot be read; nothing on stdout."""
+    imported(home / "short.mcap", arrays(30.0, moving=False))
+    imported(home / "up.mcap", arrays(70.0, sign=1, moving=False, seed=5))
+    (home / "text.mcap").write_text("text")
+    cases: dict[tuple[str, ...], tuple[int, str]] = {
+        ("absent.mcap",): (3, "no such file"),
+        ("text.mcap",): (3, "imutui import"),
+        ("short.mcap",): (2, "at least 60 s"),
+        ("up.mcap",): (2, "--accel-sign"),
+        (str(logs["a"]), str(logs["b"]), str(logs["b"])): (2, "given twice"),
+        (str(logs["a"]), "--reference", "upright"): (2, "level"),
+        (str(logs["a"]), "--reference", "absent.toml"): (3, "absent.toml"),
+        (str(logs["a"]), "-o", str(logs["a"])): (2, "names one of the logs"),
+        (str(logs["a"]), "-o", "no/where.toml"): (2, "no folder"),
+        (str(logs["a"]), "--about", "magic"): (2, "thermal_lin"),
+        (): (2, ""),
+    }
+    for arguments, (code, words) in cases.items():
+        done = run(*arguments)
+        assert done.code == code, (arguments, done)
+        assert words in done.stderr, (arguments, done)
+        assert done.stdout == ""
+
+
+def test_a_reference_can_be_named(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:
+    """Level, gravity or a file, for all logs alike."""
+    (home / "table.toml").write_text(traces.PROFILE)
+    for reference in ("level", "gravity", "table.toml"):
+        result = json.loads(run(logs["a"], "--reference", reference, "--json").stdout)
+        assert result["runs"][0]["reference"] == reference.replace("table.toml", "profile")
+
+
+def test_no_sample_is_left_out(run: Any, tracer: Tracer, home: Path) -> None:
+    """A count at its limit is flagged, not dropped: time stays whole."""
+    seen: list[Run] = []
+    tracer.made = lambda names: traces.nothing(names)
+    original = tracer.trace
+    sys.modules["filters.tracing"].trace = lambda runs, heldout, **rest: (  # type: ignore[attr-defined]
+        seen.extend(runs), original(runs, heldout, **rest))[1]  # fmt: skip
+    given = arrays(70.0, moving=False, seed=6)
+    imported(home / "a.mcap", given)
+    run("a.mcap")
+    assert np.array_equal(seen[0].t, given["t"])
+
+
+FIELDS = (
+    "version runs untestable integrity lines noise_level findings weak drift remainder status separating_experiment"
+    " error sentence seed library"
+)
+
+
+def test_a_thermal_slope_is_found_from_recordings_to_effects(run: Any, home: Path) -> None:
+    """The whole way, with the tracer itself: three simulated warm-ups, no flag but the logs."""
+    for n, (start, change) in enumerate([(20.0, 12.0), (33.0, -10.0), (24.0, 8.0)]):
+        given = arrays(420.0, 10.0, moving=False, seed=n)
+        t = given["t"]
+        given["temp"] = start + change * (1.0 - np.exp(-t / 120.0)) * (1.0 + 0.3 * np.sin(t / 50.0))
+        given["gyro"][:, 1] += 0.02 * (given["temp"] - 25.0)
+        imported(home / f"{n}.mcap", given, kind="simulated")
+    done = run("0.mcap", "1.mcap", "2.mcap", "--json", "-o", "effects.toml")
+    assert done.code == 0, done
+    result = json.loads(done.stdout)
+    assert set(FIELDS.split()) <= set(result)
+    assert result["status"]["gy"] in ("explained", "confounded")
+    (found,) = (f for f in result["findings"] if f["channels"] == ["gy"])
+    assert found["effect"] == "thermal_lin"
+    assert found["params"][0]["value"] == pytest.approx(0.02, rel=0.05)
+    assert found["params"][0]["unit"] == "deg/s/K"
+    effects = tomllib.loads((home / "effects.toml").read_text())["effect"]
+    assert [(e["effect"], e["channels"], e["include_as"]) for e in effects] == [("thermal_lin", ["gy"], "A")]
+    text = run("0.mcap", "1.mcap", "2.mcap").stdout
+    assert "follows temperature" in text
+    assert "on a run not used" in text

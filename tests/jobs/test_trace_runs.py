@@ -1,0 +1,347 @@
+"""From logs to runs: what stands in a run is what the log holds, and what contradicts itself is refused with a cure."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from traces import arrays, imported, readings, tumble
+
+from filters import residual
+from filters.attitude import to_quaternion
+from filters.imu import AxisMap, parse_mount
+from filters.motion import angles_of, attitudes
+from imutui.jobs import agreement, runs
+from imutui.jobs.replay import Options
+from imutui.jobs.runs import Read
+from imutui.logbook import schemas, trajectory
+from imutui.logbook.motions import ReferenceFile
+from imutui.logbook.session import SessionInfo
+from imutui.logbook.writer import LogWriter
+
+START = 1_795_257_000_000_000_000
+DWELLS = """
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 30.0
+[[segment]]
+kind = "dwell"
+angles_deg = [90.0, 0.0, 0.0]
+seconds = 30.0
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = 20.0
+seconds = 10.0
+"""
+
+
+def read(path: Path, file: ReferenceFile | None = None, **overrides: Any) -> Read:
+    return runs.read_run(path, path.stem, Options(overrides=overrides, reference=file))
+
+
+def profile(text: str) -> ReferenceFile:
+    return ReferenceFile("profile", "reference.toml", "application/toml", text.encode())
+
+
+def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float = 0.0, marks: tuple[float, ...] = (),
+             **info: Any) -> Path:  # fmt: skip
+    """A perfect unit's log on a profile that starts `late` s after the log."""
+    motion = reference.motion()
+    t = np.arange(int((motion.duration + late) * hz)) / hz
+    angles, rates = motion.angles(t - late), motion.rates(t - late)
+    axes = AxisMap()
+    gyro, accel = readings(t, np.rad2deg(angles), np.rad2deg(rates), axes)
+    session = SessionInfo(rate_hz=hz, kind="simulated", reference="profile", **info)
+    log = LogWriter(path, session, "", START)
+    log.attach(reference.name, reference.media_type, reference.content, START)
+    for k, stamp in enumerate((START + np.round(t * 1e9).astype(int)).tolist()):
+        w, f = axes.gyro_to_body(np.deg2rad(gyro[k])), axes.accel_to_body(accel[k] * session.g_unit)
+        log.imu(stamp, stamp, w, f, valid=k != 7)
+    for mark in marks:
+        stamp = START + round(mark * 1e9)
+        log.message(schemas.EVENTS, schemas.event(stamp, "mark", "next"), stamp, stamp)
+    log.finish({}, START)
+    return path
+
+
+def worst(run: residual.Run) -> tuple[float, float]:
+    r = residual.residual(run)
+    return float(np.nanmax(np.abs(r[:, :3]))), float(np.nanmax(np.abs(r[:, 3:])))
+
+
+# -- what a run holds -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("hz", "sign", "moving"), [(20.0, -1, True), (100.0, 1, True), (20.0, 1, False)])
+def test_an_imported_recording_with_angles_traces_exactly(tmp_path: Path, hz: float, sign: int, moving: bool) -> None:
+    """A perfect unit leaves no residual, in motion and at rest, whatever its sign, with no other flag."""
+    given = arrays(90.0, hz, sign, moving=moving)
+    got = read(imported(tmp_path / "a.mcap", given, accel_sign=sign))
+    agreement.check_reference(got)
+    gyro, accel = worst(got.run)
+    assert gyro < 1e-12
+    assert accel < 1e-12
+    assert got.run.still is not moving
+    assert got.run.flagged is None
+    assert got.run.temperature is not None
+    assert np.allclose(got.run.temperature, given["temp"], atol=1e-12)
+    assert np.allclose(got.run.reading[:, 3:] / 9.80665, given["accel"], atol=1e-12)
+    assert (got.run.lsb, got.run.bandwidth) == (None, None)
+
+
+def test_angles_that_change_now_and_then_hold_in_between(tmp_path: Path) -> None:
+    """A log has a row where an angle changes, and one a second at rest: no line is drawn into the rest."""
+    given = arrays(90.0)
+    got = read(imported(tmp_path / "a.mcap", given))
+    assert np.allclose(np.rad2deg(got.run.angles), given["ang"], atol=1e-9)
+    assert np.allclose(np.rad2deg(got.run.rates), given["rate"], atol=1e-9)
+
+
+def test_rates_come_from_the_angles_where_the_recording_has_none(tmp_path: Path) -> None:
+    """Also through the jump at 360 degrees."""
+    given = arrays(90.0, 100.0)
+    del given["rate"]
+    rate = tumble(given["t"])[1]
+    given["ang"] = given["ang"] % 360.0
+    got = read(imported(tmp_path / "a.mcap", given))
+    inner = slice(2200, -2)
+    assert np.allclose(np.rad2deg(got.run.rates[inner]), rate[inner], atol=2e-3)
+
+
+def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
+    """Attitude of any origin becomes angles of the table, with rates by differences; unknown rows are flagged."""
+    given = arrays(90.0, 100.0)
+    enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    C = enu.T @ attitudes(np.deg2rad(given.pop("ang")))
+    del given["rate"]
+    given["ref_quat"] = np.array([to_quaternion(c) for c in C])
+    given["ref_quat"][100:300] = np.nan
+    got = read(imported(tmp_path / "a.mcap", given))
+    agreement.check_reference(got)
+    gyro, accel = worst(got.run)
+    assert gyro < np.deg2rad(0.02)
+    assert accel < 1e-6
+    assert got.run.flagged is not None
+    assert 190 <= got.run.flagged[:, 0].sum() <= 200
+    assert "not known" in got.how
+
+
+def test_angles_of_an_attitude_are_those_it_was_made_of() -> None:
+    """The inverse, for every middle angle short of ±90 degrees."""
+    angles = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 3)) * [3.1, 1.5, 3.1]
+    assert np.allclose(angles_of(attitudes(angles)), angles, atol=1e-9)
+
+
+def test_a_mounted_unit_reads_in_its_own_axes(tmp_path: Path) -> None:
+    """Readings come back as the instrument gave them, and its residual is nothing."""
+    given = arrays(90.0)
+    axes = AxisMap(parse_mount("x,-y,-z"), 1)
+    given["gyro"], given["accel"] = readings(given["t"], given["ang"], given["rate"], axes)
+    got = read(imported(tmp_path / "a.mcap", given, accel_sign=1, mount="x,-y,-z"))
+    assert max(worst(got.run)) < 1e-12
+    assert np.allclose(np.rad2deg(got.run.reading[:, :3]), given["gyro"], atol=1e-12)
+
+
+def test_gravity_gives_a_still_unit_its_attitude(tmp_path: Path) -> None:
+    """However it lies; only the heading is called zero."""
+    given = arrays(90.0, moving=False)
+    given["ang"] = given["ang"] + [3.0, -4.0, 0.0]
+    given["gyro"], given["accel"] = readings(given["t"], given["ang"], given["rate"], AxisMap())
+    del given["ang"], given["rate"]
+    got = read(imported(tmp_path / "a.mcap", given), reference="gravity")
+    assert got.run.C_nb is not None
+    assert worst(got.run)[1] < 1e-9
+    assert worst(read(tmp_path / "a.mcap", reference="level").run)[1] > 0.3
+
+
+@pytest.mark.parametrize(("align", "late"), [("none", 0.0), ("gyro", 12.3)])
+def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late: float) -> None:
+    """Joined from the first sample, or by the gyros; the log's own attachment is enough."""
+    reference = profile(f'align = "{align}"\n' + DWELLS)
+    got = read(recorded(tmp_path / "a.mcap", reference, late=late))
+    agreement.check_reference(got)
+    run = got.run
+    plain = residual.Run(**{**vars(run), "latency": np.zeros(6)})
+    assert worst(plain)[0] < np.deg2rad(0.5 if late else 1e-9)
+    assert run.flagged is not None
+    assert np.flatnonzero(run.flagged[:, 0]).tolist() == [7]
+
+
+def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:
+    """From two seconds after each mark to two before its end; all else is flagged."""
+    got = read(recorded(tmp_path / "a.mcap", profile('align = "marks"\n' + DWELLS), marks=(0.0, 36.0)))
+    run = got.run
+    assert run.flagged is not None
+    used = ~run.flagged[:, 0]
+    assert used[50]
+    assert not used[20 * 31 : 20 * 38].any()
+    assert used[20 * 40]
+    assert not used[20 * 70 :].any()
+    assert worst(run)[1] < 1e-9
+    assert "only dwells" in got.how
+
+
+def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
+    """Counts, band limits and latencies of a log that it made itself."""
+    run = read(recorded(tmp_path / "a.mcap", profile(DWELLS))).run
+    assert run.lsb is not None
+    assert np.rad2deg(run.lsb[0]) == pytest.approx(200.0 * 1.5 / 2**15)
+    assert run.lsb[5] / 9.80665 == pytest.approx(4.0 * 1.5 / 2**15)
+    assert run.bandwidth is not None
+    assert run.bandwidth.tolist() == [25.0] * 3 + [75.0] * 3
+    pole = np.exp(-2.0 * np.pi * 25.0 * 3.0 / 400.0)
+    assert run.latency[0] == pytest.approx(pole / (1.0 - pole) * 3.0 / 400.0)
+    assert np.all(run.latency > 0.0)
+
+
+# -- what is refused --------------------------------------------------------------------------------------------------
+
+
+def wrong_sign(path: Path) -> Read:
+    return read(imported(path, arrays(90.0, sign=1, seed=1), accel_sign=-1))
+
+
+def wrong_angles(path: Path) -> Read:
+    given = arrays(90.0, moving=False, seed=1)
+    given["ang"] = given["ang"] + [0.0, 20.0, 0.0]
+    return read(imported(path, given))
+
+
+def wrong_time(path: Path) -> Read:
+    given = arrays(90.0)
+    noise = np.random.default_rng(1).normal(size=given["gyro"].shape) * 0.05
+    gyro, accel = readings(given["t"], *tumble(given["t"] - 1.5), AxisMap())
+    return read(imported(path, given | {"gyro": gyro + noise, "accel": accel}))
+
+
+def wrong_axis(path: Path) -> Read:
+    given = arrays(90.0, seed=1)
+    given["gyro"] *= [1.0, -1.0, -1.0]
+    return read(imported(path, given))
+
+
+def other_motion(path: Path) -> Read:
+    given = arrays(90.0, seed=1)
+    given["gyro"] = given["gyro"][:, [1, 2, 0]]
+    return read(imported(path, given))
+
+
+def not_at_rest(path: Path) -> Read:
+    given = arrays(90.0, seed=1)
+    del given["ang"], given["rate"]
+    return read(imported(path, given), reference="level")
+
+
+def other_units(path: Path) -> Read:
+    given = arrays(90.0, moving=False, seed=1)
+    given["accel"] *= 9.80665
+    return read(imported(path, given))
+
+
+def rates_in_radians(path: Path) -> Read:
+    given = arrays(90.0, seed=1)
+    given["gyro"] = np.deg2rad(given["gyro"])
+    return read(imported(path, given))
+
+
+CONTRADICTIONS: dict[Callable[[Path], Read], str] = {
+    wrong_sign: r"opposite.*2\.\d\d g.*--accel-sign \+1.*other way up",
+    wrong_angles: r"gravity is felt 20°.*--reference gravity",
+    wrong_time: r'1\.[45]\d s late.*\+1\.[45]\d s.*align = "gyro"',
+    wrong_axis: r"gyro y(, z)? reads the opposite.*--gyro-sign",
+    other_motion: r"do not follow the reference.*--mount",
+    other_units: r"magnitude 96 m/s².*accel in g",
+    rates_in_radians: r"sees 2 % of its rate.*rates in deg/s",
+    not_at_rest: r"the unit moves.*--reference FILE",
+}
+
+
+@pytest.mark.parametrize("case", CONTRADICTIONS)
+def test_a_reference_that_contradicts_the_readings_is_refused(tmp_path: Path, case: Callable[[Path], Read]) -> None:
+    """By what is wrong, how much, and what mends it."""
+    got = case(tmp_path / "a.mcap")
+    with pytest.raises(ValueError, match=CONTRADICTIONS[case]):
+        agreement.check_reference(got)
+
+
+@pytest.mark.parametrize("channel", range(6))
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_dead_channel_is_no_contradiction(tmp_path: Path, channel: int, value: float) -> None:
+    """It is a data fault: the tracer names it and traces the rest."""
+    given = arrays(90.0, seed=1)
+    (given["gyro"] if channel < 3 else given["accel"])[:, channel % 3] = value
+    agreement.check_reference(read(imported(tmp_path / "a.mcap", given)))
+
+
+def test_errors_of_a_bad_unit_are_no_contradiction(tmp_path: Path) -> None:
+    """Ten times what the catalogue calls plausible is still the unit's."""
+    given = arrays(90.0, seed=1)
+    given["gyro"] = given["gyro"] * 1.05 + [5.0, -5.0, 3.0]
+    given["accel"] = given["accel"] * 0.97 + [0.05, -0.05, 0.04]
+    agreement.check_reference(read(imported(tmp_path / "a.mcap", given)))
+
+
+def test_a_short_log_is_refused(tmp_path: Path) -> None:
+    """Under a minute there is nothing to trace."""
+    with pytest.raises(ValueError, match=r"lasts 40\.0 s.*at least 60 s"):
+        read(imported(tmp_path / "a.mcap", arrays(40.0)))
+
+
+def test_a_trajectory_without_attitude_is_refused(tmp_path: Path) -> None:
+    """Position and velocity alone do not say what a gyro should read."""
+    log = imported(tmp_path / "a.mcap", {k: v for k, v in arrays(90.0).items() if k not in ("ang", "rate")})
+    columns = ",".join(trajectory.COLUMNS[:7])
+    text = f"{columns}\n" + "\n".join(f"{t},-23.2,-45.8,641,0,0,0" for t in range(90))
+    reference = ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
+    with pytest.raises(ValueError, match=r"no attitude.*--reference gravity"):
+        read(log, reference)
+
+
+OTHERS = {
+    "serial number 11 and 12": {"serial_number": "12"},
+    "instrument AHRS and VG": {"instrument": "VG"},
+    "different signs": {"accel_sign": 1},
+    "different mountings": {"mount": "y,-x,z"},
+    "different sites": {"gravity_mps2": 9.81},
+    "measured and simulated": {"kind": "simulated"},
+}
+
+
+@pytest.mark.parametrize("words", OTHERS)
+def test_logs_that_do_not_belong_together_are_refused(tmp_path: Path, words: str) -> None:
+    """Units, signs, mountings, sites and kinds are those of one campaign."""
+    given = arrays(61.0, moving=False)
+    del given["ang"], given["rate"]
+    first = {"serial_number": "11", "instrument": "AHRS", "kind": "measured"}
+    one = read(imported(tmp_path / "a.mcap", given, **first), reference="gravity")
+    given["gyro"] = given["gyro"] + 0.1
+    two = read(imported(tmp_path / "b.mcap", given, **first | OTHERS[words]), reference="gravity")
+    with pytest.raises(ValueError, match=words):
+        agreement.check_together([one, two])
+
+
+def test_a_run_counts_once(tmp_path: Path) -> None:
+    """The same file twice, or a copy under another name."""
+    one = read(imported(tmp_path / "a.mcap", arrays(61.0)))
+    with pytest.raises(ValueError, match="given twice"):
+        agreement.check_together([one, one])
+    (tmp_path / "b.mcap").write_bytes((tmp_path / "a.mcap").read_bytes())
+    with pytest.raises(ValueError, match="the same samples"):
+        agreement.check_together([one, read(tmp_path / "b.mcap")])
+
+
+def test_what_logs_cannot_give_is_said_first(tmp_path: Path) -> None:
+    """A constant temperature, a still unit, a short held-out run."""
+    given = arrays(61.0, moving=False)
+    given["temp"] = np.full_like(given["t"], 25.0)
+    still = read(imported(tmp_path / "a.mcap", given))
+    said = " ".join(agreement.expectations([still], still))
+    assert "temperature is constant" in said
+    assert "never moves" in said
+    assert "under 300 s" in said
+    del given["temp"]
+    bare = read(imported(tmp_path / "b.mcap", given))
+    assert "no temperature" in " ".join(agreement.expectations([bare], None))

@@ -1,0 +1,123 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imutui.instrument.clock import Stamp
+from imutui.instrument.crossbow import Mode, Packet
+from imutui.jobs.replay import Options, replay
+from imutui.logbook import effects, results
+from imutui.logbook.effects import EffectsDocument
+from imutui.logbook.session import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session import filtering
+from imutui.session.take import Take, Timebase
+
+START = 1_795_257_000_000_000_000
+FILE = b"""\
+version = 1
+[[effect]]
+effect = "thermal_lin"
+channels = ["gy"]
+include_as = "A"
+[[effect.state]]
+name = "k"
+unit = "rad/s/K"
+mean = 1e-3
+sd = 1e-3
+"""
+
+
+class Thermal:
+    """One coefficient times the temperature's departure from a slow mean of its own, on the y gyro."""
+
+    names = ("thermal_lin gy k",)
+    tau, q = np.array([np.inf]), np.zeros(1)
+
+    def __init__(self, document: EffectsDocument) -> None:
+        self.mean = np.array([state.mean for state in document.states])
+        self.covariance = document.covariance()
+        self._slow = np.nan
+
+    def rows(
+        self, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, temperature: np.ndarray, known: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        phi = np.zeros((t.size, 6, 1))
+        for k, value in enumerate(temperature.tolist()):
+            self._slow = value if np.isnan(self._slow) else self._slow + 0.05 * (value - self._slow)
+            phi[k, 4, 0] = value - self._slow
+        return phi, np.ones((t.size, 6)), temperature < 27.0
+
+
+@pytest.fixture
+def catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One effect that can be included."""
+    monkeypatch.setattr(effects, "build", lambda document, info: Thermal(document))
+
+
+def recorded(path: Path, sampling: str) -> dict[str, Any]:
+    """A take of 15 s with effects, fed packet by packet: its result document."""
+    info = SessionInfo(
+        sampling=sampling, rate_hz=133.0 if sampling == "polled" else 20.0, effects_sha256=effects.digest(FILE)
+    )
+    writer = LogWriter(path, info, "", START)
+    writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, FILE, START)
+    take = Take(info, Timebase(START), writer, None, effects.maker(FILE, info))
+    rng = np.random.default_rng(3)
+    for k in range(2000):
+        counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
+        if 900 < k < 910:
+            counts[0] = 32767  # at the limit: no reading, but a temperature
+        packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k // 20 + int(rng.integers(3)), k)
+        stamp = Stamp(k * 7_518_797, 0, False)
+        take.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
+    document = take.finish(2000 * 7_518_797)
+    assert document is not None
+    assert take.failure is None
+    return document
+
+
+def untimed(document: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in document.items() if key not in results.TIMINGS}
+
+
+@pytest.mark.usefixtures("catalogue")
+@pytest.mark.parametrize("sampling", ["stream", "polled"])
+def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampling: str) -> None:
+    """The log repeats its own effects, temperature by temperature; with none it is another result, and says so."""
+    filtering.prepare()
+    live = recorded(tmp_path / "a.mcap", sampling)
+    again = replay(tmp_path / "a.mcap", Options())
+    assert untimed(again) == untimed(live)
+    (state,) = live["effects"]
+    assert state["name"] == "thermal_lin gy k"
+    assert 0.0 < state["sd"] < 1e-3
+    without = replay(tmp_path / "a.mcap", Options(effects=effects.NONE))
+    assert without["effects"] == []
+    assert without["config_sha256"] != live["config_sha256"]
+    assert without["final"]["gyro_bias_dps"] != live["final"]["gyro_bias_dps"]
+    # another file's effects go before the log's own
+    other = replay(tmp_path / "a.mcap", Options(effects=FILE.replace(b"sd = 1e-3", b"sd = 1e-6")))
+    assert other["effects"][0]["sd"] <= 1e-6
+
+
+@pytest.mark.usefixtures("catalogue")
+def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> None:
+    """A log with effects, replayed with another filter: in words, and possible without them."""
+    recorded(tmp_path / "a.mcap", "stream")
+    with pytest.raises(ValueError, match='"ekf", but effects'):
+        replay(tmp_path / "a.mcap", Options(overrides={"filter": "ekf"}))
+    assert replay(tmp_path / "a.mcap", Options(end=2.0, overrides={"filter": "ekf"}, effects=effects.NONE))["samples"]
+
+
+def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
+    """The message names log, effect and the way out."""
+    info = replace(SessionInfo(), effects_sha256=effects.digest(FILE))
+    writer = LogWriter(tmp_path / "a.mcap", info, "", START)
+    writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, FILE.replace(b"thermal_lin", b"gremlins"), START)
+    writer.imu(START, START, np.zeros(3), np.array([0.0, 0.0, -9.8]))
+    writer.finish({}, START)
+    with pytest.raises(ValueError, match=r"a\.mcap: .*gremlins.*--effects none"):
+        replay(tmp_path / "a.mcap", Options())
