@@ -328,13 +328,32 @@ class Design:
         fold = self.stack.cell % FOLDS
         for f in range(FOLDS):
             train, test = fold != f, fold == f
-            own = self._own_theta(parts, train, atom.size)
-            for (W, size), theta in zip(parts, own, strict=True):
+            blind = [(self._blind(W, c, train), size) for c, (W, size) in zip(atom.places, parts, strict=True)]
+            own = self._own_theta(blind, train, atom.size)
+            for (W, size), theta in zip(blind, own, strict=True):
                 base = _solve(W[train, 1 : 1 + size], W[train, 0])
                 before = W[test, 0] - W[test, 1 : 1 + size] @ base
                 after = W[test, 0] - W[test, 1:] @ theta
                 cells += np.bincount(self.stack.cell[test], before**2 - after**2, cells.size)
         return float(cells.sum()), float(cells.sum() - cells.max())
+
+    def _blind(self, W: Array, channel: int, train: NDArray[np.bool_]) -> Array:
+        """Whitened columns with each run's bias that of the fitted cells: one of all cells tells them of the others.
+
+        Columns that the fitted cells don't see are zero. With drift the filter goes by the past, and nothing is to do.
+        """
+        if self.drift[channel].level > 0.0:
+            return W
+        run, root = self.stack.run, 1.0 / np.sqrt(self.variance(channel))
+        fitted = np.where(train, root, 0.0)
+        total = np.maximum(np.bincount(run, fitted**2), 1e-300)
+        out = np.empty_like(W)
+        for j in range(W.shape[1]):
+            mean = np.bincount(run, fitted * W[:, j]) / total
+            out[:, j] = W[:, j] - root * mean[run]
+            if j and np.sum(out[train, j] ** 2) <= _SEEN * np.sum(W[:, j] ** 2):
+                out[:, j] = 0.0
+        return out
 
     @staticmethod
     def _own_theta(parts: list[tuple[Array, int]], train: NDArray[np.bool_], k: int) -> list[Array]:
