@@ -330,22 +330,41 @@ class Design:
         parts = []
         for c in sorted(tied):
             rows, places = self._present(atoms, offsets, c)
-            parts.append((self.whitened(c, places), rows))
+            parts.append((c, self.whitened(c, places), rows))
         cells = np.zeros(int(self.stack.cell[-1]) + 1)
         fold = self.stack.cell % FOLDS
         for f in range(FOLDS):
             train, test = fold != f, fold == f
+            blind = [(self._blind(W, c, train), rows) for c, W, rows in parts]
             A, b = np.zeros((offsets[-1], offsets[-1])), np.zeros(offsets[-1])
-            for W, rows in parts:
+            for W, rows in blind:
                 X = W[train, 1:]
                 A[np.ix_(rows, rows)] += X.T @ X
                 b[rows] += X.T @ W[train, 0]
             old, new = np.zeros(offsets[-1]), _inverse(A) @ b
             old[: offsets[-2]] = _inverse(A[: offsets[-2], : offsets[-2]]) @ b[: offsets[-2]]
-            for W, rows in parts:
+            for W, rows in blind:
                 before, after = (W[test, 0] - W[test, 1:] @ theta[rows] for theta in (old, new))
                 cells += np.bincount(self.stack.cell[test], before**2 - after**2, cells.size)
         return float(cells.sum()), float(cells.sum() - cells.max())
+
+    def _blind(self, W: Array, channel: int, train: NDArray[np.bool_]) -> Array:
+        """Whitened columns with each run's bias that of the fitted cells: one of all cells tells them of the others.
+
+        Columns that the fitted cells don't see are zero. With drift the filter goes by the past, and nothing is to do.
+        """
+        if self.drift[channel].level > 0.0:
+            return W
+        run, root = self.stack.run, 1.0 / np.sqrt(self.variance(channel))
+        fitted = np.where(train, root, 0.0)
+        total = np.maximum(np.bincount(run, fitted**2), 1e-300)
+        out = np.empty_like(W)
+        for j in range(W.shape[1]):
+            mean = np.bincount(run, fitted * W[:, j]) / total
+            out[:, j] = W[:, j] - root * mean[run]
+            if j and np.sum(out[train, j] ** 2) <= _SEEN * np.sum(W[:, j] ** 2):
+                out[:, j] = 0.0
+        return out
 
     @staticmethod
     def _tied(selection: Sequence[Atom], atom: Atom) -> set[int]:
