@@ -1,0 +1,56 @@
+"""Recordings over the wire faster than real time: pseudo terminal, acquisition process and log as they are.
+
+`imutui virtual --speed` makes a faster unit: the host's clock then goes slower than the unit's, and the log holds what a
+clock on the wall saw. Here both processes take the time of the unit, which goes on when the host has read what was
+sent. So an acquisition is as fast as the machine, and no load makes a packet late.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_HERE = Path(__file__).parent
+
+
+@contextmanager
+def unit(scenario: Path, power_on: int, *options: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """A virtual unit on a time of its own: port, and the environment for `imutui record`."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, str(_HERE / "virtual.py"), folder, "--while-stdin"]
+        command += ["--scenario", str(scenario), "--power-on", str(power_on), *options]
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        try:
+            port = process.stdout.readline().strip()
+            if not port:
+                raise RuntimeError(process.communicate()[1])
+            path = os.pathsep.join(filter(None, (str(_HERE / "host"), os.environ.get("PYTHONPATH"))))
+            yield port, {**os.environ, "PYTHONPATH": path, "IMUTUI_TEST_UNIT_TIME": folder}
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def acquire(
+    scenario: Path, power_on: int, log: Path, seconds: float, *options: str, check: int | None = 0
+) -> "subprocess.CompletedProcess[str]":
+    """Record one power-on of a scenario with `imutui record`, 20 Hz without a filter unless options say otherwise."""
+    with unit(scenario, power_on) as (port, environment):
+        command = [sys.executable, "-m", "imutui", "record", "--port", port, "-o", str(log), "--name", log.stem]
+        command += ["--duration", f"{seconds:g}"]
+        if "--filter" not in options:
+            command += ["--filter", "none"]
+        if "--rate" not in options:
+            command += ["--rate", "20"]
+        done = subprocess.run(
+            [*command, *options], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        )
+    if check is not None and done.returncode != check:
+        raise RuntimeError(f"exit {done.returncode}\n{done.stdout}\n{done.stderr}")
+    return done
