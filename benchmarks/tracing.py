@@ -33,7 +33,7 @@ _NOISE = ("bandwidth", "noise_crosstalk")
 _SAME_HZ = 0.02
 
 
-# -------------------------------------------------------------------------------------------------------------- scoring
+# ----------------------------------------------------------------------------------------------------------- scoring
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _limit(document: dict[str, Any], channel: str) -> float:
     return float("inf")
 
 
-# ------------------------------------------------------------------------------------------------------------- the table
+# ---------------------------------------------------------------------------------------------------------- the table
 
 
 @dataclass(frozen=True)
@@ -241,11 +241,17 @@ def table(outcomes: dict[str, list[Outcome]]) -> list[Row]:
         told = [t for o in own for t in o.told]
         rows += _ROWS[kind](kind, own, told)
     transfers = [
-        t for kind in ("catalogue", "several") for o in outcomes.get(kind, []) for t in o.told if t.transfers and t.d >= 10
+        t
+        for kind in ("catalogue", "several")
+        for o in outcomes.get(kind, [])
+        for t in o.told
+        if t.transfers and t.d >= 10
     ]
     if transfers:
         judged = [t for t in transfers if np.isfinite(t.nis)]
-        rows.append(_least("transfer", "√NIS after <= 1.20 on the held-out run", (t.nis <= IN_BAND for t in judged), 0.9))
+        rows.append(
+            _least("transfer", "√NIS after <= 1.20 on the held-out run", (t.nis <= IN_BAND for t in judged), 0.9)
+        )
         rows.append(_plain("transfer", "E10 after <= 1.20 x floor", (t.e10 <= IN_BAND for t in judged)))
         z = [abs(x) for t in transfers if t.named for x in t.z]
         inside = sum(x <= 2.0 for x in z)
@@ -366,9 +372,7 @@ def failed(kind: str, outcome: Outcome) -> str:
     for t in outcome.told:
         if kind == "faint":
             words += ["wrong name"] if t.wrong and not t.rival else []
-        elif kind == "unknown":
-            words += [] if t.detected else ["missed"]
-        elif kind == "noise":
+        elif kind == "unknown" or kind == "noise":
             words += [] if t.detected else ["missed"]
         elif not t.detected:
             words.append(f"missed {t.names[0]}")
@@ -383,7 +387,7 @@ def failed(kind: str, outcome: Outcome) -> str:
     return "; ".join(words)
 
 
-# ------------------------------------------------------------------------------------------------------------ running it
+# --------------------------------------------------------------------------------------------------------- running it
 
 
 def run(name: str, final: bool) -> tuple[Case, dict[str, Any], float]:
@@ -399,7 +403,9 @@ def run(name: str, final: bool) -> tuple[Case, dict[str, Any], float]:
 def replay(name: str, final: bool) -> None:
     """Print all that is found in one case."""
     case, document, seconds = run(name, final)
-    print(f"{name}: {case.campaign}, {len(case.runs)} runs of {case.runs[0].seconds:.0f} s, traced in {seconds:.1f} s CPU")
+    print(
+        f"{name}: {case.campaign}, {len(case.runs)} runs of {case.runs[0].seconds:.0f} s, traced in {seconds:.1f} s CPU"
+    )
     for truth in case.truths:
         print(f"  true    {truth.text} on {','.join(truth.channels)}, d {truth.d:.1f}")
     print(f"  says    {document['sentence']}")

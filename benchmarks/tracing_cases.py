@@ -95,7 +95,7 @@ class Plan:
         return len(self.temperatures) - self.hold
 
 
-# ------------------------------------------------------------------------------------------------------------ campaigns
+# --------------------------------------------------------------------------------------------------------- campaigns
 
 
 def tumble() -> Profile:
@@ -159,7 +159,7 @@ def _driven(rng: np.random.Generator, kind: str, seconds: float) -> Temperature:
     return Temperature(tuple((float(t), float(T)) for t, T in points))
 
 
-# ----------------------------------------------------------------------------------------------------------------- runs
+# -------------------------------------------------------------------------------------------------------------- runs
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,9 @@ def made(plan: Plan, seed: int, spoiled: Spoiled) -> tuple[Run, ...]:
         latency = poles / (1.0 - poles) / plan.rate
         name = f"run {k + 1}"
         out.append(
-            Run(name, t, values, T, angles, rates, AxisMap(), forms.SITE, None, COUNT, hz if hz.any() else None, latency)
+            Run(
+                name, t, values, T, angles, rates, AxisMap(), forms.SITE, None, COUNT, hz if hz.any() else None, latency
+            )
         )
     return tuple(out)
 
@@ -240,7 +242,9 @@ def detectability(plan: Plan, seed: int, spoiled: Spoiled, rate: float) -> Array
     for k in range(plan.learning):
         clean = recorded(plan, seed, k, (), silent, rate)
         effects = spoiled.effects(k)
-        error = reading(recorded(plan, seed, k, effects, silent, rate)) - reading(clean) if effects else np.zeros((1, 6))
+        error = (
+            reading(recorded(plan, seed, k, effects, silent, rate)) - reading(clean) if effects else np.zeros((1, 6))
+        )
         if spoiled.more is not None:
             error = error + spoiled.more(k, world(replace(plan, rate=rate), clean))
         total += np.sum((error - error.mean(axis=0)) ** 2, axis=0) / rate
@@ -252,7 +256,7 @@ def where(d: Array) -> tuple[str, ...]:
     return tuple(name for name, own in zip(CHANNELS, d, strict=True) if own**2 >= 0.1 * (d @ d))
 
 
-# -------------------------------------------------------------------------------------------------- the catalogue's ones
+# ----------------------------------------------------------------------------------------------- the catalogue's ones
 
 
 @dataclass(frozen=True)
@@ -394,7 +398,7 @@ def together(parts: Sequence[Spoiled]) -> Spoiled:
     return Spoiled(lambda run: tuple(e for part in parts for e in part.effects(run)), more[0] if more else None)
 
 
-# ---------------------------------------------------------------------------------------------------------- the classes
+# ------------------------------------------------------------------------------------------------------- the classes
 
 
 def _seed(rng: np.random.Generator) -> int:
@@ -537,7 +541,9 @@ def integrity(name: str, number: int, rng: np.random.Generator) -> Case:
             parameters = {"sd_s": float(rng.uniform(0.08, 0.25) / plan.rate)}
             channels = ()
     made_one = Effect(effect, channels, parameters)
-    truth = Truth(f"{effect} {parameters}", frozenset([effect]), channels or CHANNELS, place="integrity", transfers=False)
+    truth = Truth(
+        f"{effect} {parameters}", frozenset([effect]), channels or CHANNELS, place="integrity", transfers=False
+    )
     return _case(name, plan, _seed(rng), Spoiled(lambda run: (made_one,)), [truth])
 
 
