@@ -33,7 +33,7 @@ _NOISE = ("bandwidth", "noise_crosstalk")
 _SAME_HZ = 0.02
 
 
-# -------------------------------------------------------------------------------------------------------------- scoring
+# ----------------------------------------------------------------------------------------------------------- scoring
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _limit(document: dict[str, Any], channel: str) -> float:
     return float("inf")
 
 
-# ------------------------------------------------------------------------------------------------------------- the table
+# ---------------------------------------------------------------------------------------------------------- the table
 
 
 @dataclass(frozen=True)
@@ -372,9 +372,7 @@ def failed(kind: str, outcome: Outcome) -> str:
     for t in outcome.told:
         if kind == "faint":
             words += ["wrong name"] if t.wrong and not t.rival else []
-        elif kind == "unknown":
-            words += [] if t.detected else ["missed"]
-        elif kind == "noise":
+        elif kind == "unknown" or kind == "noise":
             words += [] if t.detected else ["missed"]
         elif not t.detected:
             words.append(f"missed {t.names[0]}")
@@ -389,7 +387,7 @@ def failed(kind: str, outcome: Outcome) -> str:
     return "; ".join(words)
 
 
-# ------------------------------------------------------------------------------------------------------------ running it
+# --------------------------------------------------------------------------------------------------------- running it
 
 
 def run(name: str, final: bool) -> tuple[Case, dict[str, Any], float]:

@@ -95,7 +95,7 @@ class Plan:
         return len(self.temperatures) - self.hold
 
 
-# ------------------------------------------------------------------------------------------------------------ campaigns
+# --------------------------------------------------------------------------------------------------------- campaigns
 
 
 def tumble() -> Profile:
@@ -159,7 +159,7 @@ def _driven(rng: np.random.Generator, kind: str, seconds: float) -> Temperature:
     return Temperature(tuple((float(t), float(T)) for t, T in points))
 
 
-# ----------------------------------------------------------------------------------------------------------------- runs
+# -------------------------------------------------------------------------------------------------------------- runs
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ def where(d: Array) -> tuple[str, ...]:
     return tuple(name for name, own in zip(CHANNELS, d, strict=True) if own**2 >= 0.1 * (d @ d))
 
 
-# -------------------------------------------------------------------------------------------------- the catalogue's ones
+# ----------------------------------------------------------------------------------------------- the catalogue's ones
 
 
 @dataclass(frozen=True)
@@ -398,7 +398,7 @@ def together(parts: Sequence[Spoiled]) -> Spoiled:
     return Spoiled(lambda run: tuple(e for part in parts for e in part.effects(run)), more[0] if more else None)
 
 
-# ---------------------------------------------------------------------------------------------------------- the classes
+# ------------------------------------------------------------------------------------------------------- the classes
 
 
 def _seed(rng: np.random.Generator) -> int:

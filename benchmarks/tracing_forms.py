@@ -78,7 +78,9 @@ _T = {"driver:temperature", "driver:temperature_threshold", "thermal_lin", "ther
 _RATE = {"driver:temperature_rate", "thermal_rate"}
 
 
-def _of_T(shape: Callable[[np.random.Generator], Callable[[Array], Array]]) -> Callable[..., tuple[Function, set[str]]]:
+def _of_temperature(
+    shape: Callable[[np.random.Generator], Callable[[Array], Array]],
+) -> Callable[..., tuple[Function, set[str]]]:
     def drawn(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
         f = shape(rng)
         return lambda world, own: f(world.T), _T
@@ -86,32 +88,32 @@ def _of_T(shape: Callable[[np.random.Generator], Callable[[Array], Array]]) -> C
     return drawn
 
 
-def _tanh_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _tanh_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     at, width = rng.uniform(24, 29), rng.uniform(0.8, 2.5)
     return lambda T: np.tanh((T - at) / width)
 
 
-def _exp_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _exp_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     width = rng.uniform(2, 5) * rng.choice([-1.0, 1.0])
     return lambda T: np.exp((T - 27.0) / width)
 
 
-def _abs_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _abs_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     at = rng.uniform(23.5, 28)
     return lambda T: np.abs(T - at)
 
 
-def _bump_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _bump_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     at, width = rng.uniform(23.5, 29), rng.uniform(1.0, 2.5)
     return lambda T: np.exp(-0.5 * ((T - at) / width) ** 2)
 
 
-def _sin_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _sin_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     period, phase = rng.uniform(6, 12), rng.uniform(0, 2 * np.pi)
     return lambda T: np.sin(2 * np.pi * T / period + phase)
 
 
-def _threshold_T(rng: np.random.Generator) -> Callable[[Array], Array]:
+def _threshold_heat(rng: np.random.Generator) -> Callable[[Array], Array]:
     at = rng.uniform(24, 28)
     return lambda T: (at < T).astype(float)
 
@@ -166,7 +168,7 @@ def _direction(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     return lambda world, own: world.direction(k), {f"driver:direction_{_AXES[k]}"}
 
 
-def _T_angle(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
+def _heat_by_angle(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     k, phase = int(rng.integers(3)), rng.uniform(0, 2 * np.pi)
     names = {f"driver:temperature*angle_{_AXES[k]}"}
     return lambda world, own: (world.T - 26.0) * np.sin(world.angles[:, k] + phase), names
@@ -177,7 +179,7 @@ def _time_w(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     return lambda world, own: (world.t - 435.0) * world.w(axis), {f"driver:time*w{'xyz'[axis]}"}
 
 
-def _T_f(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
+def _heat_by_force(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     axis = int(rng.choice([k for k in range(3) if k != c % 3]))
     return lambda world, own: (world.T - 26.0) * world.f(axis), {f"driver:temperature*f{'xyz'[axis]}"}
 
@@ -187,36 +189,36 @@ def _rate_norm(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     return lambda world, own: np.tanh(np.linalg.norm(world.perfect[:, :3], axis=1) * _DEG / width), {"driver:rate_norm"}
 
 
-def _tanh_T_rate(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
+def _tanh_slope(rng: np.random.Generator, c: int) -> tuple[Function, set[str]]:
     width = rng.uniform(0.005, 0.015)
     return lambda world, own: np.tanh(np.gradient(world.T, world.t) / width), _RATE
 
 
 FORMS = (
-    Form("tanh in temperature", _of_T(_tanh_T), True),
+    Form("tanh in temperature", _of_temperature(_tanh_heat), True),
     Form("tanh of own rate", _tanh_rate, channels=GYROS),
-    Form("exponential in temperature", _of_T(_exp_T), True),
+    Form("exponential in temperature", _of_temperature(_exp_heat), True),
     Form("rate times specific force", _product),
-    Form("bump in temperature", _of_T(_bump_T), True),
+    Form("bump in temperature", _of_temperature(_bump_heat), True),
     Form("three times a turn", _third),
-    Form("absolute value of temperature", _of_T(_abs_T), True),
+    Form("absolute value of temperature", _of_temperature(_abs_heat), True),
     Form("settles after moves", _settling),
     Form("cubic in another axis' force", _cubic_f),
-    Form("threshold in temperature", _of_T(_threshold_T), True),
+    Form("threshold in temperature", _of_temperature(_threshold_heat), True),
     Form("direction of the last move", _direction),
-    Form("temperature times angle", _T_angle),
-    Form("sine in temperature", _of_T(_sin_T), True),
+    Form("temperature times angle", _heat_by_angle),
+    Form("sine in temperature", _of_temperature(_sin_heat), True),
     Form("time times rate", _time_w),
     Form("absolute value of another axis' force", _abs_f),
     Form("signed settling", _signed_settling),
-    Form("temperature times force", _T_f),
+    Form("temperature times force", _heat_by_force),
     Form("dead zone", _dead_zone, channels=GYROS),
     Form("saturating in the norm of rate", _rate_norm),
-    Form("saturating in temperature's rate", _tanh_T_rate, True),
+    Form("saturating in temperature's rate", _tanh_slope, True),
 )
 
 
-# --------------------------------------------------------------------------------------------- causes that nobody logged
+# ------------------------------------------------------------------------------------------ causes that nobody logged
 
 
 def _none(function: Callable[[Array, np.random.Generator], Array]) -> Callable[..., tuple[Function, set[str]]]:

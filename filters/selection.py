@@ -17,7 +17,7 @@ from filters.effects.events import Event
 from filters.effects.hypothesis import CHANNELS
 from filters.evidence import Atom, Design, Fit
 from filters.types import Array
-from filters.whitening import NONE, Drift, best_drift, unbiased
+from filters.whitening import NONE, Drift, best_drift, best_pair, unbiased
 
 ACCEPT = 9.0
 KEEP = 4.5
@@ -360,29 +360,35 @@ def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) ->
 
 
 def _guard(chosen: Selection, atom: Atom, columns: Array | None) -> float:
-    """Score of an atom when both models have their own best drift."""
+    """Score of an atom when both models have their own best drift, of one process or, if that passes, of two."""
     design = chosen.design
     (c,) = atom.places
     own = columns if columns is not None else design.columns[:, atom.places[c]]
     fast = isinstance(atom.hypothesis, events.Tone) and atom.hypothesis.hz > _FAST_HZ
     seconds = design.stack.period if fast else _SECOND
-    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms), seconds)
+    rows = _drift_rows(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms), seconds)
     # an event's columns are not in the design: what is shared stays as it was then
     fit = design.fit(chosen.atoms if columns is not None else [*chosen.atoms, atom])
-    after = _drift_fit(chosen, c, own, fit, seconds)
-    return min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
+    with_it = _drift_rows(chosen, c, own, fit, seconds)
+    before, after = (best_drift(*each) for each in (rows, with_it))
+    single = min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
+    if single <= ACCEPT:
+        return single
+    pairs = [min(one[0], one[2], best_pair(*each, one[1])) for each, one in ((rows, before), (with_it, after))]
+    return min(single, pairs[0] - pairs[1] - chosen.price(atom))
 
 
 def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
     """Gain of the best drift process of a channel, and it."""
-    best, drift, none = _drift_fit(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)), chosen.fit())
+    rows = _drift_rows(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)), chosen.fit())
+    best, drift, none = best_drift(*rows)
     return none - best, drift
 
 
-def _drift_fit(
+def _drift_rows(
     chosen: Selection, channel: int, more: Array, fit: Fit, seconds: float = _SECOND
-) -> tuple[float, Drift, float]:
-    """`best_drift` on rows of 1 s, or so many, under what is selected and more columns; shared effects are as in a fit."""
+) -> tuple[Array, Array, NDArray[np.int_], Array, float]:
+    """Rows of 1 s, or so many, for `best_drift`: what is selected and more columns; shared effects are as in a fit."""
     design, stack = chosen.design, chosen.design.stack
     y = stack.y[:, channel].copy()
     for atom, theta in zip(fit.atoms, fit.theta, strict=True):
@@ -390,8 +396,7 @@ def _drift_fit(
             y -= design.columns[:, atom.places[channel]] @ theta
     own = [design.columns[:, a.places[channel]] for a in chosen.on(channel) if len(a.places) == 1]
     raw = np.column_stack([y, *own, more])
-    rows, t, starts, variance = by_seconds(design, channel, raw, seconds)
-    return best_drift(rows, t, starts, variance, max(seconds, stack.period))
+    return (*by_seconds(design, channel, raw, seconds), max(seconds, stack.period))
 
 
 def by_seconds(
