@@ -382,13 +382,17 @@ def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
     """Gain of the best drift process of a channel, and it."""
     rows = _drift_rows(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)), chosen.fit())
     best, drift, none = best_drift(*rows)
+    walk = best_drift(*rows, taus=(np.inf,))
+    # a walk has one parameter less
+    if walk[0] - best < np.log(chosen.design.stack.seconds(channel)):
+        return none - walk[0], walk[1]
     return none - best, drift
 
 
 def _drift_rows(
     chosen: Selection, channel: int, more: Array, fit: Fit, seconds: float = _SECOND
 ) -> tuple[Array, Array, NDArray[np.int_], Array, float]:
-    """Rows of 1 s, or so many, for `best_drift`: what is selected and more columns; shared effects are as in a fit."""
+    """Rows of 1 s, or so many, for `best_drift`: what is selected, and more columns; shared effects as in a fit."""
     design, stack = chosen.design, chosen.design.stack
     y = stack.y[:, channel].copy()
     for atom, theta in zip(fit.atoms, fit.theta, strict=True):
@@ -444,7 +448,6 @@ class Rival:
 
 _EVIDENCE = 6.0
 _SAME_PART = 0.97
-_CONTAINED = 2e-3
 _MOST = 6
 
 
@@ -481,7 +484,7 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
         close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)
-        if not close or b.hypothesis.effect in found or _contains(design, rest, b, atom):
+        if not close or b.hypothesis.effect in found or contains(b, atom):
             continue
         found[b.hypothesis.effect] = Rival(b, difference)
         if len(found) >= _MOST:
@@ -489,36 +492,32 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     return list(found.values())
 
 
-def _contains(design: Design, rest: list[Atom], b: Atom, a: Atom) -> bool:
-    """Whether b is a wider form of a: it has more parameters, and a adds nothing beside it."""
+def contains(b: Atom, a: Atom) -> bool:
+    """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
+    h, wide = a.hypothesis, b.hypothesis.effect
     if b.size <= a.size:
         return False
-    return max(_share_left(design, rest, b, a)) < _CONTAINED
-
-
-def _share_left(design: Design, rest: list[Atom], b: Atom, a: Atom) -> list[float]:
-    """Of each column of a, the share of its variance that b does not carry, beside the rest."""
-    out = []
-    for c, places in a.places.items():
-        if c not in b.places:
-            return [1.0]
-        G = design.gram(c)[0]
-        base = [x.places[c] for x in rest if c in x.places]
-        for p in places.tolist():
-            alone = _left(G, p, np.concatenate(base) if base else np.zeros(0, int))
-            both = _left(G, p, np.concatenate([*base, b.places[c]]))
-            out.append(both / alone if alone > 0.0 else 0.0)
-    return out
-
-
-def _left(G: Array, p: int, others: Array) -> float:
-    """Squared norm of a column that others do not carry."""
-    if not others.size:
-        return float(G[p, p])
-    scale = np.sqrt(np.maximum(np.diag(G)[others], 1e-300))
-    A = G[np.ix_(others, others)] / np.outer(scale, scale)
-    b = G[others, p] / scale
-    return float(G[p, p] - b @ np.linalg.lstsq(A, b, rcond=1e-10)[0])
+    if wide == "thermal_poly":
+        return h.effect == "thermal_lin"
+    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
+    axes = str(h.shape().get("axes", ""))
+    drivers = {
+        "thermal_lin": "temperature",
+        "thermal_poly": "temperature",
+        "thermal_rate": "temperature_rate",
+        "ramp": "time",
+        "warmup": "time",
+        "scale": own,
+        "asymmetry": own,
+        "nonlinearity_quadratic": own,
+        "nonlinearity_cubic": own,
+        "g_squared": f"f{h.shape().get('axis', '')}",
+        "g_sensitivity": f"f{axes}",
+        "cross_axis": f"{own[0]}{axes}",
+        "harmonic": f"angle_{h.shape().get('axis', '')}",
+        "driver:temperature_threshold": "temperature",
+    }
+    return h.effect in drivers and wide == f"driver:{drivers[h.effect]}"
 
 
 def name_of(channel: int) -> str:

@@ -6,6 +6,7 @@ and, with the same gains, over every column of φ; normalised innovations turn g
 with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -217,7 +218,12 @@ def profile(whitened: Array) -> float:
 
 
 def best_drift(
-    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float
+    columns: Array,
+    t: Array,
+    starts: NDArray[np.int_],
+    variance: Array,
+    period: float,
+    taus: Sequence[float] = TAUS,
 ) -> tuple[float, Drift, float]:
     """Most likely drift of a channel whose regressors are fitted anew for each.
 
@@ -229,6 +235,8 @@ def best_drift(
         As in `whiten`.
     period : float
         Of a row, s.
+    taus : sequence of float
+        Time constants to try, s.
 
     Returns
     -------
@@ -239,7 +247,7 @@ def best_drift(
     unit = np.sqrt(np.median(finite) * period)
     none = _minus_two_log(columns, t, starts, variance, NONE)
     best, found = np.inf, NONE
-    for tau in TAUS:
+    for tau in taus:
         for level in LEVELS:
             drift = Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0))
             value = _minus_two_log(columns, t, starts, variance, drift)
