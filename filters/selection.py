@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects import events
+from filters.effects import events, motion
 from filters.effects.events import Event
 from filters.effects.hypothesis import CHANNELS
 from filters.evidence import Atom, Design, Fit
@@ -481,6 +481,8 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     ]
     gains = design.gains(rest, others)
     found: dict[str, Rival] = {}
+    if isinstance(atom.hypothesis, motion.Gravity):
+        found["scale"] = Rival(Atom(motion.CommonScale(), atom.places), 0.0)  # always a pair: no motion separates them
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
         close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from filters.imu import AxisMap, ImuSpec
-from filters.motion import Profile
+from filters.motion import Dwell, Profile, Rate, Sine
 from filters.residual import Run, rest_attitudes
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
 
@@ -63,3 +63,33 @@ def power_ons(
         axes=axes or AxisMap(),
     )
     return [run_of(scenario, k, hz, seconds) for k in range(count)]
+
+
+def _tumble() -> Profile:
+    poses = [
+        (0, 0, 0),
+        (90, 0, 0),
+        (180, 0, 0),
+        (-90, 0, 0),
+        (0, 90, 0),
+        (0, -90, 0),
+        (45, 0, 0),
+        (-45, 0, 30),
+        (0, 45, 60),
+    ]
+    poses += [(45, 45, 0), (30, -45, 90), (135, 0, 0)]
+    segments: list[Dwell | Rate | Sine] = []
+    segments += [Dwell((np.deg2rad(a), np.deg2rad(b), np.deg2rad(c)), 12.0) for a, b, c in poses]
+    segments += [
+        Dwell((0.0, 0.0, 0.0), 10.0),
+        Rate("inner", np.deg2rad(20.0), 18.0),
+        Rate("inner", np.deg2rad(-20.0), 18.0),
+    ]
+    for axis in ("inner", "outer", "middle"):
+        segments += [Rate(axis, np.deg2rad(rate), 6.0) for rate in (60.0, -60.0)]
+        segments += [Dwell((0.0, 0.0, 0.0), 5.0), Sine(axis, np.deg2rad(20.0), 0.3, 10.0)]
+    return Profile((*segments, Dwell((0.0, 0.0, 0.0), 10.0)))
+
+
+TUMBLE = _tumble()
+"""Twelve attitudes, a heading sweep both ways, rates and sines about each axis; 378 s."""
