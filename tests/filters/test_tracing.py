@@ -111,6 +111,13 @@ def test_one_cold_start_is_never_better_than_confounded() -> None:
         assert {e["heldout"] for e in document["error"]} == {"folds"}
 
 
+def test_one_run_does_not_explain_by_temperature_even_without_a_rival() -> None:
+    """Heating and cooling within one power-on: the term stands alone, and transfer is still not shown."""
+    t = trace(power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), count=1), None)
+    assert found(t)["thermal_lin", "gy"]["rivals"] == []
+    assert t.document["status"]["gy"] == "confounded"
+
+
 def test_a_still_log_says_what_it_cannot_show() -> None:
     """One attitude, one cold start: all that motion excites, and the thermal family that looks alike."""
     runs = power_ons(count=1, seconds=1800.0, hz=10.0, histories=(None,))
