@@ -45,6 +45,17 @@ Where things are
     `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model · `allan` white noise and
     drift of a log · `simulation` units with known truth.
 
+    `effects` the catalogue of what may be wrong with a unit · `residual` reading minus what a perfect unit reads, in
+    blocks · `whitening` the bias filter over residuals and regressors, likelihood of drift · `evidence` what a
+    hypothesis gains · `selection` which are there, and their rivals · `levels` what the noise follows · `untestable`
+    what a log can't show · `verification` error before and after · `curves` what a free curve looks like ·
+    `experiment`, `plans` the motion that separates rivals · `tracing` all of it, as a report.
+
+Residual and effects
+    residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an
+    error of the reading, e = φ θ, and the same φ screens residuals and joins the filter, where b_eff = b + φ x. A run
+    is one power-on, with constant biases of its own. What is found is judged on a run that nothing was fitted to.
+
 Measurements of the reference
     exact        the known state itself is fed: a table at rest is known; NIS is then no test
     drawn        with noise of covariance R, from a counter-based generator: NIS and NEES are chi-square

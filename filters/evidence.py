@@ -26,6 +26,7 @@ FOLDS = 5
 _CHI2_MEDIAN = 0.4549364
 _VARIES = 1e-9
 _SEEN = 1e-4
+_INPUTS = ("wx", "wy", "wz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -318,43 +319,61 @@ class Design:
         return r
 
     def heldout(self, selection: Sequence[Atom], atom: Atom) -> tuple[float, float]:
-        """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell."""
-        cells = np.zeros(int(self.stack.cell[-1]) + 1)
+        """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell.
+
+        Both fits, without and with it, are joint over all channels that shared effects tie to the atom's.
+        """
+        tied = self._tied(selection, atom)
+        base = [a for a in selection if set(a.places) & tied]
+        atoms = [*base, atom]
+        offsets = np.concatenate([[0], np.cumsum([a.size for a in atoms])]).astype(int).tolist()
         parts = []
-        for c in atom.places:
-            rows, places = self._present(selection, np.cumsum([0, *(a.size for a in selection)]).tolist(), c)
-            W = self.whitened(c, np.concatenate([places, atom.places[c]]))
-            parts.append((W, rows.size))
+        for c in sorted(tied):
+            rows, places = self._present(atoms, offsets, c)
+            parts.append((c, self.whitened(c, places), rows))
+        cells = np.zeros(int(self.stack.cell[-1]) + 1)
         fold = self.stack.cell % FOLDS
         for f in range(FOLDS):
             train, test = fold != f, fold == f
-            own = self._own_theta(parts, train, atom.size)
-            for (W, size), theta in zip(parts, own, strict=True):
-                base = _solve(W[train, 1 : 1 + size], W[train, 0])
-                before = W[test, 0] - W[test, 1 : 1 + size] @ base
-                after = W[test, 0] - W[test, 1:] @ theta
+            blind = [(self._blind(W, c, train), rows) for c, W, rows in parts]
+            A, b = np.zeros((offsets[-1], offsets[-1])), np.zeros(offsets[-1])
+            for W, rows in blind:
+                X = W[train, 1:]
+                A[np.ix_(rows, rows)] += X.T @ X
+                b[rows] += X.T @ W[train, 0]
+            old, new = np.zeros(offsets[-1]), _inverse(A) @ b
+            old[: offsets[-2]] = _inverse(A[: offsets[-2], : offsets[-2]]) @ b[: offsets[-2]]
+            for W, rows in blind:
+                before, after = (W[test, 0] - W[test, 1:] @ theta[rows] for theta in (old, new))
                 cells += np.bincount(self.stack.cell[test], before**2 - after**2, cells.size)
         return float(cells.sum()), float(cells.sum() - cells.max())
 
+    def _blind(self, W: Array, channel: int, train: NDArray[np.bool_]) -> Array:
+        """Whitened columns with each run's bias that of the fitted cells: one of all cells tells them of the others.
+
+        Columns that the fitted cells don't see are zero. With drift the filter goes by the past, and nothing is to do.
+        """
+        if self.drift[channel].level > 0.0:
+            return W
+        run, root = self.stack.run, 1.0 / np.sqrt(self.variance(channel))
+        fitted = np.where(train, root, 0.0)
+        total = np.maximum(np.bincount(run, fitted**2), 1e-300)
+        out = np.empty_like(W)
+        for j in range(W.shape[1]):
+            mean = np.bincount(run, fitted * W[:, j]) / total
+            out[:, j] = W[:, j] - root * mean[run]
+            if j and np.sum(out[train, j] ** 2) <= _SEEN * np.sum(W[:, j] ** 2):
+                out[:, j] = 0.0
+        return out
+
     @staticmethod
-    def _own_theta(parts: list[tuple[Array, int]], train: NDArray[np.bool_], k: int) -> list[Array]:
-        """Parameters on each channel: of what is there already its own, of the new atom the same on all."""
-        total = sum(size for _, size in parts) + k
-        A, b, at = np.zeros((total, total)), np.zeros(total), 0
-        places = []
-        for W, size in parts:
-            ix = np.concatenate([np.arange(at, at + size), np.arange(total - k, total)])
-            X = W[train, 1:]
-            A[np.ix_(ix, ix)] += X.T @ X
-            b[ix] += X.T @ W[train, 0]
-            places.append(ix)
-            at += size
-        theta = _inverse(A) @ b
-        return [theta[ix] for ix in places]
-
-
-def _solve(X: Array, y: Array) -> Array:
-    return _inverse(X.T @ X) @ (X.T @ y) if X.shape[1] else np.zeros(0)
+    def _tied(selection: Sequence[Atom], atom: Atom) -> set[int]:
+        """Channels of an atom, and all that shared effects of a selection tie to them."""
+        tied, more = set(atom.places), True
+        while more:
+            wider = tied.union(*(a.places for a in selection if tied & set(a.places)))
+            more, tied = wider > tied, wider
+        return tied
 
 
 def _inverse(A: Array) -> Array:
@@ -417,6 +436,29 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
     return _filled(stack, makers, width), atoms
 
 
+def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
+    """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
+    wanted = [(a, c) for a in atoms for c in a.places]
+    out: dict[tuple[object, int], Array] = {}
+    places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
+    fast = [
+        (_bound(a.hypothesis, c), slice(places[k], places[k + 1]))
+        for k, (a, c) in enumerate(wanted)
+        if not is_slow(a.hypothesis)
+    ]
+    values = np.empty((stack.t.size, int(places[-1])))
+    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
+        rows = slice(start, start + blocks.t.size)
+        if fast:
+            blocks.mean(fast, values[rows])
+        for k, (a, c) in enumerate(wanted):
+            if is_slow(a.hypothesis):
+                values[rows, places[k] : places[k + 1]] = a.hypothesis.columns(blocks.slow(), c)
+    for k, (a, c) in enumerate(wanted):
+        out[a.key, c] = np.nan_to_num(values[:, places[k] : places[k + 1]])
+    return out
+
+
 def is_slow(h: Hypothesis) -> bool:
     """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
     return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
@@ -442,17 +484,19 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
 
 def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
     """Whether what an effect is a function of is there and varies."""
-    if h.source == "temperature" or h.effect == "thermal_scale":
+    if h.effect == "thermal_scale":
+        # of an input that never varies it is a bias that follows temperature
+        return "temperature" in ranges and _INPUTS[h.channels[0]] in ranges
+    if h.source == "temperature":
         return "temperature" in ranges
     if h.effect == "harmonic":
         return str(h.shape()["axis"]) in ranges
-    return h.source == "time" or any(name in ranges for name in ("wx", "wy", "wz", "fx", "fy", "fz"))
+    return h.source == "time" or any(name in ranges for name in _INPUTS)
 
 
 def _twin(name: str, channel: int) -> bool:
     """Whether a product is in the catalogue under another name: x (T - T0)."""
-    own = ("wx", "wy", "wz", "fx", "fy", "fz")[channel]
-    return name == f"temperature*{own}"
+    return name == f"temperature*{_INPUTS[channel]}"
 
 
 def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:

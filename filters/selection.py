@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects import events
+from filters.effects import events, motion
 from filters.effects.events import Event
 from filters.effects.hypothesis import CHANNELS
 from filters.evidence import Atom, Design, Fit
 from filters.types import Array
-from filters.whitening import NONE, Drift, best_drift, unbiased
+from filters.whitening import NONE, Drift, best_drift, best_pair, unbiased
 
 ACCEPT = 9.0
 KEEP = 4.5
@@ -25,6 +25,8 @@ _ROUNDS = 24
 _TRIES = 6
 _DRIFT_GRID = 20.0
 _SECOND = 1.0
+_FAST_HZ = 0.2
+"""Faster tones are lost in means of 1 s."""
 _TEMPERATURE_SHARE = 0.9
 _BAND = 0.01
 _TONES_A_BAND = 3
@@ -80,6 +82,7 @@ class Selection:
     atoms: list[Atom] = field(default_factory=list)
     weak: list[Weak] = field(default_factory=list)
     heldout: dict[object, float] = field(default_factory=dict)
+    _searched: dict[int, tuple[object, list["_Candidate"]]] = field(default_factory=dict)
 
     def price(self, atom: Atom) -> float:
         """What an atom's parameters and its choice cost."""
@@ -207,12 +210,23 @@ def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) 
         if g > ACCEPT
     ]
     for c in channels:
-        found += _events(chosen, c)
-        if chosen.design.drift[c].level == 0.0:
-            gain, drift = _drift_of(chosen, c)
-            price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
-            found.append(_Candidate(gain - price, gain, None, c, drift))
+        found += _searched(chosen, c)
     return iter(sorted(found, key=lambda candidate: -candidate.score))
+
+
+def _searched(chosen: Selection, channel: int) -> list[_Candidate]:
+    """Events and drift of a channel, sought again only when something has changed there."""
+    state = tuple(a.key for a in chosen.on(channel)), chosen.design.drift[channel]
+    before, found = chosen._searched.get(channel, (None, []))
+    if before == state:
+        return found
+    found = _events(chosen, channel)
+    if chosen.design.drift[channel].level == 0.0:
+        gain, drift = _drift_of(chosen, channel)
+        price = 2.0 * float(np.log(chosen.design.stack.seconds(channel))) + 2.0 * float(np.log(_DRIFT_GRID))
+        found.append(_Candidate(gain - price, gain, None, channel, drift))
+    chosen._searched[channel] = state, found
+    return found
 
 
 def rank(atom: Atom) -> int:
@@ -346,28 +360,47 @@ def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) ->
 
 
 def _guard(chosen: Selection, atom: Atom, columns: Array | None) -> float:
-    """Score of an atom when both models have their own best drift."""
+    """Score of an atom when both models have their own best drift, of one process or, if that passes, of two."""
     design = chosen.design
     (c,) = atom.places
     own = columns if columns is not None else design.columns[:, atom.places[c]]
-    before = _drift_fit(chosen, c, np.zeros((own.shape[0], 0)))
-    after = _drift_fit(chosen, c, own)
-    return min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
+    fast = isinstance(atom.hypothesis, events.Tone) and atom.hypothesis.hz > _FAST_HZ
+    seconds = design.stack.period if fast else _SECOND
+    rows = _drift_rows(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms), seconds)
+    # an event's columns are not in the design: what is shared stays as it was then
+    fit = design.fit(chosen.atoms if columns is not None else [*chosen.atoms, atom])
+    with_it = _drift_rows(chosen, c, own, fit, seconds)
+    before, after = (best_drift(*each) for each in (rows, with_it))
+    single = min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
+    if single <= ACCEPT:
+        return single
+    pairs = [min(one[0], one[2], best_pair(*each, one[1])) for each, one in ((rows, before), (with_it, after))]
+    return min(single, pairs[0] - pairs[1] - chosen.price(atom))
 
 
 def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
     """Gain of the best drift process of a channel, and it."""
-    best, drift, none = _drift_fit(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)))
+    rows = _drift_rows(chosen, channel, np.zeros((chosen.design.stack.t.size, 0)), chosen.fit())
+    best, drift, none = best_drift(*rows)
+    walk = best_drift(*rows, taus=(np.inf,))
+    # a walk has one parameter less
+    if walk[0] - best < np.log(chosen.design.stack.seconds(channel)):
+        return none - walk[0], walk[1]
     return none - best, drift
 
 
-def _drift_fit(chosen: Selection, channel: int, more: Array) -> tuple[float, Drift, float]:
-    """`best_drift` on 1 s rows, under what is selected and more columns."""
+def _drift_rows(
+    chosen: Selection, channel: int, more: Array, fit: Fit, seconds: float = _SECOND
+) -> tuple[Array, Array, NDArray[np.int_], Array, float]:
+    """Rows of 1 s, or so many, for `best_drift`: what is selected, and more columns; shared effects as in a fit."""
     design, stack = chosen.design, chosen.design.stack
-    own = [design.columns[:, a.places[channel]] for a in chosen.on(channel)]
-    raw = np.column_stack([stack.y[:, channel], *own, more])
-    rows, t, starts, variance = by_seconds(design, channel, raw)
-    return best_drift(rows, t, starts, variance, max(_SECOND, stack.period))
+    y = stack.y[:, channel].copy()
+    for atom, theta in zip(fit.atoms, fit.theta, strict=True):
+        if channel in atom.places and len(atom.places) > 1:
+            y -= design.columns[:, atom.places[channel]] @ theta
+    own = [design.columns[:, a.places[channel]] for a in chosen.on(channel) if len(a.places) == 1]
+    raw = np.column_stack([y, *own, more])
+    return (*by_seconds(design, channel, raw, seconds), max(seconds, stack.period))
 
 
 def by_seconds(
@@ -415,7 +448,6 @@ class Rival:
 
 _EVIDENCE = 6.0
 _SAME_PART = 0.97
-_CONTAINED = 2e-3
 _MOST = 6
 
 
@@ -449,10 +481,12 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     ]
     gains = design.gains(rest, others)
     found: dict[str, Rival] = {}
+    if isinstance(atom.hypothesis, motion.Gravity):
+        found["scale"] = Rival(Atom(motion.CommonScale(), atom.places), 0.0)  # always a pair: no motion separates them
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
         close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)
-        if not close or b.hypothesis.effect in found or _contains(design, rest, b, atom):
+        if not close or b.hypothesis.effect in found or contains(b, atom):
             continue
         found[b.hypothesis.effect] = Rival(b, difference)
         if len(found) >= _MOST:
@@ -460,36 +494,32 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     return list(found.values())
 
 
-def _contains(design: Design, rest: list[Atom], b: Atom, a: Atom) -> bool:
-    """Whether b is a wider form of a: it has more parameters, and a adds nothing beside it."""
+def contains(b: Atom, a: Atom) -> bool:
+    """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
+    h, wide = a.hypothesis, b.hypothesis.effect
     if b.size <= a.size:
         return False
-    return max(_share_left(design, rest, b, a)) < _CONTAINED
-
-
-def _share_left(design: Design, rest: list[Atom], b: Atom, a: Atom) -> list[float]:
-    """Of each column of a, the share of its variance that b does not carry, beside the rest."""
-    out = []
-    for c, places in a.places.items():
-        if c not in b.places:
-            return [1.0]
-        G = design.gram(c)[0]
-        base = [x.places[c] for x in rest if c in x.places]
-        for p in places.tolist():
-            alone = _left(G, p, np.concatenate(base) if base else np.zeros(0, int))
-            both = _left(G, p, np.concatenate([*base, b.places[c]]))
-            out.append(both / alone if alone > 0.0 else 0.0)
-    return out
-
-
-def _left(G: Array, p: int, others: Array) -> float:
-    """Squared norm of a column that others do not carry."""
-    if not others.size:
-        return float(G[p, p])
-    scale = np.sqrt(np.maximum(np.diag(G)[others], 1e-300))
-    A = G[np.ix_(others, others)] / np.outer(scale, scale)
-    b = G[others, p] / scale
-    return float(G[p, p] - b @ np.linalg.lstsq(A, b, rcond=1e-10)[0])
+    if wide == "thermal_poly":
+        return h.effect == "thermal_lin"
+    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
+    axes = str(h.shape().get("axes", ""))
+    drivers = {
+        "thermal_lin": "temperature",
+        "thermal_poly": "temperature",
+        "thermal_rate": "temperature_rate",
+        "ramp": "time",
+        "warmup": "time",
+        "scale": own,
+        "asymmetry": own,
+        "nonlinearity_quadratic": own,
+        "nonlinearity_cubic": own,
+        "g_squared": f"f{h.shape().get('axis', '')}",
+        "g_sensitivity": f"f{axes}",
+        "cross_axis": f"{own[0]}{axes}",
+        "harmonic": f"angle_{h.shape().get('axis', '')}",
+        "driver:temperature_threshold": "temperature",
+    }
+    return h.effect in drivers and wide == f"driver:{drivers[h.effect]}"
 
 
 def name_of(channel: int) -> str:

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from filters import curves, evidence, experiment, levels, residual, selection, untestable, verification
+from filters import curves, experiment, levels, residual, selection, untestable, verification
 from filters.effects import events, faults, lines, noise
 from filters.effects.drivers import Driver
 from filters.effects.events import Event
 from filters.effects.hypothesis import CHANNELS, DPS, MG
-from filters.effects.inputs import Inputs
 from filters.effects.record import Included, Series, State, Trace
-from filters.evidence import Atom, Design, Stack
+from filters.evidence import Atom, Design, Stack, columns_on
 from filters.residual import Run
 from filters.selection import Rival, Selection
 from filters.types import Array
@@ -31,9 +30,11 @@ _IMPLAUSIBLE = 5.0
 _MATERIAL = 9.0
 _LONG_S = 4.0 * 3600.0
 _IN_BAND = 1.2
+_DISPUTED, _RIVALS = 3, 4
 _SURE = 1.7
 _LEAST_CORRELATION = 0.03
 _SPIKE = 7.0
+_WORSE = 1.1
 _TONE_S = 600.0
 
 Progress = Callable[[float, str], None]
@@ -265,8 +266,11 @@ class _Report:
         assert self.heldout is not None
         white = self._heldout_white(c)
         error = verification.e10(self.heldout, before, after, c, white, self.seed)
-        if error is not None and error.after < error.before:
-            return True
+        if error is not None and error.after != error.before:
+            if error.after < error.before:
+                return True
+            if error.after > _WORSE * error.before:
+                return False
         honest = verification.nis(self.heldout, before, after, c, white, NONE)
         return honest is not None and honest.after < honest.before
 
@@ -394,12 +398,21 @@ class _Report:
         return out
 
     def _experiment(self) -> None:
-        for f in self.found:
-            for rival in f.rivals:
-                made = experiment.separating(self.design, f.atom, f.theta, rival.atom, self.stack.blocks[0].run)
-                if made is not None:
-                    self.experiment = made
-                    return
+        """The run to make next: for the first finding that one separates from a rival, else what comes nearest."""
+        disputed = [f for f in self.found if f.rivals][:_DISPUTED]
+        if not disputed:
+            return
+        run = self.stack.blocks[0].run
+        library = experiment.Library(self.design, run)
+        best = -1.0
+        for f in disputed:
+            rest = [atom for atom in self.chosen.atoms if atom is not f.atom]
+            others = [r.atom for r in f.rivals[:_RIVALS]]
+            made = experiment.separating(self.design, f.atom, f.theta, others, run, rest, library)
+            if made is not None and made["d_expected"] > best:
+                self.experiment, best = made, made["d_expected"]
+            if best >= experiment.SEPARATES:
+                return
 
     # --------------------------------------------------------------------------------------------------- document
 
@@ -610,32 +623,6 @@ def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
     into["label"] = f"narrow band at {min(own):.5g}-{max(own):.5g} Hz"
     into["score"] += more["score"]
     into["gain"] += more["gain"]
-
-
-def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
-    """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
-    wanted = [(a, c) for a in atoms for c in a.places]
-    out: dict[tuple[object, int], Array] = {}
-    places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
-    fast = [
-        (_on(a, c), slice(places[k], places[k + 1]))
-        for k, (a, c) in enumerate(wanted)
-        if not evidence.is_slow(a.hypothesis)
-    ]
-    values = np.empty((stack.t.size, int(places[-1])))
-    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
-        rows = slice(start, start + blocks.t.size)
-        blocks.mean(fast, values[rows])
-        for k, (a, c) in enumerate(wanted):
-            if evidence.is_slow(a.hypothesis):
-                values[rows, places[k] : places[k + 1]] = a.hypothesis.columns(blocks.slow(), c)
-    for k, (a, c) in enumerate(wanted):
-        out[a.key, c] = np.nan_to_num(values[:, places[k] : places[k + 1]])
-    return out
-
-
-def _on(atom: Atom, channel: int) -> Callable[[Inputs], Array]:
-    return lambda inputs: atom.hypothesis.columns(inputs, channel)
 
 
 def _structure(series: list[tuple[float, Array]], runs: Sequence[Run]) -> list[dict[str, Any]]:

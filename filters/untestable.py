@@ -60,8 +60,10 @@ def _catalogue() -> dict[str, str]:
 def _hidden(effect: str, source: str, design: Design) -> Untestable:
     """Without excitation: nothing to see, or a constant, which is the bias."""
     runs = [b.run for b in design.stack.blocks]
+    known = all(r.temperature is not None for r in runs)
+    if effect == "thermal_scale" and known:
+        return Untestable(effect, "collinear_with", "thermal_lin", 1.0)
     if source == "temperature" or effect == "thermal_scale":
-        known = all(r.temperature is not None for r in runs)
         return Untestable(effect, "equals_bias" if known else "no_excitation", None, None)
     if effect in ("delay", "lever_arm") and all(r.still for r in runs):
         return Untestable(effect, "no_excitation", None, None)

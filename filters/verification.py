@@ -389,9 +389,10 @@ def _position(stack: Stack, r: Array, C: Array, start: int, steps: int, white: A
     own = C if len(C) == 1 else C[rows]
     turn = np.einsum("nij,nj->ni", np.broadcast_to(own, (steps, 3, 3)), run.axes.gyro_to_body(errors[:, :3]))
     push = np.einsum("nij,nj->ni", np.broadcast_to(own, (steps, 3, 3)), run.axes.accel_to_body(errors[:, 3:]))
-    tilt = np.cumsum(turn, axis=0) * dt
-    force = np.array([0.0, 0.0, -run.site.gravity])
-    speed = np.cumsum(push + np.cross(tilt, force), axis=0) * dt
+    # at the middle of each block: sums to its end are 8 % too large over 40 blocks
+    tilt = (np.cumsum(turn, axis=0) - 0.5 * turn) * dt
+    push = push + np.cross(tilt, np.array([0.0, 0.0, -run.site.gravity]))
+    speed = (np.cumsum(push, axis=0) - 0.5 * push) * dt
     return float(np.linalg.norm(np.sum(speed, axis=0) * dt))
 
 

@@ -6,6 +6,7 @@ and, with the same gains, over every column of φ; normalised innovations turn g
 with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,6 +127,72 @@ def whiten(
     return out, float(log_det)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _whiten_twice(columns, t, starts, variance, tau, level, out):  # type: ignore[no-untyped-def]
+    """As `_whiten` with the sum of two drifts; tau and level of shape (2,), both levels positive."""
+    n, k = columns.shape
+    x = np.zeros((3, k))
+    P = np.zeros((3, 3))
+    phi = np.ones(3)
+    K = np.zeros(3)
+    h = np.zeros(3)
+    log_det = 0.0
+    seen = False
+    last = 0.0
+    s = 0
+    for i in range(n):
+        if s < starts.size and i == starts[s]:
+            s += 1
+            x[:] = 0.0
+            P[:] = 0.0
+            for m in range(2):
+                P[m + 1, m + 1] = 0.0 if np.isinf(tau[m]) else level[m] * level[m]
+            seen = False
+            last = t[i]
+        dt = t[i] - last
+        last = t[i]
+        if dt > 0.0:
+            for m in range(2):
+                phi[m + 1] = 1.0 if np.isinf(tau[m]) else np.exp(-dt / tau[m])
+            for a in range(3):
+                for b in range(3):
+                    P[a, b] *= phi[a] * phi[b]
+            for m in range(2):
+                own = level[m] * level[m]
+                P[m + 1, m + 1] += own * dt if np.isinf(tau[m]) else own * (1.0 - phi[m + 1] ** 2)
+                for j in range(k):
+                    x[m + 1, j] *= phi[m + 1]
+        r = variance[i]
+        if not np.isfinite(r):
+            for j in range(k):
+                out[i, j] = 0.0
+            continue
+        if not seen:
+            seen = True
+            P[0, :] = 0.0
+            P[:, 0] = 0.0
+            P[0, 0] = _DIFFUSE * (r + P[1, 1] + P[2, 2])
+        S = r
+        for a in range(3):
+            h[a] = P[a, 0] + P[a, 1] + P[a, 2]
+            S += h[a]
+        first = P[0, 0] > 0.5 * _DIFFUSE * r
+        scale = 0.0 if first else 1.0 / np.sqrt(S)
+        if not first:
+            log_det += np.log(S)
+        for a in range(3):
+            K[a] = h[a] / S
+        for j in range(k):
+            nu = columns[i, j] - x[0, j] - x[1, j] - x[2, j]
+            out[i, j] = nu * scale
+            for a in range(3):
+                x[a, j] += K[a] * nu
+        for a in range(3):
+            for b in range(3):
+                P[a, b] -= K[a] * h[b]
+    return log_det
+
+
 def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
     """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
     precision = 1.0 / variance
@@ -151,7 +218,12 @@ def profile(whitened: Array) -> float:
 
 
 def best_drift(
-    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float
+    columns: Array,
+    t: Array,
+    starts: NDArray[np.int_],
+    variance: Array,
+    period: float,
+    taus: Sequence[float] = TAUS,
 ) -> tuple[float, Drift, float]:
     """Most likely drift of a channel whose regressors are fitted anew for each.
 
@@ -163,6 +235,8 @@ def best_drift(
         As in `whiten`.
     period : float
         Of a row, s.
+    taus : sequence of float
+        Time constants to try, s.
 
     Returns
     -------
@@ -173,7 +247,7 @@ def best_drift(
     unit = np.sqrt(np.median(finite) * period)
     none = _minus_two_log(columns, t, starts, variance, NONE)
     best, found = np.inf, NONE
-    for tau in TAUS:
+    for tau in taus:
         for level in LEVELS:
             drift = Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0))
             value = _minus_two_log(columns, t, starts, variance, drift)
@@ -184,4 +258,45 @@ def best_drift(
 
 def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:
     out, log_det = whiten(columns, t, starts, variance, drift)
+    return profile(out) + log_det
+
+
+def best_pair(
+    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float, first: Drift
+) -> float:
+    """Least -2 log likelihood of the sum of two drifts, found from the best single one: what is like 1/f needs more.
+
+    Parameters
+    ----------
+    columns, t, starts, variance, period
+        As in `best_drift`.
+    first : Drift
+        What `best_drift` found.
+
+    Returns
+    -------
+    float
+    """
+    unit = np.sqrt(np.median(variance[np.isfinite(variance)]) * period)
+    out = np.empty_like(columns)
+    columns = np.ascontiguousarray(columns)
+    best = np.inf
+    held = first
+    for _ in range(2):
+        found = held
+        for tau in TAUS:
+            for level in LEVELS:
+                own = level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0)
+                taus, sizes = np.array([held.tau, tau]), np.array([held.level, own])
+                value = _pair(columns, t, starts, variance, taus, sizes, out)
+                if value < best:
+                    best, found = value, Drift(tau, own)
+        held = found
+    return best
+
+
+def _pair(
+    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, taus: Array, sizes: Array, out: Array
+) -> float:
+    log_det = float(_whiten_twice(columns, t, starts, variance, taus, sizes, out))
     return profile(out) + log_det

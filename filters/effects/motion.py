@@ -148,6 +148,14 @@ class Gravity(Shared):
 
 
 @dataclass(frozen=True)
+class CommonScale(Gravity):
+    """One scale factor of all accelerometers: the columns of gravity, whose rival it is; never selected itself."""
+
+    effect: ClassVar = "scale"
+    text: ClassVar = "accelerometers have a common scale factor"
+
+
+@dataclass(frozen=True)
 class Harmonic(Own):
     """e = a sin(h θ) + b cos(h θ) of a table angle: magnetic field, wobble of an axis."""
 

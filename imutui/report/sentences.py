@@ -42,6 +42,7 @@ _REASONS = {
     "collinear_with": "",
 }
 _FEW = 3
+_SEPARATES = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,10 +277,14 @@ def _experiment(d: Mapping[str, Any]) -> Iterable[str]:
     experiment = d.get("separating_experiment")
     if experiment:
         a, b = (_label_of(d, experiment[key]) for key in "ab")
+        words = experiment.get("motion") or f"a run of {duration(experiment['duration_s'])}"
+        expected = float(experiment["d_expected"])
+        if expected < _SEPARATES:
+            yield f"{_upper(a)}, or {b}? {_upper(words)}."
+            return
         yield (
-            f"{_upper(a)}, or {b}? A run of {duration(experiment['duration_s'])} would tell them apart (d ="
-            f" {experiment['d_expected']:.0f}, 5 is enough): its motion is experiment.toml, which --report DIR or -o"
-            " FILE saves."
+            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough):"
+            f" {words}. The motion is experiment.toml, which --report DIR or -o FILE saves."
         )
 
 

@@ -77,6 +77,25 @@ def test_shared_faulty_weak_and_untestable_things_are_said_once() -> None:
     assert sections["Notes"] == ("Errors before and after are those of run b, to which nothing was fitted.", "a note.")
 
 
+@pytest.mark.parametrize(
+    ("motion", "d", "said"),
+    [
+        (
+            "cool it down and heat it again, 18 min",
+            42.0,
+            "(d = 42, 5 is enough): cool it down and heat it again, 18 min.",
+        ),
+        ("nothing known separates them; nearest comes …", 2.1, "? Nothing known separates them; nearest comes …."),
+    ],
+)
+def test_what_would_separate_is_said_as_an_operator_does_it(motion: str, d: float, said: str) -> None:
+    """Motion and temperatures, or that nothing would."""
+    made = {**document()["separating_experiment"], "motion": motion, "d_expected": d}
+    sections = {s.title: s.sentences for s in sentences.sections(document(separating_experiment=made))}
+    assert said in sections["To separate the causes"][0]
+    assert ("tell them apart" in sections["To separate the causes"][0]) == (d > 5.0)
+
+
 def test_one_run_is_said_to_show_no_transfer() -> None:
     """Folds are no other power-on."""
     assert "does not show transfer" in sentences.held_out(document(runs=[RUN]))

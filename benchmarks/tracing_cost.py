@@ -1,0 +1,98 @@
+"""What a trace costs: CPU time of a full campaign, and time and memory of still logs of up to a day.
+
+    python benchmarks/tracing_cost.py [--hours 1,4,12,24]
+
+One core, one process for each measurement, so that the peak of its memory is its own. Simulated readings.
+"""
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import time
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import machine
+import numpy as np
+import tracing_cases as cases
+
+from filters.imu import STANDARD_GRAVITY, AxisMap
+from filters.residual import Run
+from filters.tracing import trace
+
+RATE = 133.0
+REQUIRED_S = 10.0
+_MEGA = 1e6
+
+
+def campaign() -> tuple[Run, ...]:
+    """Four runs of 87 000 readings, the whole table programme, with an effect to be found."""
+    made = cases.case("catalogue", 3)
+    assert made.heldout is not None
+    assert made.campaign == "full"
+    return *made.runs, made.heldout
+
+
+def still(hours: float) -> tuple[Run, ...]:
+    """One still log."""
+    rng = np.random.default_rng(0)
+    n = round(hours * 3600.0 * RATE)
+    sd = cases.density(cases.WHITE) * np.sqrt(RATE)
+    reading = np.empty((n, 6))
+    for c in range(6):
+        values = rng.standard_normal(n) * sd[c] + (STANDARD_GRAVITY if c == 5 else 0.0)
+        reading[:, c] = np.rint(values / cases.COUNT[c]) * cases.COUNT[c]
+    t = np.arange(n) / RATE
+    T = np.round((24.0 - 6.0 * np.expm1(-t / 600.0)) / 0.05) * 0.05
+    zero = np.zeros((1, 3))
+    return (Run("still", t, reading, T, zero, zero, AxisMap(), cases.forms.SITE, None, cases.COUNT),)
+
+
+def measure(what: str) -> None:
+    """Trace and print CPU time (s), readings, memory before and at the peak (MB)."""
+    warm = cases.case("free", 0)
+    trace(warm.runs, warm.heldout)  # compiles
+    runs = campaign() if what == "campaign" else still(float(what))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    start = time.process_time()
+    trace(runs[:-1] or runs, runs[-1] if len(runs) > 1 else None)
+    spent = time.process_time() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    print(spent, sum(run.t.size for run in runs), before, peak)
+
+
+def told(what: str) -> tuple[float, int, float, float]:
+    """`measure` in a process of its own."""
+    out = subprocess.run([sys.executable, __file__, "--measure", what], capture_output=True, text=True, check=True)
+    spent, count, before, peak = out.stdout.split()
+    return float(spent), int(count), float(before), float(peak)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", default="1,4,12,24", help="lengths of still logs, comma between")
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        measure(arguments.measure)
+        return
+    print(machine.describe("numpy", "scipy", "numba"))
+    spent, count, _, peak = told("campaign")
+    verdict = "met" if spent <= REQUIRED_S else "MISSED"
+    print(f"\nfour runs, {count} readings: {spent:.1f} s CPU (<= {REQUIRED_S:.0f} s: {verdict}), peak {peak:.0f} MB\n")
+    print("still log   readings    CPU s   s per million   peak MB   MB per million beyond the log itself")
+    for hours in arguments.hours.split(","):
+        spent, count, before, peak = told(hours)
+        million = count / _MEGA
+        print(
+            f"{hours:>6s} h {count:12d} {spent:8.1f} {spent / million:15.2f} {peak:9.0f}"
+            f" {(peak - before) / million:10.0f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
