@@ -393,7 +393,7 @@ class _Report:
             limit = 5.0 / float(np.sqrt(information)) / p.si
             channels = [CHANNELS[c] for c in h.channels]
             shape = ", ".join(f"{k} {v}" for k, v in h.shape().items())
-            text = f"below what this log can show (limit {limit:.3g} {p.unit}{', ' + shape if shape else ''})"
+            text = f"below what this log can show (limit {limit:.3g}{f' {p.unit}' if p.unit != '1' else ''}{', ' + shape if shape else ''})"
             out.append({"effect": effect, "channels": channels, "limit": limit, "unit": p.unit, "text": text})
         return out
 
@@ -581,7 +581,7 @@ class _Report:
             text = f"{where}: {h.label}"
             if f.atom.size == 1 and f.theta.size:
                 p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
-                text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g} {p.unit}"
+                text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
             text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
             if f.rivals:
                 names = " or ".join(r.atom.hypothesis.effect for r in f.rivals[:3])

@@ -43,10 +43,12 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.outcome import FINDINGS, FINE, say
+    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, say
     from imutui.jobs.trace import Options, trace
     from imutui.logbook.results import dumps
 
+    if seed < 0:
+        raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
     _check_outputs(output, report, logs, force)
     file, name = reference_of(reference)
     options = Options(holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed)
@@ -135,9 +137,10 @@ def _text(traced: "Traced") -> str:
 
 
 def _start(sentence: str) -> str:
-    """A sentence begins with a capital, unless it begins with a name of a channel."""
-    first = sentence.split(" ", 1)[0].rstrip(":")
-    return sentence if first in ("gx", "gy", "gz", "ax", "ay", "az") else sentence[:1].upper() + sentence[1:]
+    """A sentence begins with a capital, unless it begins with the name of a channel or a run."""
+    first = sentence.split(" ", 1)[0]
+    named = first.endswith(":") or first in ("gx", "gy", "gz", "ax", "ay", "az")
+    return sentence if named else sentence[:1].upper() + sentence[1:]
 
 
 def _progress() -> Callable[[float, str], Any]:

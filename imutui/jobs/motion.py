@@ -46,7 +46,7 @@ class Motion:
     how: str = ""
 
 
-def motion_of(log: Log, info: SessionInfo, options: replay.Options) -> Motion:
+def motion_of(log: Log, info: SessionInfo, options: replay.Options, gyro_latency: float = 0.0) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
     Parameters
@@ -57,6 +57,8 @@ def motion_of(log: Log, info: SessionInfo, options: replay.Options) -> Motion:
         From `replay.session_of`.
     options : replay.Options
         `reference` and `overrides` count.
+    gyro_latency : float
+        How late the gyros read, s: a profile that is joined by them is joined so much too late.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.Options) -> Motion:
         return _from_table(log, info)
     known = replay.motion_of(log, info, options, 0.0)
     if isinstance(known, Profile):
-        return _from_profile(log, info, known)
+        return _from_profile(log, info, known, gyro_latency)
     if isinstance(known, Trajectory):
         return _from_trajectory(log, known)
     raise ValueError(
@@ -103,7 +105,7 @@ def _calm_mean(force: Array) -> Array:
 # --------------------------------------------------------------------------------------------------- a table's profile
 
 
-def _from_profile(log: Log, info: SessionInfo, profile: Profile) -> Motion:
+def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: float) -> Motion:
     t = log.seconds()
     offset, how = 0.0, ""
     if profile.align == "gyro":
@@ -112,6 +114,7 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile) -> Motion:
             offset, sd = alignment.offset_of_profile(profile, t[use], log.gyro[use])
         except ValueError as error:
             raise ValueError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
+        offset -= gyro_latency
         how = f"the profile starts at {offset:.3f} ± {sd:.3f} s of the log, found from the gyros"
     table = TableMotion(profile, info.settings().site, IMU400CD_200, 1.0 / info.rate_hz, offset)
     for event in log.events:

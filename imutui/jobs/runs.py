@@ -80,12 +80,12 @@ def read_run(path: Path, name: str, options: replay.Options) -> Read:
         )
     info = replay.session_of(log, options)
     axes = info.axes()
-    motion = motion_of(log, info, options)
+    lsb, bandwidth, latency = _figures(info) if log.own else (None, None, np.zeros(6))
+    motion = motion_of(log, info, options, float(latency[:3].mean()))
     reading = np.empty((t.size, 6))
     reading[:, :3] = axes.gyro_to_instrument(log.gyro)
     reading[:, 3:] = axes.accel_to_instrument(log.accel)
     bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
-    lsb, bandwidth, latency = _figures(info) if log.own else (None, None, np.zeros(6))
     run = Run(
         name,
         t,

@@ -47,11 +47,11 @@ def profile(text: str) -> ReferenceFile:
 
 
 def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float = 0.0, marks: tuple[float, ...] = (),
-             **info: Any) -> Path:  # fmt: skip
-    """A perfect unit's log on a profile that starts `late` s after the log."""
+             gyro_late: float = 0.0, **info: Any) -> Path:  # fmt: skip
+    """A perfect unit's log on a profile that starts `late` s after the log; its gyros may read later still."""
     motion = reference.motion()
     t = np.arange(int((motion.duration + late) * hz)) / hz
-    angles, rates = motion.angles(t - late), motion.rates(t - late)
+    angles, rates = motion.angles(t - late), motion.rates(t - late - gyro_late)
     axes = AxisMap()
     gyro, accel = readings(t, np.rad2deg(angles), np.rad2deg(rates), axes)
     session = SessionInfo(rate_hz=hz, kind="simulated", reference="profile", **info)
@@ -168,6 +168,16 @@ def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late
     assert worst(plain)[0] < np.deg2rad(0.5 if late else 1e-9)
     assert run.flagged is not None
     assert np.flatnonzero(run.flagged[:, 0]).tolist() == [7]
+
+
+def test_gyros_that_read_late_do_not_make_the_profile_late(tmp_path: Path) -> None:
+    """What they are late by is known, and taken off the instant found from them; it is not taken for a delay twice."""
+    latency = 0.00334
+    reference = profile('align = "gyro"\n' + DWELLS + DWELLS.replace("inner", "middle"))
+    got = read(recorded(tmp_path / "a.mcap", reference, hz=100.0, late=12.3, gyro_late=latency))
+    assert got.run.latency[:3] == pytest.approx(latency, abs=1e-4)
+    start = float(got.how.split("starts at ")[1].split(" ")[0])
+    assert start == pytest.approx(12.3, abs=1e-3)
 
 
 def test_by_marks_only_dwells_are_known(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """Recordings over the wire faster than real time: pseudo terminal, acquisition process and log as they are.
 
-`imutui virtual --speed` makes a faster unit: the host's clock then goes slower than the unit's, and the log holds what a
-clock on the wall saw. Here both processes take the time of the unit, which goes on when the host has read what was
-sent. So an acquisition is as fast as the machine, and no load makes a packet late.
+`imutui virtual --speed` makes a faster unit: the host's clock then goes slower than the unit's, and the log holds
+what a clock on the wall saw. Here both processes take the time of the unit, which goes on when the host has read what
+was sent. So an acquisition is as fast as the machine, and no load makes a packet late.
 """
 
 import os
@@ -22,19 +22,9 @@ def unit(scenario: Path, power_on: int, *options: str) -> Iterator[tuple[str, di
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, str(_HERE / "virtual.py"), folder, "--while-stdin"]
         command += ["--scenario", str(scenario), "--power-on", str(power_on), *options]
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        assert process.stdout is not None
-        try:
-            port = process.stdout.readline().strip()
-            if not port:
-                raise RuntimeError(process.communicate()[1])
+        with _running(command) as port:
             path = os.pathsep.join(filter(None, (str(_HERE / "host"), os.environ.get("PYTHONPATH"))))
             yield port, {**os.environ, "PYTHONPATH": path, "IMUTUI_TEST_UNIT_TIME": folder}
-        finally:
-            process.terminate()
-            process.communicate()
 
 
 def acquire(
@@ -42,15 +32,47 @@ def acquire(
 ) -> "subprocess.CompletedProcess[str]":
     """Record one power-on of a scenario with `imutui record`, 20 Hz without a filter unless options say otherwise."""
     with unit(scenario, power_on) as (port, environment):
-        command = [sys.executable, "-m", "imutui", "record", "--port", port, "-o", str(log), "--name", log.stem]
-        command += ["--duration", f"{seconds:g}"]
-        if "--filter" not in options:
-            command += ["--filter", "none"]
-        if "--rate" not in options:
-            command += ["--rate", "20"]
-        done = subprocess.run(
-            [*command, *options], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
-        )
+        return _record(port, environment, log, seconds, options, check)
+
+
+def acquire_in_real_time(
+    scenario: Path, power_on: int, log: Path, seconds: float, *options: str, check: int | None = 0
+) -> "subprocess.CompletedProcess[str]":
+    """The same from a plain `imutui virtual`."""
+    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin"]
+    with _running([*command, "--scenario", str(scenario), "--power-on", str(power_on)]) as port:
+        return _record(port, dict(os.environ), log, seconds, options, check)
+
+
+@contextmanager
+def _running(command: list[str]) -> Iterator[str]:
+    """Port of a unit that runs."""
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        port = process.stdout.readline().strip()
+        if not port:
+            raise RuntimeError(process.communicate()[1])
+        yield port
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def _record(
+    port: str, environment: dict[str, str], log: Path, seconds: float, options: tuple[str, ...], check: int | None
+) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "imutui", "record", "--port", port, "-o", str(log), "--name", log.stem]
+    command += ["--duration", f"{seconds:g}"]
+    if "--filter" not in options:
+        command += ["--filter", "none"]
+    if "--rate" not in options:
+        command += ["--rate", "20"]
+    done = subprocess.run(
+        [*command, *options], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+    )
     if check is not None and done.returncode != check:
         raise RuntimeError(f"exit {done.returncode}\n{done.stdout}\n{done.stderr}")
     return done

@@ -1,0 +1,95 @@
+"""From the wire to the cause: units with an effect on pseudo terminals, acquired, logged, and traced from the logs alone."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import imutui
+from unit_time import acquire, unit
+
+from imutui.logbook import reader
+
+# three power-ons that heat and cool at different times; the last is held out, and lasts long enough for a verdict
+SCENARIO = """
+seed = 23
+[biases]
+accel_mg = [5.0, -3.0, 8.0]
+gyro_dps = [0.5, -0.2, 0.1]
+gyro_run_dps = 0.02
+[[effect]]
+name = "thermal_lin"
+channel = "gy"
+dps_per_k = 0.1
+[[effect]]
+name = "spikes"
+channel = "ay"
+mg = 3000.0
+per_hour = 300.0
+[[power_on]]
+seed = 1
+temperature = { history = [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0], [150.0, 24.0]] }
+[[power_on]]
+seed = 2
+temperature = { history = [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [150.0, 34.0]] }
+[[power_on]]
+seed = 3
+temperature = { history = [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [310.0, 25.0]] }
+"""
+SECONDS = (150.0, 150.0, 310.0)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """The three power-ons over the wire, two at a time."""
+    folder = tmp_path_factory.mktemp("wire")
+    scenario = folder / "unit.toml"
+    scenario.write_text(SCENARIO)
+    (folder / "run").mkdir(mode=0o700)
+    paths = [folder / f"{name}.mcap" for name in ("cold", "warm", "check")]
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder / "run"))
+        # the longest first
+        list(pool.map(lambda n: acquire(scenario, n, paths[n], SECONDS[n]), (2, 0, 1)))
+    return paths
+
+
+def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:
+    """However fast it was acquired: 20 Hz, nothing lost, and the temperature as the scenario has it."""
+    for path, seconds in zip(logs, SECONDS, strict=True):
+        log = reader.read(path)
+        t = log.seconds()
+        assert t[-1] == pytest.approx(seconds, abs=0.5)
+        assert np.diff(t) == pytest.approx(0.05, abs=0.008)
+        assert log.info.kind == "simulated"
+    peak = reader.read(logs[0])
+    assert peak.seconds()[np.argmax(peak.temperature_degc)] == pytest.approx(50.0, abs=1.5)
+
+
+def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -> None:
+    """Right channel, right cause, the held-out error at its floor; then biases come out right with it, wrong without."""
+    done = imutui("trace", *map(str, logs), "-o", "effects.toml", "--json")
+    result = json.loads(done.stdout)
+    assert [(f["effect"], f["channels"]) for f in result["findings"]] == [("thermal_lin", ["gy"])]
+    assert result["findings"][0]["params"][0]["value"] == pytest.approx(0.1, abs=0.005)
+    assert result["status"]["gy"] == "explained"
+    assert ("spikes", ["ay"]) in [(f["effect"], f["channels"]) for f in result["integrity"]]
+    error = next(e for e in result["error"] if (e["metric"], e["channel"]) == ("e10", "gy"))
+    assert error["before_x_floor"] > 3.0
+    assert error["after_x_floor"] < 1.3
+    assert {result["status"][channel] for channel in ("gx", "gz", "ax", "az")} == {"clean"}
+
+    def bias(effects: str) -> float:
+        document = json.loads(imutui("replay", str(logs[2]), "--effects", effects, "--json", check=None).stdout)
+        return float(document["final"]["gyro_bias_dps"][1])
+
+    # at 25 degC, the effect's own reference: what is left is the bias, within what power-ons differ by
+    assert bias("effects.toml") == pytest.approx(-0.2, abs=0.15)
+
+
+def test_effects_join_the_filter_live(home: Path, logs: list[Path]) -> None:
+    """`record --effects` on the unit that has the effect gives what a replay of its log gives."""
+    imutui("trace", *map(str, logs), "-o", "effects.toml", "--json")
+    with unit(logs[0].parent / "unit.toml", 0):
+        pass
