@@ -2,10 +2,9 @@
 
     python benchmarks/tracing_wire.py [--case NAME ...] [--real-time] [--keep DIR]
 
-One case for each family of the catalogue, one with several effects at once, and two that a log cannot decide: one too weak,
-and one that two causes explain until the motion that the trace asks for was performed. Each power-on is a unit, an
-acquisition process and a log of its own; two at once. All simulated. By default the processes run on the unit's time
-(`tests/unit_time`); with --real-time on the wall's, all power-ons of a case at the same time.
+One case for each family of the catalogue, one with several effects at once, and one whose effect is too weak for its
+logs. Each power-on is a unit, an acquisition process and a log of its own; two at once. All simulated. By default the
+processes run on the unit's time (`tests/unit_time`); with --real-time on the wall's, all power-ons of a case at once.
 """
 
 import argparse
@@ -59,43 +58,36 @@ class Case:
     moving: bool = False
 
 
+THERMAL = '[[effect]]\nname = "thermal_lin"\nchannel = "gy"\ndps_per_k = 0.04\n'
+SCALE = '[[effect]]\nname = "scale"\nchannel = "gz"\nrelative = 0.02\n'
+LEVER = '[[effect]]\nname = "lever_arm"\nx_m = 0.1\ny_m = -0.05\n'
+STEP = '[[effect]]\nname = "step"\nchannel = "ax"\nmg = 15.0\nat_s = 140.0\n'
+DRIFT = '[[effect]]\nname = "gauss_markov"\nchannel = "gx"\ndps = 0.15\ntau_s = 20.0\n'
+NOISE = '[[effect]]\nname = "noise_level"\nchannel = "gz"\nlog_variance_per_unit = 0.15\ndriver = "temperature"\n'
+SPIKES = '[[effect]]\nname = "spikes"\nchannel = "ay"\nmg = 2000.0\nper_hour = 300.0\n'
+WARMUP = '[[effect]]\nname = "warmup"\nchannel = "ax"\nmg = 25.0\ntau_s = 60.0\n'
+WEAK = '[[effect]]\nname = "thermal_lin"\nchannel = "gy"\ndps_per_k = 0.0002\n'
+
 CASES = {
-    "thermal": Case(
-        "additive, thermal",
-        (("thermal_lin", "gy"),),
-        '[[effect]]\nname = "thermal_lin"\nchannel = "gy"\ndps_per_k = 0.04',
-    ),
-    "scale": Case(
-        "additive, input", (("scale", "gz"),), '[[effect]]\nname = "scale"\nchannel = "gz"\nrelative = 0.02', True
-    ),
-    "lever_arm": Case("motion", (("lever_arm", "ax"),), '[[effect]]\nname = "lever_arm"\nx_m = 0.1\ny_m = -0.05', True),
-    "step": Case("event", (("step", "ax"),), '[[effect]]\nname = "step"\nchannel = "ax"\nmg = 15.0\nat_s = 140.0'),
-    "drift": Case(
-        "drift",
-        (("gauss_markov", "gx"),),
-        '[[effect]]\nname = "gauss_markov"\nchannel = "gx"\ndps = 0.15\ntau_s = 20.0',
-    ),
-    "noise": Case(
-        "noise",
-        (("noise_level", "gz"),),
-        '[[effect]]\nname = "noise_level"\nchannel = "gz"\nlog_variance_per_unit = 0.15\ndriver = "temperature"',
-    ),
-    "fault": Case(
-        "fault", (("spikes", "ay"),), '[[effect]]\nname = "spikes"\nchannel = "ay"\nmg = 2000.0\nper_hour = 300.0'
-    ),
+    "thermal": Case("additive, thermal", (("thermal_lin", "gy"),), THERMAL),
+    "scale": Case("additive, input", (("scale", "gz"),), SCALE, True),
+    "lever_arm": Case("motion", (("lever_arm", "ax"),), LEVER, True),
+    "step": Case("event", (("step", "ax"),), STEP),
+    "drift": Case("drift", (("gauss_markov", "gx"),), DRIFT),
+    "noise": Case("noise", (("noise_level", "gz"),), NOISE),
+    "fault": Case("fault", (("spikes", "ay"),), SPIKES),
     "several": Case(
         "several at once",
         (("thermal_lin", "gy"), ("scale", "gz"), ("warmup", "ax"), ("spikes", "ay"), ("gauss_markov", "gx")),
-        '[[effect]]\nname = "thermal_lin"\nchannel = "gy"\ndps_per_k = 0.04\n'
-        '[[effect]]\nname = "scale"\nchannel = "gz"\nrelative = 0.02\n'
-        '[[effect]]\nname = "warmup"\nchannel = "ax"\nmg = 25.0\ntau_s = 60.0\n'
-        '[[effect]]\nname = "spikes"\nchannel = "ay"\nmg = 2000.0\nper_hour = 300.0\n'
-        '[[effect]]\nname = "gauss_markov"\nchannel = "gx"\ndps = 0.15\ntau_s = 20.0',
+        THERMAL + SCALE + WARMUP + SPIKES + DRIFT,
         True,
     ),
-    "weak": Case(
-        "too weak", (("thermal_lin", "gy"),), '[[effect]]\nname = "thermal_lin"\nchannel = "gy"\ndps_per_k = 0.0002'
+    "still": Case(
+        "event, drift, noise",
+        (("step", "ax"), ("gauss_markov", "gx"), ("noise_level", "gz")),
+        STEP + DRIFT + NOISE,
     ),
+    "weak": Case("too weak", (("thermal_lin", "gy"),), WEAK),
 }
 
 

@@ -393,7 +393,8 @@ class _Report:
             limit = 5.0 / float(np.sqrt(information)) / p.si
             channels = [CHANNELS[c] for c in h.channels]
             shape = ", ".join(f"{k} {v}" for k, v in h.shape().items())
-            text = f"below what this log can show (limit {limit:.3g}{f' {p.unit}' if p.unit != '1' else ''}{', ' + shape if shape else ''})"
+            unit = f" {p.unit}" if p.unit != "1" else ""
+            text = f"below what this log can show (limit {limit:.3g}{unit}{', ' + shape if shape else ''})"
             out.append({"effect": effect, "channels": channels, "limit": limit, "unit": p.unit, "text": text})
         return out
 

@@ -1,4 +1,4 @@
-"""From the wire to the cause: units with an effect on pseudo terminals, acquired, logged, and traced from the logs alone."""
+"""From the wire to the cause: units on pseudo terminals, acquired, logged, and traced from the logs alone."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import imutui
-from unit_time import acquire, unit
+from unit_time import acquire
 
 from imutui.logbook import reader
 
@@ -17,7 +17,6 @@ seed = 23
 [biases]
 accel_mg = [5.0, -3.0, 8.0]
 gyro_dps = [0.5, -0.2, 0.1]
-gyro_run_dps = 0.02
 [[effect]]
 name = "thermal_lin"
 channel = "gy"
@@ -68,7 +67,7 @@ def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:
 
 
 def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -> None:
-    """Right channel, right cause, the held-out error at its floor; then biases come out right with it, wrong without."""
+    """Right channel, right cause, held-out error at the floor; with it the bias is one and the same, live as well."""
     done = imutui("trace", *map(str, logs), "-o", "effects.toml", "--json")
     result = json.loads(done.stdout)
     assert [(f["effect"], f["channels"]) for f in result["findings"]] == [("thermal_lin", ["gy"])]
@@ -80,16 +79,22 @@ def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -
     assert error["after_x_floor"] < 1.3
     assert {result["status"][channel] for channel in ("gx", "gz", "ax", "az")} == {"clean"}
 
-    def bias(effects: str) -> float:
-        document = json.loads(imutui("replay", str(logs[2]), "--effects", effects, "--json", check=None).stdout)
-        return float(document["final"]["gyro_bias_dps"][1])
+    # every power-on has the same bias, and begins at a temperature of its own: without the effect each has another
+    without, joined = ([_bias(log, effects, "--end", "40") for log in logs] for effects in ("none", "effects.toml"))
+    assert np.ptp(without) > 0.5
+    assert np.ptp(joined) < 0.1
 
-    # at 25 degC, the effect's own reference: what is left is the bias, within what power-ons differ by
-    assert bias("effects.toml") == pytest.approx(-0.2, abs=0.15)
+    live = acquire(
+        logs[0].parent / "unit.toml", 1, home / "live.mcap", 62.0,
+        "--filter", "spkf", "--effects", "effects.toml", "--json", check=None,
+    )  # fmt: skip
+    now = float(json.loads(live.stdout)["final"]["gyro_bias_dps"][1])
+    assert now == pytest.approx(float(np.mean(joined)), abs=0.15)
+    assert now == pytest.approx(_bias(home / "live.mcap"), abs=1e-12)
+    assert abs(_bias(home / "live.mcap", "none") - now) > 0.3
 
 
-def test_effects_join_the_filter_live(home: Path, logs: list[Path]) -> None:
-    """`record --effects` on the unit that has the effect gives what a replay of its log gives."""
-    imutui("trace", *map(str, logs), "-o", "effects.toml", "--json")
-    with unit(logs[0].parent / "unit.toml", 0):
-        pass
+def _bias(log: Path, effects: str | None = None, *options: str) -> float:
+    options += () if effects is None else ("--effects", effects)
+    document = json.loads(imutui("replay", str(log), *options, "--json", check=None).stdout)
+    return float(document["final"]["gyro_bias_dps"][1])

@@ -1,6 +1,6 @@
 """Before an acquisition process begins: its clock is the one that the unit keeps, and what it reads is acknowledged.
 
-Python runs a module of this name from PYTHONPATH by itself. Nothing of the program is changed but where it has `time` from.
+Python runs a module of this name from PYTHONPATH by itself. Nothing of the program is changed but its `time`.
 """
 
 import mmap
