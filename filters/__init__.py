@@ -49,7 +49,8 @@ Where things are
     blocks · `whitening` the bias filter over residuals and regressors, likelihood of drift · `evidence` what a
     hypothesis gains · `selection` which are there, and their rivals · `levels` what the noise follows · `untestable`
     what a log can't show · `verification` error before and after · `curves` what a free curve looks like ·
-    `experiment`, `plans` the motion that separates rivals · `tracing` all of it, as a report.
+    `experiment`, `plans` the motion that separates rivals · `judgement` what is known of findings, `document` the
+    report · `tracing` all of it in order.
 
 Residual and effects
     residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an

@@ -95,7 +95,8 @@ def _least(shape: Callable[[Array, float, float], Array], u: Array, y: Array, sd
     """Least chi-square over centre and width; scale and offset are linear."""
 
     def chi2(p: Array) -> float:
-        X = np.column_stack([np.ones(u.size), shape(u, float(p[0]), float(np.exp(np.clip(p[1], -4.0, 4.0))))]) / sd[:, None]
+        width = float(np.exp(np.clip(p[1], -4.0, 4.0)))
+        X = np.column_stack([np.ones(u.size), shape(u, float(p[0]), width)]) / sd[:, None]
         theta = np.linalg.lstsq(X, y / sd, rcond=None)[0]
         return float(np.sum((y / sd - X @ theta) ** 2))
 

@@ -7,11 +7,9 @@ of it by `build`.
 import hashlib
 import math
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,55 +33,6 @@ _STATE = ("name", "unit", "mean", "sd", "tau_s", "q")
 
 
 @dataclass(frozen=True, slots=True)
-class StateEntry:
-    """One extra state, in its own unit.
-
-    Attributes
-    ----------
-    name, unit : str
-        Such as "k", "dps/K".
-    mean, sd : float
-        Before the first sample.
-    tau_s : float
-        Time constant, s; infinity for what does not decay.
-    q : float
-        Noise density, unit per √s.
-    """
-
-    name: str
-    unit: str
-    mean: float
-    sd: float
-    tau_s: float = math.inf
-    q: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class EffectEntry:
-    """One finding.
-
-    Attributes
-    ----------
-    effect : str
-        Name in the catalogue.
-    channels : tuple of str
-        Of gx gy gz ax ay az, instrument axes.
-    include_as : str
-        "A" constant states, "S" stochastic states, "N" noise, "P" pre-filter.
-    parameters : mapping
-        Fixed parameters of its shape; a unit is in the name, such as tau_s.
-    states : tuple of StateEntry
-        In order.
-    """
-
-    effect: str
-    channels: tuple[str, ...]
-    include_as: str
-    parameters: Mapping[str, Any]
-    states: tuple[StateEntry, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class EffectsDocument:
     """An effects file.
 
@@ -91,18 +40,18 @@ class EffectsDocument:
     ----------
     source : str
         Where it comes from, for people.
-    effects : tuple of EffectEntry
+    effects : tuple of Included
         In order.
     correlation : np.ndarray
         Of all states, in order, shape (p, p).
     """
 
     source: str
-    effects: tuple[EffectEntry, ...]
+    effects: tuple[Included, ...]
     correlation: np.ndarray
 
     @property
-    def states(self) -> tuple[StateEntry, ...]:
+    def states(self) -> tuple[State, ...]:
         """Of all effects, in order."""
         return tuple(state for effect in self.effects for state in effect.states)
 
@@ -127,17 +76,7 @@ def build(document: EffectsDocument, info: SessionInfo) -> Effects:
     ValueError
         If an effect is none that there is, or lacks a parameter; the message names it.
     """
-    included = [
-        Included(
-            entry.effect,
-            entry.channels,
-            entry.include_as,
-            dict(entry.parameters),
-            tuple(State(s.name, s.unit, s.mean, s.sd, s.tau_s, s.q) for s in entry.states),
-        )
-        for entry in document.effects
-    ]
-    return CausalEffects(included, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
+    return CausalEffects(document.effects, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
 
 
 def maker(content: bytes, info: SessionInfo) -> MakeEffects | None:
@@ -219,7 +158,7 @@ def parse(content: bytes) -> EffectsDocument:
     return EffectsDocument(str(document.get("source", "")), effects, _correlation(document.get("correlation"), p))
 
 
-def _effect(table: Any, where: str) -> EffectEntry:
+def _effect(table: Any, where: str) -> Included:
     if not isinstance(table, dict):
         raise ValueError(f"{where} is not a table")
     _only(table, _EFFECT, where)
@@ -237,10 +176,10 @@ def _effect(table: Any, where: str) -> EffectEntry:
     if not isinstance(states, list):
         raise ValueError(f"{where}: `state` is one table; states are a list, [[effect.state]]")
     entries = tuple(_state(state, f"{where}, state {k + 1}") for k, state in enumerate(states))
-    return EffectEntry(name, tuple(channels), kind, MappingProxyType(parameters), entries)
+    return Included(name, tuple(channels), kind, parameters, entries)
 
 
-def _state(table: Any, where: str) -> StateEntry:
+def _state(table: Any, where: str) -> State:
     if not isinstance(table, dict):
         raise ValueError(f"{where} is not a table")
     _only(table, _STATE, where)
@@ -256,7 +195,7 @@ def _state(table: Any, where: str) -> StateEntry:
             raise ValueError(f"{where}: `{key}` is {value}, not zero or a positive number")
     if not tau > 0.0:
         raise ValueError(f"{where}: `tau_s` is {tau}, not positive")
-    return StateEntry(table["name"], table["unit"], mean, sd, tau, q)
+    return State(table["name"], table["unit"], mean, sd, tau, q)
 
 
 def _number(value: Any, key: str, where: str) -> float:
