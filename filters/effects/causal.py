@@ -66,6 +66,11 @@ class CausalEffects:
         self, included: Sequence[Included], correlation: Array, axes: AxisMap, site: Site, period: float
     ) -> None:
         self._axes, self._site, self._period = axes, site, period
+        for effect in included:
+            if effect.effect not in catalogue.EFFECTS and not effect.effect.startswith("driver:"):
+                raise ValueError(f'`effect` is "{effect.effect}", which is none of the catalogue')
+            if effect.include_as in "AS" and not effect.states:
+                raise ValueError(f'"{effect.effect}" has no states: without them it changes nothing')
         self._parts = [_part(effect) for effect in included if effect.states]
         states = [(effect, state) for effect in included for state in effect.states]
         self.names = tuple(f"{'/'.join(e.channels)} {e.effect} {s.name} ({s.unit})" for e, s in states)

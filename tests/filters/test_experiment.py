@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from filters import experiment, motion, plans, residual, selection
+from filters.effects.additive import ThermalScale
+from filters.effects.hypothesis import Own
 from filters.evidence import Atom, Design, Stack
 from filters.imu import AxisMap, ImuSpec
 from filters.motion import Dwell, Profile, Rate
@@ -70,6 +72,12 @@ def named(design: Design, effect: str, channel: int, **shape: float | str) -> At
         and channel in a.places
         and all(a.hypothesis.shape().get(key) == value for key, value in shape.items())
     )
+
+
+def added(design: Design, hypothesis: Own) -> Atom:
+    """A hypothesis that the design has left out, since these runs don't tell it from another."""
+    columns = [hypothesis.columns(blocks.slow(), hypothesis.channel) for blocks in design.stack.blocks]
+    return design.add(hypothesis, np.vstack(columns))
 
 
 def of_size(design: Design, atom: Atom, d: float) -> np.ndarray:
@@ -233,9 +241,10 @@ def test_a_step_beside_it_does_not_happen_again() -> None:
 def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
     """Temperature against its rate takes a ramp, against a scale factor that follows it a motion: one run has both."""
     run = cold.stack.blocks[0].run
-    a = named(cold, "thermal_lin", 5)
-    rivals = [named(cold, "thermal_scale", 5), named(cold, "thermal_rate", 5), named(cold, "warmup", 5, tau_s=400.0)]
-    made = experiment.separating(cold, a, of_size(cold, a, 40.0), rivals, run)
+    design = designed(run)
+    a = named(design, "thermal_lin", 5)
+    rivals = [added(design, ThermalScale(5)), named(design, "thermal_rate", 5), named(design, "warmup", 5, tau_s=400.0)]
+    made = experiment.separating(design, a, of_size(design, a, 40.0), rivals, run)
     assert made is not None
     assert made["leaves"] == []
     assert made["d_expected"] > experiment.SEPARATES
@@ -246,7 +255,7 @@ def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
     """A gyro at rest that drifts with temperature might have a scale factor of thirty times Earth rate: it has not."""
     run = performed([Effect("thermal_rate", ("gz",), {"dps_s_per_k": 28.0})], 40)
     design = designed(run)
-    a = named(design, "thermal_scale", 2)
+    a = added(design, ThermalScale(2))
     rivals = [named(design, "thermal_lin", 2), named(design, "thermal_rate", 2)]
     made = experiment.separating(design, a, design.fit([a]).theta[0], rivals, run)
     assert made is not None
