@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from filters import experiment, levels, residual, selection, untestable, verification
+from filters import experiment, levels, limits, residual, selection, untestable, verification
 from filters.effects import faults, lines, noise
 from filters.effects.events import Event
 from filters.effects.hypothesis import CHANNELS
@@ -80,7 +80,8 @@ class Judgement:
         self._errors()
         self._remainder()
         self.status = {CHANNELS[c]: self._status(c) for c in range(6)}
-        self.limits = [limit for effect in asked for limit in self._limits(effect)]
+        known = {f.atom.key for f in self.found}
+        self.limits = [x for effect in asked for x in limits.limits(self.design, self.channels, effect, known)]
         self._experiment()
 
     # ---------------------------------------------------------------------------------------------------- findings
@@ -272,26 +273,6 @@ class Judgement:
                 if figure.after > limit:
                     return True
         return False
-
-    def _limits(self, effect: str) -> list[dict[str, Any]]:
-        """Smallest size of an effect that this log would show on each channel: d = 5."""
-        out = []
-        for atom in self.design.atoms:
-            h = atom.hypothesis
-            if h.effect != effect or atom.size != 1 or any(f.atom.key == atom.key for f in self.found):
-                continue
-            free = self.design.gains([], [atom])
-            information = sum(self.design.gram(c)[0][p[0], p[0]] for c, p in atom.places.items())
-            if not free.size or information <= 0.0:
-                continue
-            p = h.parameters()[0]
-            limit = 5.0 / float(np.sqrt(information)) / p.si
-            channels = [CHANNELS[c] for c in h.channels]
-            shape = ", ".join(f"{k} {v}" for k, v in h.shape().items())
-            unit = f" {p.unit}" if p.unit != "1" else ""
-            text = f"below what this log can show (limit {limit:.3g}{unit}{', ' + shape if shape else ''})"
-            out.append({"effect": effect, "channels": channels, "limit": limit, "unit": p.unit, "text": text})
-        return out
 
     def _experiment(self) -> None:
         """The run to make next: for the first finding that one separates from a rival, else what comes nearest."""

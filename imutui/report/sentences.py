@@ -240,7 +240,8 @@ def _weak(entry: Mapping[str, Any]) -> str:
 
 
 def _limit(entry: Mapping[str, Any]) -> str:
-    return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}: {entry['text']}")
+    where = f"{' '.join(entry['channels'])}: " if entry["channels"] else ""
+    return _sentence(f"{where}{_word(entry['effect'])}: {entry['text']}")
 
 
 def _errors(d: Mapping[str, Any]) -> Iterable[str]:
