@@ -45,6 +45,7 @@ class Figure:
     floor_band95: tuple[float, float]
     n: int
     heldout: str
+    before_ci95: tuple[float, float]
 
     def document(self) -> dict[str, object]:
         """As the report has it."""
@@ -58,6 +59,7 @@ class Figure:
             "before_x_floor": self.before / self.floor,
             "after_x_floor": self.after / self.floor,
             "ci95": list(self.ci95),
+            "before_ci95": list(self.before_ci95),
             "floor_band95": list(self.floor_band95),
             "n": self.n,
             "heldout": self.heldout,
@@ -145,7 +147,6 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
     simulated = white * (own + rng.standard_normal((_DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
     band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
     picks = rng.integers(0, b[0].size, (_DRAWS, b[0].size))
-    spread = np.quantile(np.sqrt(np.mean((b[0] / floors)[picks] ** 2, axis=1)), [0.025, 0.975])
     unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
     scale = nominal / si
     return Figure(
@@ -155,11 +156,18 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
         ratios[0] * scale,
         ratios[1] * scale,
         scale,
-        (float(spread[0]) * scale, float(spread[1]) * scale),
+        _spread(b[0] / floors, picks, scale),
         (float(band[0]) * scale, float(band[1]) * scale),
         int(a[0].size),
         "run",
+        _spread(a[0] / floors, picks, scale),
     )
+
+
+def _spread(errors: Array, picks: NDArray[np.int_], scale: float) -> tuple[float, float]:
+    """Interval of a root mean square by drawing the errors again, 95 %."""
+    low, high = np.quantile(np.sqrt(np.mean(errors[picks] ** 2, axis=1)), [0.025, 0.975])
+    return float(low) * scale, float(high) * scale
 
 
 def _held(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
@@ -202,7 +210,6 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
     nominal = white / np.sqrt(WINDOW_S)
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, b.size, (_DRAWS, b.size))
-    spread = np.quantile(np.sqrt(np.mean((b / floors)[picks] ** 2, axis=1)), [0.025, 0.975])
     band = np.sqrt(stats.chi2.ppf([0.025, 0.975], a.size) / a.size)
     unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
     ratios = [float(np.sqrt(np.mean((e / floors) ** 2))) for e in (a, b)]
@@ -214,10 +221,11 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
         ratios[0] * scale,
         ratios[1] * scale,
         scale,
-        (float(spread[0]) * scale, float(spread[1]) * scale),
+        _spread(b / floors, picks, scale),
         (float(band[0]) * scale, float(band[1]) * scale),
         int(a.size),
         "folds",
+        _spread(a / floors, picks, scale),
     )
 
 
@@ -259,6 +267,7 @@ def nis(
         (float(np.sqrt(low)), float(np.sqrt(high))),
         n,
         "run",
+        (root[0] / float(np.sqrt(high)), root[0] / float(np.sqrt(low))),
     )
 
 
@@ -281,13 +290,20 @@ def prediction(stack: Stack, before: Array, after: Array, channel: int, white: f
     low, high = np.sqrt(stats.chi2.ppf([0.025, 0.975], n) / n)
     ci = rms[1] / float(high), rms[1] / float(low)
     band = float(low) * floor, float(high) * floor
-    made = [Figure("bias_prediction", CHANNELS[channel], unit, rms[0], rms[1], floor, ci, band, n, "run")]
-    wilson = stats.binomtest(round(inside[1] * n), n).proportion_ci(0.95, "wilson")
+    first = rms[0] / float(high), rms[0] / float(low)
+    made = [Figure("bias_prediction", CHANNELS[channel], unit, rms[0], rms[1], floor, ci, band, n, "run", first)]
     nominal = 0.9973
-    ci = float(wilson.low), float(wilson.high)
+    first, ci = (_wilson(share, n) for share in inside)
     floor_band = float(stats.binom.ppf(0.025, n, nominal)) / n, 1.0
-    made.append(Figure("coverage", CHANNELS[channel], "1", inside[0], inside[1], nominal, ci, floor_band, n, "run"))
+    name = CHANNELS[channel]
+    made.append(Figure("coverage", name, "1", inside[0], inside[1], nominal, ci, floor_band, n, "run", first))
     return made
+
+
+def _wilson(share: float, n: int) -> tuple[float, float]:
+    """Interval of a share of n, 95 %."""
+    found = stats.binomtest(round(share * n), n).proportion_ci(0.95, "wilson")
+    return float(found.low), float(found.high)
 
 
 def _foretold(stack: Stack, r: Array, channel: int, white: float, drift: Drift) -> tuple[Array, Array]:
@@ -362,11 +378,11 @@ def drift(
     rms = [float(np.sqrt(np.mean(v**2))) for v in values]
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, starts.size, (_DRAWS, starts.size))
-    spread = np.quantile(np.sqrt(np.mean(values[1][picks] ** 2, axis=1)), [0.025, 0.975])
     low, high = np.sqrt(stats.chi2.ppf([0.025, 0.975], 2 * starts.size) / (2 * starts.size))
     name = f"drift_{seconds:.0f}s"
-    ci = float(spread[0]), float(spread[1])
-    return Figure(name, "all", "m", rms[0], rms[1], floor, ci, (low * floor, high * floor), int(starts.size), "run")
+    first, ci = (_spread(v, picks, 1.0) for v in values)
+    band = float(low) * floor, float(high) * floor
+    return Figure(name, "all", "m", rms[0], rms[1], floor, ci, band, int(starts.size), "run", first)
 
 
 def _attitudes_at(stack: Stack) -> Array:
