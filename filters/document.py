@@ -8,8 +8,9 @@ from filters import curves, selection
 from filters.effects import events, lines
 from filters.effects.drivers import Driver
 from filters.effects.events import Event
-from filters.effects.hypothesis import CHANNELS, DPS, MG
+from filters.effects.hypothesis import DPS, MG
 from filters.effects.record import Included, Series, State, Trace
+from filters.imu import CHANNELS
 from filters.judgement import Found, Judgement
 from filters.types import Array
 from filters.whitening import Drift

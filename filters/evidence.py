@@ -291,10 +291,9 @@ class Design:
     def _shared_gain(self, atom: Atom, cross: Array | None, theta: Array, inverse: Array) -> float:
         C = sum(self.gram(c)[0][np.ix_(p, p)] for c, p in atom.places.items())
         d = sum(self.gram(c)[1][p] for c, p in atom.places.items())
-        visible = np.max([self._visible(np.diag(self.gram(c)[0]))[p] for c, p in atom.places.items()], axis=0)
-        scale = np.where(np.isfinite(visible), np.diag(C), np.diag(C))
+        # one channel that sees a column is enough
         some = np.min([self._visible(np.diag(self.gram(c)[0]))[p] for c, p in atom.places.items()], axis=0)
-        scale = np.where(np.isfinite(some), scale, np.inf)
+        scale = np.where(np.isfinite(some), np.diag(C), np.inf)
         if cross is not None:
             C = C - cross @ inverse @ cross.T
             d = d - cross @ theta
@@ -318,53 +317,83 @@ class Design:
                 r -= self.columns[:, atom.places[channel]] @ theta
         return r
 
-    def heldout(self, selection: Sequence[Atom], atom: Atom) -> tuple[float, float]:
+    def heldout(self, selection: Sequence[Atom], atom: Atom, made: Array | None = None) -> tuple[float, float]:
         """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell.
 
         Both fits, without and with it, are joint over all channels that shared effects tie to the atom's.
+
+        Parameters
+        ----------
+        selection : sequence of Atom
+            What is there already.
+        atom : Atom
+            The new one.
+        made : Array or None
+            Columns of its own, shape (n, k), of one that is not in the design.
         """
         tied = self._tied(selection, atom)
-        base = [a for a in selection if set(a.places) & tied]
-        atoms = [*base, atom]
+        atoms = [*(a for a in selection if set(a.places) & tied), atom]
         offsets = np.concatenate([[0], np.cumsum([a.size for a in atoms])]).astype(int).tolist()
         parts = []
         for c in sorted(tied):
-            rows, places = self._present(atoms, offsets, c)
-            parts.append((c, self.whitened(c, places), rows))
+            rows, _ = self._present(atoms, offsets, c)
+            _, places = self._present(atoms[:-1], offsets, c)
+            own = [] if c not in atom.places else [self.columns[:, atom.places[c]] if made is None else made]
+            parts.append((c, np.column_stack([self.stack.y[:, c], self.columns[:, places], *own]), rows))
         cells = np.zeros(int(self.stack.cell[-1]) + 1)
-        fold = self.stack.cell % FOLDS
         for f in range(FOLDS):
-            train, test = fold != f, fold == f
-            blind = [(self._blind(W, c, train), rows) for c, W, rows in parts]
-            A, b = np.zeros((offsets[-1], offsets[-1])), np.zeros(offsets[-1])
-            for W, rows in blind:
-                X = W[train, 1:]
-                A[np.ix_(rows, rows)] += X.T @ X
-                b[rows] += X.T @ W[train, 0]
-            old, new = np.zeros(offsets[-1]), _inverse(A) @ b
-            old[: offsets[-2]] = _inverse(A[: offsets[-2], : offsets[-2]]) @ b[: offsets[-2]]
-            for W, rows in blind:
-                before, after = (W[test, 0] - W[test, 1:] @ theta[rows] for theta in (old, new))
-                cells += np.bincount(self.stack.cell[test], before**2 - after**2, cells.size)
+            cells += self._fold(parts, offsets, self.stack.cell % FOLDS != f, cells.size)
         return float(cells.sum()), float(cells.sum() - cells.max())
 
-    def _blind(self, W: Array, channel: int, train: NDArray[np.bool_]) -> Array:
-        """Whitened columns with each run's bias that of the fitted cells: one of all cells tells them of the others.
+    def _fold(
+        self,
+        parts: Sequence[tuple[int, Array, NDArray[np.int_]]],
+        offsets: Sequence[int],
+        train: NDArray[np.bool_],
+        count: int,
+    ) -> Array:
+        """Gain of the last atom in each cell that a fold's fit has not seen, shape (count,).
 
-        Columns that the fitted cells don't see are zero. With drift the filter goes by the past, and nothing is to do.
+        `parts` are channels with their residual and columns, and which parameters those are.
         """
-        if self.drift[channel].level > 0.0:
-            return W
-        run, root = self.stack.run, 1.0 / np.sqrt(self.variance(channel))
+        n, test = offsets[-1], ~train
+        A, b, seen = np.zeros((n, n)), np.zeros(n), []
+        for c, raw, rows in parts:
+            fitted, judged = self._blind(raw, c, train)
+            X = fitted[train, 1:]
+            A[np.ix_(rows, rows)] += X.T @ X
+            b[rows] += X.T @ fitted[train, 0]
+            seen.append((judged, rows))
+        old, new = np.zeros(n), _inverse(A) @ b
+        old[: offsets[-2]] = _inverse(A[: offsets[-2], : offsets[-2]]) @ b[: offsets[-2]]
+        cells = np.zeros(count)
+        for W, rows in seen:
+            before, after = (W[test, 0] - W[test, 1:] @ theta[rows] for theta in (old, new))
+            cells += np.bincount(self.stack.cell[test], before**2 - after**2, count)
+        return cells
+
+    def _blind(self, raw: Array, channel: int, train: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Columns whitened for the fit as if the other cells were missing, and for judging those cells.
+
+        Without drift each run's bias is that of the fitted cells: one of all cells tells them of the others. With
+        drift the filter goes by the past; its memory of a cell that was left out is no part of the fit.
+        """
+        variance, drift = self.variance(channel), self.drift[channel]
+        if drift.level > 0.0:
+            missing = np.where(train, variance, np.inf)
+            fitted = whiten(raw, self.stack.t, self.stack.starts, missing, drift)[0]
+            return fitted, self.white(raw, channel)
+        root = 1.0 / np.sqrt(variance)
         fitted = np.where(train, root, 0.0)
-        total = np.maximum(np.bincount(run, fitted**2), 1e-300)
-        out = np.empty_like(W)
-        for j in range(W.shape[1]):
-            mean = np.bincount(run, fitted * W[:, j]) / total
-            out[:, j] = W[:, j] - root * mean[run]
-            if j and np.sum(out[train, j] ** 2) <= _SEEN * np.sum(W[:, j] ** 2):
+        total = np.maximum(np.bincount(self.stack.run, fitted**2), 1e-300)
+        out = np.empty_like(raw)
+        for j in range(raw.shape[1]):
+            mean = np.bincount(self.stack.run, fitted**2 * raw[:, j]) / total
+            out[:, j] = root * (raw[:, j] - mean[self.stack.run])
+            # columns that the fitted cells don't see say nothing of the others
+            if j and np.sum(out[train, j] ** 2) <= _SEEN * np.sum(out[:, j] ** 2):
                 out[:, j] = 0.0
-        return out
+        return out, out
 
     @staticmethod
     def _tied(selection: Sequence[Atom], atom: Atom) -> set[int]:

@@ -6,6 +6,9 @@ import numpy as np
 
 from filters.types import Array
 
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+"""The six readings, in the order of all arrays of six in the instrument's axes."""
+
 STANDARD_GRAVITY = 9.80665
 """m/s² of one g, where a reading is in g."""
 

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from filters import experiment, levels, limits, residual, selection, untestable, verification
+from filters import experiment, levels, limits, residual, untestable, verification
 from filters.effects import faults, lines, noise
 from filters.effects.events import Event
-from filters.effects.hypothesis import CHANNELS
 from filters.evidence import Atom, Stack, columns_on
+from filters.imu import CHANNELS
 from filters.residual import Run
-from filters.selection import Rival, Selection
+from filters.rivals import Rival, rivals
+from filters.selection import Selection
 from filters.types import Array
 from filters.whitening import NONE, unbiased
 
@@ -94,7 +95,7 @@ class Judgement:
             gain = self.chosen.own_gain(atom)
             where = self._where(atom, number)
             share = gain / (gain + sum(left.get(c, 0.0) for c in where))
-            others = selection.rivals(self.chosen, atom)
+            others = rivals(self.chosen, atom)
             score = gain - self.chosen.price(atom)
             self.found.append(Found(atom, theta, covariance, score, gain, share, others, where))
         self.found.sort(key=lambda f: -f.score)
@@ -246,13 +247,17 @@ class Judgement:
             return "explained" if aside else "clean"
         if any(f.rivals for f in lasting):
             return "confounded"
-        single = len(self.stack.blocks) + (self.heldout is not None) == 1
+        single = len(self.stack.blocks) + self._verdict() == 1
         if single and any(f.atom.hypothesis.source != "motion" for f in lasting):
             return "confounded"
         refuted = any(f.confirmed is False for f in lasting)
         if drift or rest or refuted or (lasting and self._out_of_band(c)):
             return "partial"
         return "explained" if lasting else "run_specific"
+
+    def _verdict(self) -> bool:
+        """Whether there is a held-out run, long enough for a verdict."""
+        return self.heldout is not None and self.heldout.blocks[0].run.seconds >= verification.LEAST_S
 
     def _aside(self, name: str) -> bool:
         """Whether a channel has faults, lines, noise level or noise structure."""
@@ -265,6 +270,8 @@ class Judgement:
 
     def _out_of_band(self, c: int) -> bool:
         """Whether the held-out error is above its floor's band."""
+        if not self._verdict():
+            return False
         for figure in self.figures:
             if figure.channel == CHANNELS[c] and figure.metric == "e10" and figure.heldout == "run":
                 # one channel in forty is outside the 95 % band by chance: a verdict asks for a thousandth

@@ -7,8 +7,9 @@ import numpy as np
 
 from filters.effects import events
 from filters.effects.catalogue import EFFECTS
-from filters.effects.hypothesis import CHANNELS, DPS, MG
+from filters.effects.hypothesis import DPS, MG
 from filters.evidence import Atom, Design
+from filters.imu import CHANNELS
 
 D = 5.0
 

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects import events, motion
+from filters.effects import events
 from filters.effects.events import Event
-from filters.effects.hypothesis import CHANNELS
 from filters.evidence import Atom, Design, Fit
 from filters.types import Array
 from filters.whitening import NONE, Drift, best_drift, best_pair, unbiased
@@ -323,9 +322,7 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     h = atom.hypothesis
     columns = h.made if isinstance(h, Event) else None
     if not isinstance(h, events.Step):
-        tested = _with_columns(design, atom, columns)
-        total, without = design.heldout(chosen.atoms, tested)
-        _without_columns(design, columns)
+        total, without = design.heldout(chosen.atoms, atom, columns)
         if not (total > 0.5 * candidate.gain and without > 0.0):
             _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
             return False
@@ -337,20 +334,6 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
         _note(chosen, candidate, guarded, "not told from drift")
         return False
     return True
-
-
-def _with_columns(design: Design, atom: Atom, columns: Array | None) -> Atom:
-    """An event's columns put into the design for a test."""
-    if columns is None:
-        return atom
-    first = design.columns.shape[1]
-    design.columns = np.hstack([design.columns, columns])
-    return Atom(atom.hypothesis, {c: np.arange(first, first + columns.shape[1]) for c in atom.places})
-
-
-def _without_columns(design: Design, columns: Array | None) -> None:
-    if columns is not None:
-        design.columns = design.columns[:, : -columns.shape[1]]
 
 
 def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) -> None:
@@ -433,95 +416,3 @@ def _settle_drift(chosen: Selection, channels: Sequence[int]) -> None:
             gain, drift = _drift_of(chosen, c)
             price = 2.0 * np.log(chosen.design.stack.seconds(c)) + 2.0 * np.log(_DRIFT_GRID)
             _set_drift(chosen.design, c, drift if gain - price > KEEP else NONE)
-
-
-# ------------------------------------------------------------------------------------------------------------- rivals
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another effect that would do in the place of one that was found."""
-
-    atom: Atom
-    score_difference: float
-
-
-_EVIDENCE = 6.0
-_SAME_PART = 0.97
-_MOST = 6
-
-
-def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
-    """Effects that would explain the same, the best first, one form of each.
-
-    Parameters
-    ----------
-    chosen : Selection
-        With the atom in it.
-    atom : Atom
-        Whose place they would take.
-
-    Returns
-    -------
-    list of Rival
-    """
-    design = chosen.design
-    if isinstance(atom.hypothesis, Event):
-        return []
-    rest = [a for a in chosen.atoms if a is not atom]
-    own = float(design.gains(rest, [atom])[0])
-    score = own - chosen.price(atom)
-    taken = {a.key for a in rest}
-    others = [
-        b
-        for b in design.atoms
-        if b.key not in taken
-        and b.hypothesis.effect != atom.hypothesis.effect
-        and (set(atom.places) <= set(b.places) or (len(atom.places) > 1 and len(b.places) > 1))
-    ]
-    gains = design.gains(rest, others)
-    found: dict[str, Rival] = {}
-    if isinstance(atom.hypothesis, motion.Gravity):
-        found["scale"] = Rival(Atom(motion.CommonScale(), atom.places), 0.0)  # always a pair: no motion separates them
-    for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
-        difference = gain - chosen.price(b) - score
-        close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)
-        if not close or b.hypothesis.effect in found or contains(b, atom):
-            continue
-        found[b.hypothesis.effect] = Rival(b, difference)
-        if len(found) >= _MOST:
-            break
-    return list(found.values())
-
-
-def contains(b: Atom, a: Atom) -> bool:
-    """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
-    h, wide = a.hypothesis, b.hypothesis.effect
-    if b.size <= a.size:
-        return False
-    if wide == "thermal_poly":
-        return h.effect == "thermal_lin"
-    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
-    axes = str(h.shape().get("axes", ""))
-    drivers = {
-        "thermal_lin": "temperature",
-        "thermal_poly": "temperature",
-        "thermal_rate": "temperature_rate",
-        "ramp": "time",
-        "warmup": "time",
-        "scale": own,
-        "asymmetry": own,
-        "nonlinearity_quadratic": own,
-        "nonlinearity_cubic": own,
-        "g_squared": f"f{h.shape().get('axis', '')}",
-        "g_sensitivity": f"f{axes}",
-        "cross_axis": f"{own[0]}{axes}",
-        "harmonic": f"angle_{h.shape().get('axis', '')}",
-        "driver:temperature_threshold": "temperature",
-    }
-    return h.effect in drivers and wide == f"driver:{drivers[h.effect]}"
-
-
-def name_of(channel: int) -> str:
-    """Name of a channel's number."""
-    return CHANNELS[channel]

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.effects import additive, motion
-from filters.effects.hypothesis import CHANNELS, Hypothesis
 from filters.evidence import Atom, Design
+from filters.imu import CHANNELS
 from filters.types import Array
 
 _COLLINEAR = 0.995
-_STOCHASTIC = ("tone", "step", "telegraph", "random_walk", "gauss_markov")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +71,7 @@ def _hidden(effect: str, source: str, design: Design) -> Untestable:
 
 def _excited(design: Design, atom: Atom) -> bool:
     """Whether a plausible size of it would show: beyond the constant bias, at half a sigma at least for 5 times it."""
-    h: Hypothesis = atom.hypothesis
-    for k, p in enumerate(h.parameters()):
+    for k, p in enumerate(atom.hypothesis.parameters()):
         information = sum(design.gram(c)[0][places[k], places[k]] for c, places in atom.places.items())
         raw = max(float(design.raw[places[k]] ** 2) for places in atom.places.values())
         n = design.stack.t.size

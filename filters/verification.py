@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from filters.effects.hypothesis import CHANNELS, DPS, MG
+from filters.effects.hypothesis import DPS, MG
 from filters.evidence import Stack
+from filters.imu import CHANNELS
 from filters.residual import perfect
 from filters.types import Array
 from filters.whitening import Drift, whiten

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from filters.effects import additive, drivers, motion
-from filters.effects.hypothesis import CHANNELS, Hypothesis
+from filters.effects.hypothesis import Hypothesis
+from filters.imu import CHANNELS
 
 
 @dataclass(frozen=True, slots=True)

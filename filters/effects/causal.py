@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from filters import attitude, earth
+from filters import attitude, earth, motion
 from filters.effects import catalogue
 from filters.effects.drivers import SCALARS
-from filters.effects.hypothesis import CHANNELS, DPS, MG, Hypothesis
+from filters.effects.hypothesis import DPS, MG, Hypothesis
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
 from filters.effects.record import Included
-from filters.imu import AxisMap
+from filters.imu import CHANNELS, AxisMap
 from filters.reference import FORCE, QUATERNION, RATE
 from filters.state import Site
 from filters.types import Array
@@ -143,7 +143,21 @@ class CausalEffects:
         spin = axes.gyro_to_instrument(spin_b)
         arms = np.stack(lever, axis=2)
         return Inputs(
-            t, x, x_dot, T, T_rate, lagged, plays, spin, tilt, arms, _angles(C), zero, np.zeros(n), np.zeros(n), zero
+            t,
+            x,
+            x_dot,
+            T,
+            T_rate,
+            lagged,
+            plays,
+            spin,
+            tilt,
+            arms,
+            motion.angles_of(C),
+            zero,
+            np.zeros(n),
+            np.zeros(n),
+            zero,
         )
 
     def _attitudes(self, known: Array) -> Array:
@@ -215,14 +229,6 @@ def _part(effect: Included) -> _Part:
         if p.unit != state.unit:
             raise ValueError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
     return _Part(h.channels, h, np.array([p.si for p in parameters]))
-
-
-def _angles(C: Array) -> Array:
-    """Table angles of attitudes, C_nb = Rx(outer) Ry(middle) Rz(inner), rad, shape (N, 3)."""
-    outer = np.arctan2(-C[:, 1, 2], C[:, 2, 2])
-    middle = np.arcsin(np.clip(C[:, 0, 2], -1.0, 1.0))
-    inner = np.arctan2(-C[:, 0, 1], C[:, 0, 0])
-    return np.stack([outer, middle, inner], axis=1)
 
 
 class _Thermal:

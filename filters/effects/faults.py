@@ -15,9 +15,8 @@ from scipy import special, stats
 
 from filters.effects import lattice as steps
 from filters.effects import stamps
+from filters.imu import CHANNELS
 from filters.types import Array
-
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 SPIKE = 7.0
 """Standard deviations of one reading, from the median of it and its two neighbours."""

@@ -11,7 +11,6 @@ from filters.effects.inputs import Inputs
 from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 ALL = tuple(range(6))
 GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
 
@@ -83,20 +82,12 @@ class Hypothesis(Protocol):
 
 
 @dataclass(frozen=True)
-class Own(ABC):
-    """An effect of one channel by itself; subclasses give the columns."""
-
-    channel: int
+class Effect(ABC):
+    """What all effects of the catalogue share; subclasses give columns and parameters."""
 
     effect: ClassVar[str]
-    where: ClassVar[tuple[int, ...]] = ALL
     source: ClassVar[str]
     text: ClassVar[str]
-
-    @property
-    def channels(self) -> tuple[int, ...]:
-        """The one."""
-        return (self.channel,)
 
     @property
     def grid(self) -> int:
@@ -108,6 +99,10 @@ class Own(ABC):
         """Words for a sentence."""
         return self.text
 
+    def shape(self) -> Mapping[str, float | str]:
+        """Nothing, unless a subclass has something."""
+        return {}
+
     @abstractmethod
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """Regressor, SI per SI of the parameters, shape (n, k)."""
@@ -116,14 +111,24 @@ class Own(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """The k parameters."""
 
+
+@dataclass(frozen=True)
+class Own(Effect):
+    """An effect of one channel by itself."""
+
+    channel: int
+
+    where: ClassVar[tuple[int, ...]] = ALL
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """The one."""
+        return (self.channel,)
+
     @property
     def gyro(self) -> bool:
         """Whether the channel is a gyro's."""
         return self.channel < 3
-
-    def shape(self) -> Mapping[str, float | str]:
-        """Nothing, unless a subclass has something."""
-        return {}
 
     def one(self, name: str, per: str, si: float, gyro_prior: float, accel_prior: float) -> tuple[Parameter, ...]:
         """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`."""

@@ -11,8 +11,8 @@ import numpy as np
 from scipy import ndimage, stats
 
 from filters.effects import spectra
-from filters.effects.faults import CHANNELS
 from filters.effects.spectra import Spectrum
+from filters.imu import CHANNELS
 from filters.types import Array
 
 PROBABILITY = 1e-3

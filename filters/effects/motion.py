@@ -1,47 +1,22 @@
 """Errors of the reference or of the whole unit: where parameters are shared by channels (catalogue 12, 15-20)."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import ACCELS, ALL, DPS, GYROS, Own, Parameter
+from filters.effects.hypothesis import ACCELS, ALL, DPS, GYROS, Effect, Own, Parameter
 from filters.effects.inputs import AXES, Inputs
 from filters.types import Array
 
 
 @dataclass(frozen=True)
-class Shared(ABC):
-    """An effect of several channels with the same parameters; subclasses give the columns of each."""
+class Shared(Effect):
+    """An effect of several channels with the same parameters."""
 
-    effect: ClassVar[str]
     channels: ClassVar[tuple[int, ...]]
-    text: ClassVar[str]
-    source: ClassVar[str] = "motion"
-
-    @property
-    def grid(self) -> int:
-        """One."""
-        return 1
-
-    @property
-    def label(self) -> str:
-        """Words for a sentence."""
-        return self.text
-
-    @abstractmethod
-    def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Regressor, SI per SI of the parameters, shape (n, k)."""
-
-    @abstractmethod
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The k parameters."""
-
-    def shape(self) -> Mapping[str, float | str]:
-        """Nothing else."""
-        return {}
+    source: ClassVar = "motion"
 
 
 @dataclass(frozen=True)

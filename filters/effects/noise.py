@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import fft, signal, stats
 
 from filters.effects import spectra
-from filters.effects.faults import CHANNELS
+from filters.imu import CHANNELS
 from filters.types import Array
 
 SLOWEST = 1.0 / 20.0

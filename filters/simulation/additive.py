@@ -10,9 +10,9 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from scipy import signal
 
+from filters.imu import CHANNELS
 from filters.motion import AXES
 from filters.simulation.parameters import (
-    CHANNELS,
     DPS,
     GYROS,
     G,

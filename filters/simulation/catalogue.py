@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from filters.imu import CHANNELS
 from filters.simulation import additive, drift, motion, output
-from filters.simulation.parameters import CHANNELS, Parameter, Setup
+from filters.simulation.parameters import Parameter, Setup
 
 EFFECTS: dict[str, type[Any]] = {
     "thermal_lin": additive.ThermalLin,

@@ -11,9 +11,9 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from filters import attitude, earth
-from filters.imu import AxisMap
+from filters.imu import CHANNELS, AxisMap
 from filters.motion import Profile, attitudes, body_rate
-from filters.simulation.parameters import ACCELS, CHANNELS, Parameter, Setup
+from filters.simulation.parameters import ACCELS, Parameter, Setup
 from filters.state import Site
 from filters.types import Array
 

@@ -6,7 +6,8 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.simulation.parameters import CHANNELS, DPS, G, Inputs, Parameter, Setup, positive
+from filters.imu import CHANNELS
+from filters.simulation.parameters import DPS, G, Inputs, Parameter, Setup, positive
 from filters.types import Array
 
 DRIVERS = (

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.imu import STANDARD_GRAVITY
+from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.types import Array
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 GYROS, ACCELS = CHANNELS[:3], CHANNELS[3:]
 
 DPS = math.pi / 180.0

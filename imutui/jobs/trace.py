@@ -127,7 +127,7 @@ def trace(
 
 
 def _check_asked(effects: Sequence[str]) -> None:
-    from filters.simulation.catalogue import EFFECTS
+    from filters.effects.catalogue import EFFECTS
 
     for effect in effects:
         if effect not in EFFECTS:

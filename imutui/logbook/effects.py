@@ -1,12 +1,34 @@
 """The effects file (TOML): what a trace found and the filter is to take along, as it lies on disk and travels in a log.
 
-Values are in the instrument's axes, sign and units. What is read here is the container; what the effects mean is made
-of it by `build`.
+Values are in the instrument's axes, sign and units: corrected reading = reading - effect. What is read and written here
+is the container; what the effects mean is made of it by `build`.
+
+    version = 1
+    source = "trace of a.mcap, b.mcap; held out c.mcap"
+    correlation = [[1.0, 0.1], [0.1, 1.0]]     # of all states in order
+
+    [[effect]]
+    effect = "thermal_lag"
+    channels = ["gy"]
+    include_as = "A"                           # A constant states, S stochastic states, N noise, P pre-filter
+
+    [effect.parameters]                        # what fixes its shape
+    tau_s = 80.0
+
+    [[effect.state]]
+    name = "k"
+    unit = "deg/s/K"
+    mean = 0.02
+    sd = 0.001
+    tau_s = inf
+    q = 0.0                                    # unit/√s
 """
 
 import hashlib
+import json
 import math
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +37,8 @@ from typing import Any
 import numpy as np
 
 from filters.effects.causal import CausalEffects
-from filters.effects.record import Included, State
+from filters.effects.record import Included, State, Trace
+from filters.imu import CHANNELS
 from filters.inclusion import Effects, MakeEffects
 from imutui.logbook.session import SessionInfo
 
@@ -26,7 +49,6 @@ NONE = b""
 """Content that stands for no effects."""
 VERSION = 1
 _KINDS = ("A", "N", "S", "P")
-_CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 _TOP = ("version", "source", "effect", "correlation")
 _EFFECT = ("effect", "channels", "include_as", "parameters", "state")
 _STATE = ("name", "unit", "mean", "sd", "tau_s", "q")
@@ -166,8 +188,8 @@ def _effect(table: Any, where: str) -> Included:
     if not isinstance(name, str) or not name:
         raise ValueError(f"{where} has no name: `effect` is {name!r}")
     where = f'{where} ("{name}")'
-    if not isinstance(channels, list) or not channels or not all(c in _CHANNELS for c in channels):
-        raise ValueError(f"{where}: `channels` is {channels!r}, not a list of {', '.join(_CHANNELS)}")
+    if not isinstance(channels, list) or not channels or not all(c in CHANNELS for c in channels):
+        raise ValueError(f"{where}: `channels` is {channels!r}, not a list of {', '.join(CHANNELS)}")
     if kind not in _KINDS:
         raise ValueError(f"{where}: `include_as` is {kind!r}, not one of {', '.join(_KINDS)}")
     parameters, states = table.get("parameters", {}), table.get("state", [])
@@ -224,3 +246,68 @@ def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
     unknown = sorted(set(table) - set(keys))
     if unknown:
         raise ValueError(f"{where} has `{unknown[0]}`; it may have: {', '.join(keys)}")
+
+
+# ---------------------------------------------------------------------------------------------------------- writing
+
+
+def dumps(trace: Trace, source: str) -> str:
+    """Text of an effects file; without effects too it is a valid one.
+
+    Parameters
+    ----------
+    trace : Trace
+        Its `included` and their `correlation`.
+    source : str
+        Where they come from, in words.
+    """
+    head = [f"version = {VERSION}", f"source = {_value(source)}", f"correlation = {_matrix(trace.correlation)}"]
+    return "\n".join([*head, *(line for effect in trace.included for line in _effect_lines(effect))]) + "\n"
+
+
+def _effect_lines(effect: Included) -> list[str]:
+    lines = ["", "[[effect]]", f"effect = {_value(effect.effect)}", f"channels = {_value(list(effect.channels))}"]
+    lines.append(f"include_as = {_value(effect.include_as)}")
+    given = {key: value for key, value in effect.parameters.items() if value is not None}
+    if given:
+        lines += ["", "[effect.parameters]"]
+        lines += [f"{_key(key)} = {_value(value)}" for key, value in given.items()]
+    for state in effect.states:
+        lines += ["", "[[effect.state]]", *_state_lines(state)]
+    return lines
+
+
+def _state_lines(state: State) -> list[str]:
+    fields = ("name", "unit", "mean", "sd", "tau_s", "q")
+    return [f"{field} = {_value(getattr(state, field))}" for field in fields]
+
+
+def _matrix(values: Any) -> str:
+    rows = np.atleast_2d(np.asarray(values, np.float64)) if np.size(values) else np.empty((0, 0))
+    if len(rows) < 2:
+        return _value(rows.tolist())
+    return "[\n" + "".join(f"    {_value(row)},\n" for row in rows.tolist()) + "]"
+
+
+def _key(name: str) -> str:
+    plain = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if plain else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: Any) -> str:
+    """A TOML value; None has none and is left out of lists' and tables' company by the caller."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    raise TypeError(f"`value` is {value!r}, which TOML cannot hold")

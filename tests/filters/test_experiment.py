@@ -16,6 +16,7 @@ from filters.imu import AxisMap, ImuSpec
 from filters.motion import Dwell, Profile, Rate
 from filters.plans import Plan, Seen
 from filters.residual import Run
+from filters.rivals import rivals
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
 from filters.tracing import trace
 from imutui import scenario
@@ -162,7 +163,7 @@ def test_performing_the_worst_plan_leaves_the_rivals(cold: Design) -> None:
     design = designed(performed([truth], 10), performed([truth], 11))
     chosen = selection.select(design, [1])
     (found,) = chosen.on(1)
-    effects = {found.hypothesis.effect, *(r.atom.hypothesis.effect for r in selection.rivals(chosen, found))}
+    effects = {found.hypothesis.effect, *(r.atom.hypothesis.effect for r in rivals(chosen, found))}
     assert {"thermal_lin", "thermal_rate"} <= effects
 
 

@@ -8,7 +8,8 @@ from runs import TUMBLE, power_ons
 
 from filters.evidence import Design, Stack
 from filters.residual import blocks
-from filters.selection import ACCEPT, KEEP, Selection, rivals, select
+from filters.rivals import rivals
+from filters.selection import ACCEPT, KEEP, Selection, select
 from filters.simulation import Effect, Temperature
 
 
@@ -84,7 +85,6 @@ def test_the_guard_keeps_flicker_from_being_an_effect(seed: int) -> None:
         assert weak.why
 
 
-@pytest.mark.xfail(strict=True, reason="a drift filter's memory tells the next cell of the one that was left out")
 def test_what_happened_once_is_no_law() -> None:
     """Temperature and error jump together for a few seconds, in one cell: no other says that they belong together."""
     once = Temperature(((0.0, 25.0), (306.0, 25.0), (308.0, 33.0), (312.0, 33.0), (314.0, 25.0)))

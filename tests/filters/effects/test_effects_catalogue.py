@@ -11,9 +11,9 @@ from runs import QUIET, run_of
 
 from filters import simulation
 from filters.effects import additive, catalogue, drivers, motion
-from filters.effects.hypothesis import CHANNELS, Hypothesis
+from filters.effects.hypothesis import Hypothesis
 from filters.evidence import is_slow
-from filters.imu import AxisMap, parse_mount
+from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.motion import Dwell, Profile, Rate, Sine
 from filters.residual import Blocks, blocks
 from filters.simulation import Effect, Scenario, Temperature

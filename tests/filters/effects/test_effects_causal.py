@@ -12,10 +12,10 @@ from runs import QUIET, run_of
 from filters import attitude, inclusion
 from filters.effects import catalogue
 from filters.effects.causal import CausalEffects
-from filters.effects.hypothesis import CHANNELS, DPS
+from filters.effects.hypothesis import DPS
 from filters.effects.record import Included, State
 from filters.evidence import is_slow
-from filters.imu import AxisMap, parse_mount
+from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.motion import Dwell, Profile, Rate, Sine, attitudes
 from filters.reference import COLUMNS, FORCE, QUATERNION, RATE
 from filters.residual import Run, blocks, perfect
