@@ -117,8 +117,8 @@ def _sensed(run: Run, rows: slice) -> tuple[Array, Array, Array, Array]:
 def _attitudes(angles: Array, rates: Array) -> tuple[Array, Array]:
     """As `motion.attitudes` and `motion.body_rate`, shapes (n, 3, 3) and (n, 3).
 
-    Those take sines one by one, so that live and replayed numbers are equal to the last bit; here whole arrays are ten
-    times as fast, and nothing has to be.
+    Those take sines one by one, so that live and replayed numbers are equal to the last bit; here whole arrays are
+    several times as fast, and nothing has to be.
     """
     (so, sm, si), (co, cm, ci) = np.sin(angles).T, np.cos(angles).T
     C = np.empty((len(angles), 3, 3))
