@@ -29,6 +29,10 @@ DEFAULTS: dict[str, Value] = {
     "acquisition.sampling": "stream",
     "acquisition.baud": 38400,
     "acquisition.operator": "",
+    "acquisition.place": "",
+    "acquisition.table": "",
+    "acquisition.rotate_minutes": 0.0,  # 0: never
+    "acquisition.rotate_mb": 0.0,  # 0: never
     "site.latitude_deg": -23.21132308,
     "site.longitude_deg": -45.85917610,
     "site.height_m": PAPER_SITE.height,
@@ -39,6 +43,10 @@ DEFAULTS: dict[str, Value] = {
     "filter.seed": 0,
     "filter.kappa": 0.0,
     "filter.noise": "table1",
+    "screen.fps": 0.0,  # 0: 10, and 5 over SSH
+    "screen.plot": "auto",  # scroll, sweep, numbers; auto: scroll, and less where the terminal falls behind
+    "screen.glyphs": "auto",  # braille, block, ascii
+    "screen.theme": "",
 }
 
 

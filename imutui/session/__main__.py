@@ -18,7 +18,7 @@ from imutui.instrument.port import Port, PortError
 from imutui.session import connect, wire
 from imutui.session.connect import InstrumentError
 from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine, disk_message
-from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
 from imutui.session.wire import Taken
 
 _SWITCH_S = 0.0005
@@ -92,7 +92,8 @@ def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
             engine.call(lambda: engine.mark(str(request["text"])))
             return {}
         case "record":
-            return {"path": engine.call(lambda: engine.record(str(request.get("note", ""))))}
+            wish = RecordingWish(**request.get("wish", {}))
+            return {"path": engine.call(lambda: engine.record(wish.note))}
         case "stop_recording":
             return {"result": engine.call(engine.stop_recording)}
         case "stop":

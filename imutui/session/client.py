@@ -8,14 +8,16 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import asdict
 from typing import Any
 
 from imutui.session import wire
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, RecordingWish
 
 _REPLY_S = 5.0
 _STOP_S = 60.0
 _EXIT_S = 5.0
+_ZERO_S = 40.0
 
 
 class SessionError(Exception):
@@ -63,9 +65,33 @@ class Client:
         """Put a mark into the recording."""
         self._ask({"ask": "mark", "text": text})
 
-    def record(self, note: str = "") -> str:
+    def record(self, wish: RecordingWish | None = None) -> str:
         """Start recording; returns the file's path. The filter starts anew with the file."""
-        return str(self._ask({"ask": "record", "note": note})["path"])
+        return str(self._ask({"ask": "record", "wish": asdict(wish) if wish is not None else {}})["path"])
+
+    def configure(self, **changes: Any) -> None:
+        """Change what the filter takes from now on; it starts anew. Refused while recording.
+
+        Parameters
+        ----------
+        **changes
+            `reference` (a name), `reference_file` (name and text of a profile or trajectory), `effects` (text of an
+            effects file, empty for none). What is not named stays as it is.
+        """
+        self._ask({"ask": "configure", "changes": changes})
+
+    def zero(self, argument: int) -> str:
+        """Have the unit zero its rate sensors; returns what came of it. Refused while recording."""
+        return str(self._ask({"ask": "zero", "argument": argument}, _ZERO_S)["said"])
+
+    def profile(self) -> dict[str, Any] | None:
+        """The table profile that the reference comes from: its `name` and its `segments`; None if there is none."""
+        found = self._ask({"ask": "profile"})["profile"]
+        return None if found is None else dict(found)
+
+    def guide(self, do: str) -> None:
+        """Guide the operator through the profile: "begin" (records if nothing does), "next", "cancel", "resume"."""
+        self._ask({"ask": "guide", "do": do})
 
     def stop_recording(self) -> dict[str, Any]:
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
@@ -111,12 +137,12 @@ class Client:
         while self.name in wire.names() and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+    def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
         with self._lock:
             if self._socket is None:
                 self._socket = _connect(self.name)
             try:
-                return _exchange(self._socket, request, _REPLY_S, self.name)
+                return _exchange(self._socket, request, timeout, self.name)
             except TimeoutError as error:
                 self._drop()
                 raise SessionError(

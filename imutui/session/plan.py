@@ -13,6 +13,26 @@ VIRTUAL_PORT = "virtual"
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingWish:
+    """What the operator says when a recording begins; empty or None leaves it as the plan has it.
+
+    Attributes
+    ----------
+    note, operator, place, table : str
+        Go into the file: remark, who, where in words, which turn table.
+    rotate_minutes, rotate_mb : float or None
+        The file is finished, and the next one begun, after so many minutes or megabytes; 0 for never.
+    """
+
+    note: str = ""
+    operator: str = ""
+    place: str = ""
+    table: str = ""
+    rotate_minutes: float | None = None
+    rotate_mb: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """One acquisition.
 
@@ -38,8 +58,10 @@ class Plan:
         Folder of recordings, absolute.
     output, overwrite : str, bool
         File of the first recording instead of a name made up in `logs`, and whether it may replace one.
-    note, operator : str
-        Go into the file.
+    note, operator, place, table : str
+        Go into the file: remark, who, where in words, which turn table.
+    rotate_minutes, rotate_mb : float
+        A file is finished, and the next one begun, after so many minutes or megabytes; 0 for never.
     noise : str
         Of the filter; "log" is refused, since it needs the whole log.
     reference_file : tuple of str
@@ -64,6 +86,10 @@ class Plan:
     overwrite: bool = False
     note: str = ""
     operator: str = ""
+    place: str = ""
+    table: str = ""
+    rotate_minutes: float = 0.0
+    rotate_mb: float = 0.0
     accel_sign: int = -1
     mount: str = "x,y,z"
     gyro_sign: str = "1,1,1"

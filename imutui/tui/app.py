@@ -229,6 +229,29 @@ class ImutuiApp(App[int]):
         if message.page.is_mounted:
             message.page.show(self._link.view())
 
+    def on_page_say(self, message: Page.Say) -> None:
+        """A page has something to say."""
+        self._say(message.text, message.level)
+
+    def on_page_ask(self, message: Page.Ask) -> None:
+        """A page asks something of the acquisition."""
+        if self._connected("ask"):
+            self._ask(message)
+
+    @work
+    async def _ask(self, message: Page.Ask) -> None:
+        client = self._link.client
+        if client is None:
+            return
+        self._say(message.busy, "wait")
+        try:
+            self._say(await in_thread(lambda: message.function(client)), "good")
+        except FAULTS as error:
+            self._say(words.fault(error), "bad")
+            return
+        if message.done is not None:
+            message.done()
+
     # keys
 
     def action_page(self, name: str) -> None:

@@ -22,7 +22,7 @@ from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
 from imutui.session import client, wire
 from imutui.session.client import SessionError, SessionGoneError
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, RecordingWish
 
 
 @contextmanager
@@ -143,7 +143,7 @@ def test_a_recording_is_started_marked_and_finished_from_outside(home: Path) -> 
     connection = client.start(plan(home, record=False, rate_hz=20.0))
     assert "not recording" in imutui("status").stdout
     assert imutui("mark", "too early", check=4).stderr.count("recorded") == 1
-    path = connection.record("first run")
+    path = connection.record(RecordingWish(note="first run"))
     assert Path(path).name.endswith("_first-run.mcap")
     imutui("mark", "table at 90 deg")
     wait_until(lambda: (connection.snapshot(2**62)["recording"] or {}).get("samples", 0) > 20)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from imutui.session.client import SessionError
+from imutui.session.plan import RecordingWish
 
 RATE_HZ = 133.0
 MEANS = np.array([0.3461, -0.4702, -0.2688, -6.112, -0.402, 1000.981, 24.96])
@@ -46,7 +47,9 @@ def estimates(**changes: Any) -> dict[str, Any]:
                   "rpy_deg": [0.002, -0.001, 0.003]},
         "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
                      "rpy_deg": [0.0057, 0.0057, 0.0127]},
-        "alarms": [],
+        "alarms": [], "effects": [],
+        "remainder": [{"channel": c, "ratio": r, "windows": 6} for c, r in
+                      (("gx", 0.9), ("gy", 1.1), ("gz", 2.1), ("ax", 1.0), ("ay", 0.8), ("az", 1.2))],
     }  # fmt: skip
     return {**found, **changes}
 
@@ -64,6 +67,9 @@ class FakeClient:
         self.changes: dict[str, Any] = {"kind": kind}
         """Fields of the snapshot that a test wants otherwise."""
         self.gone: str | None = None
+        self.marks: list[dict[str, Any]] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
+        self.wish: RecordingWish | None = None
+        self.table_profile: dict[str, Any] | None = None
         self._born = time.monotonic() - history_s
         self._sent = 0
         self._noise = np.random.default_rng(1).standard_normal((4096, 7))
@@ -92,10 +98,14 @@ class FakeClient:
             "recording": self._recording(seconds) if self.recording else None,
             "channels": [
                 {"name": n, "counts": int(38 * (i + 1)), "value": float(values[-1][i]) if count else None, "unit": u,
-                 "mean": float(MEANS[i]), "sd": float(SDS[i])}
+                 "mean": float(MEANS[i]), "sd": float(SDS[i]), "min": float(MEANS[i] - 3 * SDS[i]),
+                 "max": float(MEANS[i] + 3 * SDS[i])}
                 for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True)) if len(values)
             ],
             "statistics_s": 10.0, "filter": estimates(t=seconds),
+            "free_bytes": 52_000_000_000, "operator": "ana", "place": "lab 2", "table": "AC-120", "note": "",
+            "rotate_minutes": 0.0, "rotate_mb": 0.0, "logs": "/data/logs", "marks": self.marks,
+            "reference": {"name": "level", "file": "", "profile": False}, "effects": [], "guide": None,
             "events": [{"utc": "10:42:00", "name": "acquisition", "text": "started at 20 Hz"}],
             "series": {"next": count, "t": (numbers / RATE_HZ).tolist(), "values": values.tolist()},
         }  # fmt: skip
@@ -108,17 +118,38 @@ class FakeClient:
             "samples": 15246,
             "flush_age_s": 0.4,
             "marks": 1,
+            "bytes_per_s": 6100.0,
+            "to_full_s": 8_500_000.0,
+            "part": 1,
         }
 
     def mark(self, text: str) -> None:
         """Note a mark."""
         self.asked.append(f"mark {text}")
 
-    def record(self, note: str = "") -> str:
+    def record(self, wish: RecordingWish | None = None) -> str:
         """Begin a pretended recording."""
         self.asked.append("record")
+        self.wish = wish
         self.recording = True
         return PATH
+
+    def configure(self, **changes: Any) -> None:
+        """Note what was changed."""
+        self.asked.append(f"configure {' '.join(sorted(changes))}")
+
+    def zero(self, argument: int) -> str:
+        """Note it."""
+        self.asked.append(f"zero {argument}")
+        return "rate sensors zeroed"
+
+    def profile(self) -> dict[str, Any] | None:
+        """The profile that a test put there."""
+        return self.table_profile
+
+    def guide(self, do: str) -> None:
+        """Note it."""
+        self.asked.append(f"guide {do}")
 
     def stop_recording(self) -> dict[str, Any]:
         """Finish it."""

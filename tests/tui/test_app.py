@@ -39,7 +39,7 @@ async def test_filter_has_every_vital_text_at_80x24() -> None:
     client.changes["filter"] = estimates(alarms=["gz bias moves more than noise allows"])
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
-        await pilot.press("3")
+        await pilot.press("4")
         screen = await shows(pilot, "ALARM", "waiting for z gyro", "! gz bias moves more than noise allows")
         for text in (
             "x gyro     0.3461 ±0.0291 deg/s", "z accel", "±12", "since 9.8 s", "not yet", "-0.0011", "mean 0.24 of 9",
@@ -55,7 +55,7 @@ async def test_alarms_that_do_not_fit_are_counted() -> None:
     client.changes["filter"] = estimates(alarms=[f"alarm number {i}" for i in range(9)])
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
-        await pilot.press("3")
+        await pilot.press("4")
         await shows(pilot, "! alarm number 0", "more alarms")
 
 
@@ -105,7 +105,7 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "SIMULATED", "● REC", "5 of 6 converged", "⣿")
         assert "lost 0" in screen
-        await pilot.press("3")
+        await pilot.press("4")
         await shows(pilot, "WAITING", "not yet")
         await pilot.press("q")
         await shows(pilot, "recording continues")
@@ -305,7 +305,7 @@ async def test_unknown_numbers_are_dashes() -> None:
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "measured – Hz", " gx          –", "no filter")
-        await pilot.press("3")
+        await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 
 

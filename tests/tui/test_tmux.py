@@ -84,7 +84,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.type("table level")
     terminal.press("Enter")
     terminal.wait_for("marked: table level")
-    terminal.press("3")
+    terminal.press("4")
     terminal.wait_for("x gyro", "z accel", "Table 1 limit", "NIS", "no test", "pitch")
 
     terminal.press("d")
@@ -97,7 +97,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "KEYS" not in terminal.screen())
-    terminal.press("3")
+    terminal.press("4")
     terminal.wait_for("GOOD", "all 6 biases converged")
 
     terminal.press("q")

@@ -1,6 +1,6 @@
 """What all pages share: header, notice, footer, and the message for a terminal that is too small."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from textual import events
 from textual.app import ComposeResult
@@ -10,14 +10,15 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Footer
 
+from imutui.session.client import Client
 from imutui.tui.link import View
 from imutui.tui.widgets.header import StatusHeader
 from imutui.tui.widgets.lines import Lines
 from imutui.tui.widgets.notice import Notice
 from imutui.tui.widgets.small import NEEDED, TooSmall
 
-PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Filter")]
-"""Keys and titles; Record, Table and Logs will follow."""
+PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
+"""Keys and titles."""
 WIDE = 112
 TALL = 34
 
@@ -31,6 +32,35 @@ class Page(Screen[None]):
         def __init__(self, page: "Page") -> None:
             super().__init__()
             self.page = page
+
+    class Ask(Message):
+        """Have something asked of the acquisition, in a thread.
+
+        Parameters
+        ----------
+        function : callable
+            Asks the client; returns what to say when it is done.
+        busy : str
+            What to say meanwhile.
+        done : callable or None
+            Called in the event loop once it has worked.
+        """
+
+        def __init__(
+            self, function: Callable[[Client], str], busy: str, done: Callable[[], None] | None = None
+        ) -> None:
+            super().__init__()
+            self.function = function
+            self.busy = busy
+            self.done = done
+
+    class Say(Message):
+        """Have something said at the bottom of the page; level "none", "good", "wait" or "bad"."""
+
+        def __init__(self, text: str, level: str = "none") -> None:
+            super().__init__()
+            self.text = text
+            self.level = level
 
     def __init__(self) -> None:
         super().__init__()

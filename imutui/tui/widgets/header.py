@@ -32,11 +32,11 @@ class StatusHeader(Lines):
         now = view.now
         return [
             self._first(now, width),
-            self.spread(self._tabs(), self.line(*self._filter(now), *self._recording(now), " "), width),
+            self.spread(self._tabs(), self.line(*self._filter(now), " "), width),
         ]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
-        right = self.line("  ", self._time(now), " ")
+        right = self.line("  ", *self._recording(now), "  ", self._time(now), " ")
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length
@@ -69,7 +69,7 @@ class StatusHeader(Lines):
         return Content(" ").join(parts)
 
     def _filter(self, now: Snapshot | None) -> tuple[str, ...]:
-        return (words.filter_badge(now.get("filter")), "   ") if now is not None else ()
+        return (words.filter_badge(now.get("filter")),) if now is not None else ()
 
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:
