@@ -54,12 +54,16 @@ class Acquisition(Protocol):
     live: LiveView
     timebase: Timebase
     started_ns: int
-    last_packet_ns: int
     motion: Profile | Trajectory | None
     guide: Guide | None
     parts: Parts | None
     room: Room
     growth: Growth
+
+    @property
+    def last_packet_ns(self) -> int:
+        """When the last packet was read, monotonic."""
+        ...
 
     @property
     def zeroing(self) -> bool:
