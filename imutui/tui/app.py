@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.driver import Driver
 from textual.screen import ModalScreen, Screen
 
 from imutui.session import client as session
@@ -24,10 +25,14 @@ from imutui.tui.attempt import Attempt
 from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
 from imutui.tui.link import Link
+from imutui.tui.pace import Pace, is_remote
+from imutui.tui.painter import Painter
+from imutui.tui.pulse import Pulse
 from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page
 from imutui.tui.screens.help import HelpDialog
 from imutui.tui.screens.mark import MarkDialog
 from imutui.tui.screens.quit import ended_dialog, quit_dialog, stop_dialog
+from imutui.tui.terminal import measured
 
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
@@ -49,6 +54,8 @@ class ImutuiApp(App[int]):
     defaults : Plan or None
         What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
         Its own `logs` counts.
+    pace : Pace or None
+        How much is drawn, and how often.
     """
 
     TITLE = "imutui"
@@ -68,6 +75,7 @@ class ImutuiApp(App[int]):
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
         Binding("ctrl+q", "quit", "quit", show=False, priority=True),
         Binding("ctrl+z", "suspend_process", "suspend", show=False),
+        Binding("ctrl+b", "debug_line", "debug line", show=False, tooltip="Show what drawing costs, or hide it"),
     ]
 
     def __init__(
@@ -77,8 +85,11 @@ class ImutuiApp(App[int]):
         plan: Plan | None = None,
         logs: str = "logs",
         defaults: Plan | None = None,
+        pace: Pace | None = None,
     ) -> None:
         super().__init__()
+        self._painter = Painter()
+        self._pulse = Pulse(pace or Pace(remote=is_remote(os.environ)))
         if client is not None:
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         self.farewell: list[str] = []
@@ -88,6 +99,7 @@ class ImutuiApp(App[int]):
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         self._defaults = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
         self._link = Link()
+        self._link.pace(self._pulse.pacing)
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
@@ -117,6 +129,26 @@ class ImutuiApp(App[int]):
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
+        self._redraw()
+
+    # drawing
+
+    def get_driver_class(self) -> type[Driver]:
+        """Textual's driver for this terminal, made to measure."""
+        return measured(super().get_driver_class())
+
+    def _display(self, screen: Screen[Any], renderable: Any) -> None:
+        """Send only the cells that changed."""
+        super()._display(screen, self._painter.exact(renderable))
+
+    def action_plot_mode(self) -> None:
+        """Let plots scroll, or sweep, or be away, or let that be chosen."""
+        self._link.pace(self._pulse.pace.cycle(), self._pulse.debug)
+        self._redraw()
+
+    def action_debug_line(self) -> None:
+        """Show what drawing costs, or hide it."""
+        self.toggle_class("-debug")
         self._redraw()
 
     # connecting
@@ -190,7 +222,10 @@ class ImutuiApp(App[int]):
         """A snapshot has come; only the page in front draws it."""
         if self._link.owns(message.feed):
             self._link.take(message.snapshot)
-            self._redraw()
+            draws = self._pulse.beat(self._driver, message.snapshot, message.asked_at)
+            self._link.pace(self._pulse.pacing, self._pulse.debug)
+            if draws:
+                self._redraw()
             if message.snapshot["state"] in _OVER:
                 self._ended(None)
         message.feed.taken()
