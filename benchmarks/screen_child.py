@@ -20,7 +20,7 @@ from textual.widget import Widget
 from imutui.session import client as session
 from imutui.tui.app import ImutuiApp
 from imutui.tui.link import View
-from imutui.tui.pace import Pace
+from imutui.tui.look import Look
 from imutui.tui.painter import Painter
 from imutui.tui.screens import SCREENS, LivePage
 from imutui.tui.series import Series
@@ -162,7 +162,7 @@ def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str)
         PeerPage.marker, mode = mode, "scroll"
         SCREENS["live"] = PeerPage
         ImutuiApp.MODES = dict(SCREENS)
-    app = ImutuiApp(session.attach(name), pace=Pace(mode, FPS))
+    app = ImutuiApp(session.attach(name), look=Look(plot=mode, fps=FPS))
     account: Account | None = None
     arrived = app.on_feed_arrived
 

@@ -3,10 +3,10 @@
 from textual.content import Content
 
 from imutui import __version__
-from imutui.tui import text, words
+from imutui.tui import text
 from imutui.tui.glyphs import Glyphs
 from imutui.tui.link import Snapshot, View
-from imutui.tui.widgets.lines import Lines
+from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
 
 
 class StatusHeader(Lines):
@@ -32,7 +32,7 @@ class StatusHeader(Lines):
         now = view.now
         return [
             self._first(now, width),
-            self.spread(self._tabs(), self.line(*self._filter(now), " "), width),
+            self.spread(self._tabs(), self.line(*self._filter(view), " "), width),
         ]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
@@ -68,8 +68,9 @@ class StatusHeader(Lines):
             parts.append(Content.assemble(" ", (f"{key} {title}", style)))
         return Content(" ").join(parts)
 
-    def _filter(self, now: Snapshot | None) -> tuple[str, ...]:
-        return (words.filter_badge(now.get("filter")),) if now is not None else ()
+    def _filter(self, view: View) -> tuple[tuple[str, str], ...]:
+        verdict = view.verdict
+        return () if verdict is None else ((verdict.short, LEVEL_STYLES[verdict.level]),)
 
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:
