@@ -267,9 +267,11 @@ class ImutuiApp(App[int]):
         client = self._link.client
         if client is None:
             return
-        self._say(message.busy, "wait")
+        if message.busy:
+            self._say(message.busy, "wait")
         try:
-            self._say(await in_thread(lambda: message.function(client)), "good")
+            if said := await in_thread(lambda: message.function(client)):
+                self._say(said, "good")
         except FAULTS as error:
             self._say(words.fault(error), "bad")
             return

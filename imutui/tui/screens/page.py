@@ -39,9 +39,9 @@ class Page(Screen[None]):
         Parameters
         ----------
         function : callable
-            Asks the client; returns what to say when it is done.
+            Asks the client; returns what to say when it is done, empty for nothing.
         busy : str
-            What to say meanwhile.
+            What to say meanwhile, empty for nothing.
         done : callable or None
             Called in the event loop once it has worked.
         """
