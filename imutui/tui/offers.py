@@ -16,7 +16,7 @@ ABOUT = (
 SAMPLINGS = {"stream": "every packet, averaged over each period", "polled": "one packet asked for each period"}
 FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
 REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
-MODE = "scaled: deg/s and g by the unit's own calibration. Voltage mode measures nothing."
+MODE = "scaled (deg/s and g by the unit's calibration; voltages are not used)"
 WAITING = """\
 Waiting for {target}: {seconds:.0f} s of at most 30 s.
 
@@ -103,8 +103,8 @@ def lead(found: list[Choice]) -> Content:
     if best.value != VIRTUAL_PORT:
         return Content.assemble(ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:"))
     built_in = "only built-in ports" if len(found) > 1 else "no serial port"
-    nothing = f"Nothing is connected: this machine has {built_in}. Plug an adapter in and it appears."
-    return Content.assemble(ABOUT, "\n", nothing, "\n", *_demo("To see it work now:"))
+    nothing = f"Nothing is connected; this machine has {built_in}. Plug an adapter in and\nit appears below."
+    return Content.assemble(ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:"))
 
 
 def _demo(before: str) -> tuple[str | tuple[str, str], ...]:

@@ -35,7 +35,7 @@ _CHOSEN = {"sampling": offers.SAMPLINGS, "filter": offers.FILTERS, "reference": 
 class _Ports(OptionList):
     """The list, whose Enter connects."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect", key_display="enter")]
 
 
 class ConnectPage(Page):
@@ -67,8 +67,8 @@ class ConnectPage(Page):
     ConnectPage Notice { dock: bottom; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "connect", "connect"),
-        Binding("tab", "next_field", "next field"),
+        Binding("enter", "connect", "connect", key_display="enter"),
+        Binding("tab", "next_field", "next field", key_display="tab"),
         Binding("p", "probe", "probe", tooltip="Ask on the chosen port which instrument is there"),
         Binding("a", "probe_all", "probe all", show=False, tooltip="Ask on every serial port"),
         Binding("v", "demo", "demo", tooltip="Start a virtual instrument, record it and show it"),
