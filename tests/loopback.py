@@ -1,7 +1,7 @@
 """An OpenSSH server on loopback with keys and a port of its own, and terminals on the far end of it.
 
-What a log-in over SSH has and what it lacks is as it is in the field: a shell of its own, a pseudo-terminal that goes when
-the link goes, and no XDG_RUNTIME_DIR unless somebody sets one.
+A log-in over SSH has here what it has in the field, and lacks what it lacks there: a pseudo-terminal that goes when the
+link goes, and no XDG_RUNTIME_DIR unless somebody sets one.
 """
 
 import fcntl

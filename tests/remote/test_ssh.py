@@ -1,12 +1,11 @@
 """The operator's terminal over a real SSH link: cut, frozen, watched by two, and found from any shell.
 
-What was sent is known from the unit's side of the wire (`imutui virtual --tap`): losing a link must not cost one packet.
+What was sent is known from the unit's side of the wire (`imutui virtual --tap`): losing a link costs not one packet.
 """
 
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -100,7 +99,7 @@ def attached() -> Client:
 
 def sockets(connection: Client) -> int:
     """Open sockets of the acquisition: one that listens, and one for each viewer."""
-    return sum(os.readlink(fd).startswith("socket:") for fd in Path(f"/proc/{connection.pid}/fd").iterdir())
+    return sum(str(fd.readlink()).startswith("socket:") for fd in Path(f"/proc/{connection.pid}/fd").iterdir())
 
 
 def nobody_else_watches(connection: Client) -> bool:
@@ -128,7 +127,7 @@ def assert_all_recorded(log: reader.Log, tap: Path, seen: int) -> None:
 def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(
     home: Path, login: Login, server: SshServer, unit: str
 ) -> None:
-    """Client killed under `record`, sshd killed under the UI: all goes on; two viewers come back; every packet is there."""
+    """Client killed under `record`, sshd under the UI: all goes on; two viewers come back; every packet is there."""
     before = ours(home)
     recording = login("record", "--port", unit, "--rate", "20", "--note", "remote")
     recording.wait_for("Ctrl+C finishes")
@@ -165,7 +164,7 @@ def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(
 
 
 def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Login, server: SshServer) -> None:
-    """`imutui` and keys over SSH, with XDG_RUNTIME_DIR as PAM sets it there; found again from a shell that has another."""
+    """`imutui` and keys over SSH, XDG_RUNTIME_DIR set as by PAM; found again from shells with another and with none."""
     (home / "remote").mkdir(mode=0o700)
     first = login(XDG_RUNTIME_DIR=str(home / "remote"), IMUTUI_ACQUISITION_RATE_HZ="20")
     first.wait_for("virtual instrument", "Connect")
@@ -188,7 +187,7 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
 
 
 def test_a_frozen_link_costs_no_packet(home: Path, login: Login, server: SshServer, unit: str) -> None:
-    """Started on the machine, watched over SSH; neither end takes a byte for 3 s of packets; then the screen goes on."""
+    """Started on the machine, watched over SSH; no end takes a byte for 3 s of packets; then the screen goes on."""
     record = subprocess.Popen(
         imutui_command("record", "--port", unit, "--rate", "20"),
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
