@@ -235,6 +235,29 @@ def ports() -> list[tuple[str, str]]:
     return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
 
 
+def probe(port: str) -> dict[str, Any]:
+    """Ask on a port which instrument is there; writes bytes to it, so only on request.
+
+    Parameters
+    ----------
+    port : str
+        Path, stable id or pyserial URL.
+    """
+    from imutui.instrument.port import Port, PortError
+    from imutui.session.connect import InstrumentError, open_dialogue
+
+    found = {"port": port, "answers": False, "instrument": "", "serial_number": "", "firmware": "", "error": ""}
+    try:
+        line = Port(port, 38400)
+        try:
+            identity = open_dialogue(line, line.baud, lambda _: None)
+        finally:
+            line.close()
+    except (PortError, InstrumentError) as error:
+        return {**found, "error": str(error)}
+    return {**found, "answers": True, "serial_number": identity.serial_number, "firmware": identity.version}
+
+
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:
     assert process.stdout is not None
     deadline = time.monotonic() + timeout

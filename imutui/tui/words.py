@@ -1,5 +1,6 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -159,3 +160,15 @@ def fault(error: Exception) -> str:
     if isinstance(error, SessionError):
         return str(error)
     return f"the acquisition does not answer ({error}). It may be running all the same: `imutui status` tells."
+
+
+def copied(page: str, content: str, environ: Mapping[str, str]) -> str:
+    """What was copied, and what the terminal must allow for it to arrive."""
+    if not content:
+        return f"nothing to copy: the {page} page shows no numbers yet"
+    said = f"copied the {page} page as text, {text.plural(len(content.splitlines()), 'line')}"
+    if environ.get("TMUX"):
+        return f"{said}. In tmux it arrives with: tmux set -g set-clipboard on"
+    if environ.get("TERM") == "linux":
+        return f"{said}, but this console has no clipboard to take it"
+    return f"{said}, to the terminal's clipboard (OSC 52; a terminal that does not allow it takes nothing)"
