@@ -19,6 +19,7 @@ from imutui.cli import (
     import_,
     info,
     mark,
+    profile,
     record,
     recover,
     replay,
@@ -44,6 +45,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "recover": recover.command,
     "replay": replay.command,
     "trace": trace.command,
+    "profile": profile.command,
     "config": config.command,
 }
 

@@ -26,7 +26,9 @@ def info_text(d: Mapping[str, Any], width: int) -> str:
     lines = [d["log"]]
     for label, value in _facts(d):
         if value:
-            lines += textwrap.wrap(value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1))
+            lines += textwrap.wrap(
+                value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1)
+            )
     lines += _topics(d)
     for title, key in (("marks", "marks"), ("events", "events")):
         lines += _happened(title, d[key], width)
@@ -92,14 +94,20 @@ def _facts(d: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "temperature", _temperature(d["temperature_degc"])
     yield "axes", _axes(d)
     yield "site", _site(d)
-    yield "filter", f"{d['filter']}, reference {d['reference']}, measurements {d['measurements']}" if d["filter"] else ""
+    yield (
+        "filter",
+        f"{d['filter']}, reference {d['reference']}, measurements {d['measurements']}" if d["filter"] else "",
+    )
     yield "effects", ", ".join(d["effects"])
     yield "quality", _quality(d["quality"])
     yield "port", f"{d['port']} at {d['baud']:.0f} baud on {d['host']}" if d["port"] and d["baud"] else d["port"]
     yield "software", d["software"]
     yield "attached", ", ".join(f"{name} ({_size(size)})" for name, size in d["attachments"].items())
     if d["recovered"]:
-        yield "recovered", f"from {d['recovered'].get('source', _NOTHING)}; lost: {d['recovered'].get('lost', _NOTHING)}"
+        yield (
+            "recovered",
+            f"from {d['recovered'].get('source', _NOTHING)}; lost: {d['recovered'].get('lost', _NOTHING)}",
+        )
 
 
 def _length(d: Mapping[str, Any]) -> str:
