@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from imutui.cli import attach, config, demo, import_, mark, record, replay, status, stop, trace, virtual
+from imutui.cli import attach, config, demo, import_, mark, profile, record, replay, status, stop, trace, virtual
 from imutui.cli.outcome import handled
 
 COMMANDS: dict[str, Callable[..., None]] = {
@@ -24,6 +24,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "import": import_.command,
     "replay": replay.command,
     "trace": trace.command,
+    "profile": profile.command,
     "config": config.command,
 }
 

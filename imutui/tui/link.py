@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from textual.message import Message
 from imutui.session.client import Client
 from imutui.tui.feed import Feed
 from imutui.tui.history import History
+from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
 from imutui.tui.verdict import Hold, Verdict, judge, stale
 
@@ -40,6 +41,10 @@ class View:
         Whether the view stands still.
     notice : tuple of str
         Level and text of what the UI has to say, empty text for nothing.
+    pacing : Pacing
+        How much is drawn, and how often.
+    debug : str
+        What drawing costs.
     verdict : Verdict or None
         On the filter, now; never frozen.
     shown_verdict : Verdict or None
@@ -57,6 +62,8 @@ class View:
     verdict: Verdict | None = None
     shown_verdict: Verdict | None = None
     slope_k_per_min: float | None = None
+    pacing: Pacing = field(default_factory=Pacing)
+    debug: str = ""
 
 
 class Link:
@@ -66,6 +73,7 @@ class Link:
         self.client: Client | None = None
         self._feed: Feed | None = None
         self._said, self._said_until = NOTHING, 0.0
+        self._pacing, self._debug = Pacing(), ""
         self._clear()
 
     def _clear(self) -> None:
@@ -83,8 +91,14 @@ class Link:
         self.leave()
         self._clear()
         self.client = client
-        self._feed = Feed(client, post)
+        self._feed = Feed(client, post, self._pacing.fps)
         self._feed.start()
+
+    def pace(self, pacing: Pacing, debug: str = "") -> None:
+        """Draw so much and so often from now on; `debug` says what it costs."""
+        self._pacing, self._debug = pacing, debug
+        if self._feed is not None:
+            self._feed.rate_hz = pacing.fps
 
     def pause(self) -> None:
         """Poll no more, because the acquisition is being ended."""
@@ -146,12 +160,29 @@ class Link:
     def view(self) -> View:
         """What to show now."""
         if self._frozen is None:
-            return self._view(self._series, self._biases, frozen=False)
-        return replace(self._frozen, now=self.newest, notice=self._notice(), verdict=self._verdict)
+            view = self._view(self._series, self._biases, frozen=False)
+        else:
+            view = self._frozen
+        return replace(
+            view,
+            now=self.newest,
+            notice=self._notice(),
+            verdict=self._verdict,
+            pacing=self._pacing,
+            debug=self._debug,
+        )
 
     def _view(self, series: Series, biases: History, *, frozen: bool) -> View:
         return View(
-            self.newest, self.newest, series, biases, frozen, self._notice(), self._verdict, self._verdict, self._slope
+            self.newest,
+            self.newest,
+            series,
+            biases,
+            frozen,
+            self._notice(),
+            verdict=self._verdict,
+            shown_verdict=self._verdict,
+            slope_k_per_min=self._slope,
         )
 
     def say(self, text: str, level: str = "none") -> None:
