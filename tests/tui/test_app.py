@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from fake import PATH, FakeClient, estimates
+from fake import PATH, FakeClient
 from pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
@@ -28,35 +28,9 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
         for text in (
             "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "last 30 s", "autoscale",
             "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming 3 min", FILE, "123 kB", "flush 0.4 s ago",
-            "q quit", "? help", "r record", "filter 5 of 6 converged", "0.3461", "1000.981",
+            "q quit", "? help", "r record", "filter ▲ AMBER 5 of 6", "0.3461", "1000.981",
         ):  # fmt: skip
             assert text in screen, text
-
-
-async def test_filter_has_every_vital_text_at_80x24() -> None:
-    """Verdict, six biases with certainty and limit, NIS in words, navigation with 3 sd, alarms."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=["gz bias moves more than noise allows"])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        screen = await shows(pilot, "ALARM", "waiting for z gyro", "! gz bias moves more than noise allows")
-        for text in (
-            "x gyro     0.3461 ±0.0291 deg/s", "z accel", "±12", "since 9.8 s", "not yet", "-0.0011", "mean 0.24 of 9",
-            "no test: the reference is fed exact", "velocity N", "±0.008 m/s", "roll", "lat -23.211323°", "641.20",
-            "sd below 0.05 deg/s and 0.6 mg", "reference level", "± is 3 sd", "q quit",
-        ):  # fmt: skip
-            assert text in screen, text
-
-
-async def test_alarms_that_do_not_fit_are_counted() -> None:
-    """A small terminal shows the first alarms and says how many there are beyond."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=[f"alarm number {i}" for i in range(9)])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        await shows(pilot, "! alarm number 0", "more alarms")
 
 
 async def test_a_measured_unit_is_not_called_simulated() -> None:
@@ -103,22 +77,22 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "SIMULATED", "● REC", "5 of 6 converged", "⣿")
+        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⣿")
         assert "lost 0" in screen
         await pilot.press("4")
-        await shows(pilot, "WAITING", "not yet")
+        await shows(pilot, "AMBER", "not yet")
         await pilot.press("q")
         await shows(pilot, "recording continues")
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With IMUTUI_GLYPHS=ascii, pages and dialogs have no other sign."""
-    monkeypatch.setenv("IMUTUI_GLYPHS", "ascii")
+    """With IMUTUI_SCREEN_GLYPHS=ascii, pages and dialogs have no other sign."""
+    monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
         assert (await shows(pilot, "* REC", "gyro, deg/s")).isascii()
-        for keys, text in ((["3"], "+-0.0291"), (["q"], "continues")):
+        for keys, text in ((["4"], "+-0.0291"), (["q"], "continues")):
             await pilot.press(*keys)
             assert (await shows(pilot, text)).isascii()
 
@@ -304,7 +278,7 @@ async def test_unknown_numbers_are_dashes() -> None:
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", " gx          –", "no filter")
+        await shows(pilot, "measured – Hz", " gx          –", "filter – OFF")
         await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 
