@@ -46,9 +46,7 @@ def test_a_name_taken_in_one_environment_is_seen_in_every_other(
     assert wire.socket_path("table").parent == wire.folder()
 
 
-def test_links_to_folders_that_went_away_are_cleared(
-    home: Path, other: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_links_to_folders_that_went_away_are_cleared(home: Path, other: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A runtime folder ends with the log-in; its link goes when the next name is taken."""
     runtime(monkeypatch, other)
     os.close(wire.lock("first"))
