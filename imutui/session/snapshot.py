@@ -106,6 +106,9 @@ def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
         "state": None,
         "state_sd": None,
         "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
+        "failure": take.failure,
+        "rejected": estimator.rejected,
+        "confounded": estimator.confounded(),
     }
     if latest is not None:
         axes, g_unit = take.info.axes(), take.info.g_unit

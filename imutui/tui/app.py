@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.driver import Driver
 from textual.screen import ModalScreen, Screen
 from textual.widgets import Input
 
@@ -26,10 +27,14 @@ from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
 from imutui.tui.link import Link
 from imutui.tui.look import Look
+from imutui.tui.pace import Pace, is_remote
+from imutui.tui.painter import Painter
+from imutui.tui.pulse import Pulse
 from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page, RecordPage
 from imutui.tui.screens.help import HelpDialog
 from imutui.tui.screens.mark import MarkDialog
 from imutui.tui.screens.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.terminal import measured
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _OVER = ("stopped", "failed")
@@ -78,6 +83,7 @@ class ImutuiApp(App[int]):
         Binding(
             "ctrl+z", "suspend_process", "suspend", show=False, tooltip="Back to the shell for a while; fg returns"
         ),
+        Binding("ctrl+b", "debug_line", "debug line", show=False, tooltip="Show what drawing costs, or hide it"),
     ]
 
     def __init__(
@@ -91,6 +97,8 @@ class ImutuiApp(App[int]):
     ) -> None:
         super().__init__()
         self.look = look or Look()
+        self._painter = Painter()
+        self._pulse = Pulse(Pace(self.look.plot, self.look.fps, remote=is_remote(os.environ)))
         if client is not None:
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         self.farewell: list[str] = []
@@ -100,6 +108,7 @@ class ImutuiApp(App[int]):
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         self._defaults = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
         self._link = Link()
+        self._link.pace(self._pulse.pacing)
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
@@ -133,6 +142,26 @@ class ImutuiApp(App[int]):
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
+        self._redraw()
+
+    # drawing
+
+    def get_driver_class(self) -> type[Driver]:
+        """Textual's driver for this terminal, made to measure."""
+        return measured(super().get_driver_class())
+
+    def _display(self, screen: Screen[Any], renderable: Any) -> None:
+        """Send only the cells that changed."""
+        super()._display(screen, self._painter.exact(renderable))
+
+    def action_plot_mode(self) -> None:
+        """Let plots scroll, or sweep, or be away, or let that be chosen."""
+        self._link.pace(self._pulse.pace.cycle(), self._pulse.debug)
+        self._redraw()
+
+    def action_debug_line(self) -> None:
+        """Show what drawing costs, or hide it."""
+        self.toggle_class("-debug")
         self._redraw()
 
     # connecting
@@ -217,7 +246,10 @@ class ImutuiApp(App[int]):
         """A snapshot has come; only the page in front draws it."""
         if self._link.owns(message.feed):
             self._link.take(message.snapshot)
-            self._redraw()
+            draws = self._pulse.beat(self._driver, message.snapshot, message.asked_at)
+            self._link.pace(self._pulse.pacing, self._pulse.debug)
+            if draws:
+                self._redraw()
             if message.snapshot["state"] in _OVER:
                 self._ended(None)
         message.feed.taken()

@@ -12,6 +12,7 @@ from textual.widgets import Footer
 
 from imutui.session.client import Client
 from imutui.tui.link import View
+from imutui.tui.widgets.debug import DebugLine
 from imutui.tui.widgets.header import StatusHeader
 from imutui.tui.widgets.lines import Lines
 from imutui.tui.widgets.notice import Notice
@@ -73,6 +74,7 @@ class Page(Screen[None]):
         with Vertical(id="page"):
             yield StatusHeader(PAGES, self.TITLE or "")
             yield from self.body()
+            yield DebugLine()
             yield Notice()
         yield Footer(compact=True, show_command_palette=False)
 

@@ -3,10 +3,10 @@
 from textual.content import Content
 
 from imutui import __version__
-from imutui.tui import text, words
+from imutui.tui import text
 from imutui.tui.glyphs import Glyphs
 from imutui.tui.link import Snapshot, View
-from imutui.tui.widgets.lines import Lines
+from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
 
 _PORT_ROOM = 14
 
@@ -33,7 +33,7 @@ class StatusHeader(Lines):
         """Identity and time; pages, filter and recording."""
         now = view.now
         tabs = self._tabs()
-        return [self._first(now, width), self.spread(tabs, self._filter(now, width - tabs.cell_length - 2), width)]
+        return [self._first(now, width), self.spread(tabs, self._filter(view, width - tabs.cell_length - 2), width)]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
         right = self.line("  ", *self._recording(now), "  ", self._time(now), " ")
@@ -70,12 +70,12 @@ class StatusHeader(Lines):
             parts.append(Content.assemble(" ", (f"{key} {title}", style)))
         return Content(" ").join(parts)
 
-    def _filter(self, now: Snapshot | None, room: int) -> Content:
-        """The filter's badge, without its plainest words where they do not fit; the tabs stay whole."""
-        badge = words.filter_badge(now.get("filter")) if now is not None else ""
-        for plain in ("", " converged", "filter "):
-            badge = badge if len(badge) <= room else badge.replace(plain, "")
-        return self.line(badge[: max(room, 0)], " ")
+    def _filter(self, view: View, room: int) -> Content:
+        """The filter's badge, cut where it does not fit: the tabs stay whole."""
+        verdict = view.verdict
+        if verdict is None:
+            return self.line(" ")
+        return self.line((verdict.short[: max(room, 0)], LEVEL_STYLES[verdict.level]), " ")
 
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:
