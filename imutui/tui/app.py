@@ -132,8 +132,13 @@ class ImutuiApp(App[int]):
         return next((screen for screen in reversed(self.screen_stack) if isinstance(screen, Page)), None)
 
     def _redraw(self) -> None:
-        if self.page is not None and self.page.is_mounted:
-            self.page.show(self._link.view())
+        if self.page is not None:
+            self._show(self.page)
+
+    def _show(self, page: Page) -> None:
+        # while the application ends, pages lose their widgets before data stop coming
+        if page.is_mounted and self.is_running:
+            page.show(self._link.view())
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
@@ -282,8 +287,7 @@ class ImutuiApp(App[int]):
         """A page has come to the front."""
         if isinstance(message.page, RecordPage):
             message.page.finished(self._finished)
-        if message.page.is_mounted:
-            message.page.show(self._link.view())
+        self._show(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
         """A page has something to say."""
