@@ -59,7 +59,7 @@ def styled(body: str) -> Content:
     return Content("\n").join(made)
 
 
-def traced(result: Any) -> str | Callable[[int], str]:
+def traced(result: Any) -> Callable[[int], str]:
     """Text of a trace at a width, with what is wrong with its files first."""
 
     def at(width: int) -> str:
@@ -162,8 +162,6 @@ def _scalar(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, list):
         return " ".join(_scalar(v) for v in value)
-    return (
-        {True: "yes", False: "no", None: text.NOTHING}.get(value, str(value))
-        if not isinstance(value, int) or isinstance(value, bool)
-        else str(value)
-    )
+    if value is None:
+        return text.NOTHING
+    return {"True": "yes", "False": "no"}.get(str(value), str(value))

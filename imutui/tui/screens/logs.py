@@ -79,6 +79,7 @@ class LogsPage(Page):
         self._job: _Job | None = None
         self._pending: Outcome | None = None
         self._wanted: Path | None = None
+        self._under: Path | None = None
 
     def body(self) -> Iterable[Widget]:
         """Where, what, the job, more of the line with the cursor, more keys."""
@@ -114,7 +115,7 @@ class LogsPage(Page):
     def folder(self) -> Path:
         """Whose recordings are listed: the one that was opened, else the acquisition's, else the configured one."""
         now = self.view.now if self.view is not None else None
-        return self._folder or Path((now or {}).get("logs") or getattr(self.app, "logs_folder", "logs"))
+        return self._folder or Path(str((now or {}).get("logs") or getattr(self.app, "logs", "logs")))
 
     # the list
 
@@ -136,7 +137,7 @@ class LogsPage(Page):
         glyphs = choose().text
         self.query_one("#logs-lead", Static).update(Content.styled(glyphs(line), "bold"))
         self.query_one("#logs-columns", Static).update(Content(glyphs(told.heading(width - 1))))
-        rows, at = self.query_one("#recordings", Rows), self._here()
+        rows, at = self.query_one("#recordings", Rows), self._under
         briefs = self._briefs or []
         rows.fill([Content(glyphs(told.row(b, b.path in self._chosen, width - 1))) for b in briefs])
         wanted = self._wanted or at
@@ -144,14 +145,6 @@ class LogsPage(Page):
         if number is not None:
             rows.highlighted, self._wanted = number, None
         self._say_detail()
-
-    _listed: list[Brief]
-
-    def _here(self) -> Path | None:
-        """The path that the cursor was on, before the list changes under it."""
-        return self._under
-
-    _under: Path | None = None
 
     def _brief(self) -> Brief | None:
         at, briefs = self.query_one("#recordings", Rows).cursor, self._briefs or []
@@ -312,10 +305,12 @@ class LogsPage(Page):
         elif file is not None and not isinstance(file, str):
             self.load_effects(file.path.name, file.text)
 
+    def _effects_typed(self, entered: str | None) -> None:
+        if entered is not None:
+            self._open_effects(entered)
+
     @work(exclusive=True, group="effects")
-    async def _effects_typed(self, entered: str | None) -> None:
-        if entered is None:
-            return
+    async def _open_effects(self, entered: str) -> None:
         file = await in_thread(lambda: _effects_file(Path(entered).expanduser()))
         if file.error:
             self.post_message(self.Say(f"{entered}: {file.error}", "bad"))

@@ -175,18 +175,21 @@ class TablePage(Page):
             found.append(client.profile())
             return ""
 
-        self.post_message(self.Ask(ask, "", lambda: self._take(found[0])))
+        self.post_message(self.Ask(ask, "", lambda: self._follow(found[0])))
 
-    @work(exclusive=True, group="shows")
-    async def _take(self, profile: Mapping[str, Any] | None) -> None:
+    def _follow(self, profile: Mapping[str, Any] | None) -> None:
         """A profile has come: show it, then work out what it makes testable."""
         self._profile, self._shows, self._choosing = profile, None, False
         self._head()
         if profile is not None:
-            shows = await in_thread(lambda: _shows(profile))
-            if self._profile is profile:
-                self._shows = shows
-                self._head()
+            self._work_out(profile)
+
+    @work(exclusive=True, group="shows")
+    async def _work_out(self, profile: Mapping[str, Any]) -> None:
+        shows = await in_thread(lambda: _shows(profile))
+        if self._profile is profile:
+            self._shows = shows
+            self._head()
 
     def _head(self) -> None:
         self.query_one(GuideHead).profile = self._profile

@@ -14,9 +14,10 @@ _BAR = 24
 class JobLine(Widget):
     """Two lines; empty without a job."""
 
-    DEFAULT_CSS = (
-        "JobLine { height: 2; padding: 0 1; background: $panel; display: none; } JobLine.-on { display: block; }"
-    )
+    DEFAULT_CSS = """
+    JobLine { height: 2; padding: 0 1; background: $panel; display: none; }
+    JobLine.-on { display: block; }
+    """
 
     def __init__(self) -> None:
         super().__init__()
