@@ -100,7 +100,8 @@ def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
             engine.request_stop()
             return _ending(engine)
         case "wait":
-            return _ending(engine)
+            # a thread that waited on for a viewer that has gone would stay, and its socket with it
+            return _ending(engine) if engine.ended.wait(request.get("timeout_s")) else {"runs": True}
     raise ValueError(f'no such request: "{request["ask"]}"')
 
 

@@ -113,7 +113,7 @@ class Client:
 
     def wait(self, timeout: float | None = None) -> dict[str, Any] | None:
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
-        return self._ending({"ask": "wait"}, timeout)
+        return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
 
     def close(self) -> None:
         """Leave; the acquisition goes on."""
@@ -126,6 +126,8 @@ class Client:
             reply = _exchange(connection, request, timeout, self.name)
         finally:
             connection.close()
+        if reply.get("runs"):
+            raise TimeoutError
         self._await_exit()
         if reply["error"] is not None:
             raise SessionError(str(reply["error"]), int(reply["exit_code"]))
@@ -231,6 +233,29 @@ def ports() -> list[tuple[str, str]]:
     from imutui.instrument.port import available
 
     return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
+
+
+def probe(port: str) -> dict[str, Any]:
+    """Ask on a port which instrument is there; writes bytes to it, so only on request.
+
+    Parameters
+    ----------
+    port : str
+        Path, stable id or pyserial URL.
+    """
+    from imutui.instrument.port import Port, PortError
+    from imutui.session.connect import InstrumentError, open_dialogue
+
+    found = {"port": port, "answers": False, "instrument": "", "serial_number": "", "firmware": "", "error": ""}
+    try:
+        line = Port(port, 38400)
+        try:
+            identity = open_dialogue(line, line.baud, lambda _: None)
+        finally:
+            line.close()
+    except (PortError, InstrumentError) as error:
+        return {**found, "error": str(error)}
+    return {**found, "answers": True, "serial_number": identity.serial_number, "firmware": identity.version}
 
 
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:

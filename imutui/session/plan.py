@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
 
@@ -140,3 +141,33 @@ class Plan:
             if value is not None and key not in ("reference_file", "effects"):  # attachments of their own
                 lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
         return "\n".join(lines) + "\n"
+
+
+DEMO_RATE_HZ = 20.0
+DEMO = "demo"
+"""Name and note of the demo's acquisition."""
+
+
+def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
+    """The demo: a virtual instrument with an effect to be found, recorded from the first packet.
+
+    Parameters
+    ----------
+    defaults : Plan
+        Where to record, and who does.
+    rate_hz : float
+        Output rate.
+    seed : int
+        Of the virtual unit's biases and noise.
+    """
+    scenario = Path(__file__).with_name("demo.toml")
+    return Plan(
+        VIRTUAL_PORT,
+        rate_hz,
+        record=True,
+        name=DEMO,
+        note=DEMO,
+        logs=defaults.logs,
+        operator=defaults.operator,
+        virtual=("--seed", str(seed), "--scenario", str(scenario)),
+    )

@@ -6,7 +6,7 @@ freezes the screen, and a frozen terminal never delays the acquisition.
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,21 +14,29 @@ from typing import Any, ClassVar
 from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.driver import Driver
 from textual.screen import ModalScreen, Screen
+from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import Client, SessionError
-from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.tui import glyphs, palette, words
+from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.tui import glyphs, palette, pictures, words
 from imutui.tui.attempt import Attempt
 from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
 from imutui.tui.link import Link
-from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page
+from imutui.tui.look import Look
+from imutui.tui.pace import Pace, is_remote
+from imutui.tui.painter import Painter
+from imutui.tui.pulse import Pulse
+from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page, RecordPage
 from imutui.tui.screens.help import HelpDialog
 from imutui.tui.screens.mark import MarkDialog
-from imutui.tui.screens.quit import ended_dialog, quit_dialog, stop_dialog
+from imutui.tui.screens.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.terminal import measured
 
+_PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
 FAULTS = (SessionError, OSError)
@@ -49,6 +57,8 @@ class ImutuiApp(App[int]):
     defaults : Plan or None
         What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
         Its own `logs` counts.
+    look : Look or None
+        Theme, signs, speed and plots.
     """
 
     TITLE = "imutui"
@@ -62,12 +72,18 @@ class ImutuiApp(App[int]):
         ),
         Binding("r", "record", "record", tooltip="Start or finish a recording"),
         Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
-        Binding("d", "detach", "detach", tooltip="Leave the screen, the acquisition goes on"),
+        *(Binding(key, f"missing('{purpose}')", show=False) for key, purpose in _PURPOSES.items()),
+        Binding("d", "detach", "detach", show=False, tooltip="Leave the screen, the acquisition goes on"),
+        Binding("y", "copy_page", "copy", show=False, tooltip="Copy the numbers of this page as text"),
+        Binding("P", "picture", "picture", show=False, tooltip="Save a picture of the screen (SVG) with the logs"),
         Binding("question_mark", "help", "help", key_display="?", tooltip="Help in plain language"),
         Binding("f1", "help", "help", show=False),
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
         Binding("ctrl+q", "quit", "quit", show=False, priority=True),
-        Binding("ctrl+z", "suspend_process", "suspend", show=False),
+        Binding(
+            "ctrl+z", "suspend_process", "suspend", show=False, tooltip="Back to the shell for a while; fg returns"
+        ),
+        Binding("ctrl+b", "debug_line", "debug line", show=False, tooltip="Show what drawing costs, or hide it"),
     ]
 
     def __init__(
@@ -77,8 +93,12 @@ class ImutuiApp(App[int]):
         plan: Plan | None = None,
         logs: str = "logs",
         defaults: Plan | None = None,
+        look: Look | None = None,
     ) -> None:
         super().__init__()
+        self.look = look or Look()
+        self._painter = Painter()
+        self._pulse = Pulse(Pace(self.look.plot, self.look.fps, remote=is_remote(os.environ)))
         if client is not None:
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         self.farewell: list[str] = []
@@ -88,21 +108,21 @@ class ImutuiApp(App[int]):
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         self._defaults = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
         self._link = Link()
+        self._link.pace(self._pulse.pacing)
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
+        self._finished = ""
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
-        if os.environ.get("TERM") == "linux":
-            self.theme = "ansi-dark"  # the console has sixteen colours; approximating a theme's to them loses contrast
+        self.theme = self.look.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
         if self._first_client is not None:
             self._look_at(self._first_client)
             return
-        form = self._defaults
-        self._connect_page().fill(form.port, form.rate_hz, form.sampling)
+        self._connect_page().fill(self._defaults)
         if self._first_plan is not None:
             self._start(self._first_plan)
 
@@ -119,20 +139,51 @@ class ImutuiApp(App[int]):
         self._link.say(said, level)
         self._redraw()
 
+    # drawing
+
+    def get_driver_class(self) -> type[Driver]:
+        """Textual's driver for this terminal, made to measure."""
+        return measured(super().get_driver_class())
+
+    def _display(self, screen: Screen[Any], renderable: Any) -> None:
+        """Send only the cells that changed."""
+        super()._display(screen, self._painter.exact(renderable))
+
+    def action_plot_mode(self) -> None:
+        """Let plots scroll, or sweep, or be away, or let that be chosen."""
+        self._link.pace(self._pulse.pace.cycle(), self._pulse.debug)
+        self._redraw()
+
+    def action_debug_line(self) -> None:
+        """Show what drawing costs, or hide it."""
+        self.toggle_class("-debug")
+        self._redraw()
+
     # connecting
 
     def on_connect_page_chosen(self, message: ConnectPage.Chosen) -> None:
         """Start an acquisition."""
         try:
-            plan = replace(self._defaults, port=message.port, rate_hz=message.rate_hz, sampling=message.sampling)
+            plan = replace(self._defaults, **message.changes)
         except ValueError as error:
             self._connect_page().ready(str(error))
             return
         self._start(plan)
 
+    def on_connect_page_demo_asked(self) -> None:
+        """Start the demo, or look at the one that runs."""
+        plan = demo(self._defaults)
+        if plan.name in session.running():
+            self._resume(plan.name)
+        else:
+            self._start(plan)
+
     def on_connect_page_resumed(self, message: ConnectPage.Resumed) -> None:
         """Look at a running acquisition."""
-        self._begin(Attempt(lambda: session.attach(message.name), stops=False), f'acquisition "{message.name}"')
+        self._resume(message.name)
+
+    def _resume(self, name: str) -> None:
+        self._begin(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
 
     def on_connect_page_cancelled(self) -> None:
         """Give up connecting."""
@@ -148,7 +199,7 @@ class ImutuiApp(App[int]):
         self._attempt = attempt
         await self.switch_mode("connect")
         if plan is not None:
-            self._connect_page().fill(plan.port, plan.rate_hz, plan.sampling)
+            self._connect_page().fill(plan)
         self._connect_page().waiting(target)
         try:
             await in_thread(attempt.run)
@@ -190,7 +241,10 @@ class ImutuiApp(App[int]):
         """A snapshot has come; only the page in front draws it."""
         if self._link.owns(message.feed):
             self._link.take(message.snapshot)
-            self._redraw()
+            draws = self._pulse.beat(self._driver, message.snapshot, message.asked_at)
+            self._link.pace(self._pulse.pacing, self._pulse.debug)
+            if draws:
+                self._redraw()
             if message.snapshot["state"] in _OVER:
                 self._ended(None)
         message.feed.taken()
@@ -226,6 +280,8 @@ class ImutuiApp(App[int]):
 
     def on_page_wanted(self, message: Page.Wanted) -> None:
         """A page has come to the front."""
+        if isinstance(message.page, RecordPage):
+            message.page.finished(self._finished)
         if message.page.is_mounted:
             message.page.show(self._link.view())
 
@@ -278,29 +334,55 @@ class ImutuiApp(App[int]):
             self.action_freeze()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what needs an acquisition only with one; its key still says what is missing."""
-        return action not in ("record", "mark", "detach") or self._link.client is not None
+        """Offer what needs an acquisition only with one, and no letters as keys while text is being typed."""
+        if action in ("record", "mark", "detach"):
+            return self._link.client is not None and not self._typing()
+        if action == "missing":
+            return self._link.client is None
+        return not (action == "help" and self._typing())
+
+    def _typing(self) -> bool:
+        return isinstance(self.focused, Input)
+
+    def action_missing(self, purpose: str) -> None:
+        """Say what a key lacks that needs an acquisition."""
+        self._connected(purpose)
 
     def action_record(self) -> None:
-        """Start a recording, or finish it."""
+        """Start a recording as the Record page's form says, or finish it."""
         if self._connected("record"):
             self._toggle_recording()
 
     @work(exclusive=True, group="record")
     async def _toggle_recording(self) -> None:
-        client, recording = self._link.client, self._recording()
+        client, recording, page = self._link.client, self._recording(), self._record_page()
         if client is None:
             return
         try:
             if recording is None:
-                path = await in_thread(client.record)
+                wish = page.wish() if page is not None else None
+                path = await in_thread(lambda: client.record(wish))
+                self._tell_record_page("")
                 self._say(f"recording to {path}", "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
-                self._say(words.finished(recording, result), "good")
+                self._tell_record_page(words.finished(recording, result))
+                self._say(self._finished, "good")
+        except ValueError as error:
+            self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
             self._say(words.fault(error), "bad")
+
+    def _record_page(self) -> RecordPage | None:
+        return next((page for page in self._pages() if isinstance(page, RecordPage)), None)
+
+    def _tell_record_page(self, finished: str) -> None:
+        """What was written last stays on the Record page, which need not exist yet."""
+        self._finished = finished
+        page = self._record_page()
+        if page is not None:
+            page.finished(finished)
 
     def _recording(self) -> dict[str, Any] | None:
         newest = self._link.newest
@@ -308,7 +390,9 @@ class ImutuiApp(App[int]):
 
     def _connected(self, purpose: str) -> bool:
         if self._link.client is None:
-            self._say(f"nothing to {purpose}: no acquisition is connected (1 connects)", "wait")
+            self._say(
+                f"nothing to {purpose}: no acquisition is connected. 1 connects; there, v starts the demo", "wait"
+            )
         return self._link.client is not None
 
     def action_mark(self) -> None:
@@ -334,6 +418,28 @@ class ImutuiApp(App[int]):
         except FAULTS as error:
             self._say(words.fault(error), "bad")
 
+    def action_copy_page(self) -> None:
+        """Copy the numbers of the page in front."""
+        page = self.page
+        if page is None:
+            return
+        copied = page.as_text()
+        self.copy_to_clipboard(copied)
+        self._say(words.copied(page.TITLE or "", copied, os.environ), "none")
+
+    def action_picture(self) -> None:
+        """Save a picture of the screen."""
+        self.call_after_refresh(self._picture)
+
+    def _picture(self) -> None:
+        page = (self.page.TITLE or "").lower() if self.page is not None else ""
+        folder = (self._link.newest or {}).get("logs") or self._defaults.logs
+        try:
+            path = pictures.save(self.export_screenshot(title=f"imutui {page}"), Path(folder), page)
+            self._say(f"picture of the screen: {path}", "good")
+        except OSError as error:
+            self._say(f"no picture saved: {error}. Start imutui in a folder that you may write to.", "bad")
+
     def action_help(self) -> None:
         """Help in plain language."""
         self.push_screen(HelpDialog())
@@ -353,10 +459,22 @@ class ImutuiApp(App[int]):
         if isinstance(self.screen, ModalScreen):
             self.screen.dismiss(None)
         elif self._link.client is not None:
-            self.push_screen(quit_dialog(self._link.newest), self._after_quit)
+            self.push_screen(quit_dialog(self._link.newest, self._jobs()), self._after_quit)
+        elif self._jobs():
+            self.push_screen(jobs_dialog(self._jobs()), self._after_jobs)
         else:
             if self._attempt is not None:
                 self.farewell.append("The acquisition that was being started is stopped.")
+            self.exit(self._exit_code)
+
+    def _pages(self) -> list[Page]:
+        return [screen for stack in self._screen_stacks.values() for screen in stack if isinstance(screen, Page)]
+
+    def _jobs(self) -> Sequence[str]:
+        return [job for page in self._pages() for job in page.busy()]
+
+    def _after_jobs(self, answer: str | None) -> None:
+        if answer == "quit":
             self.exit(self._exit_code)
 
     def action_help_quit(self) -> None:
@@ -405,6 +523,7 @@ class ImutuiApp(App[int]):
             self._release()
             self._link.over()
         done = [words.finished(recording, result)] if recording else []
+        self._tell_record_page("".join(done))
         self._say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None
 
@@ -417,16 +536,22 @@ class ImutuiApp(App[int]):
     # palette
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Every action, with its key, and Textual's own."""
+        """Every action, with its key, and Textual's own except those that imutui has better."""
         yield from palette.commands(self, self.page, self.action_page)
-        yield from super().get_system_commands(screen)
+        yield from (c for c in super().get_system_commands(screen) if c.title not in ("Quit", "Screenshot", "Keys"))
 
 
 def run(
-    client: Client | None = None, plan: Plan | None = None, logs: str = "logs", defaults: Plan | None = None
+    client: Client | None = None,
+    plan: Plan | None = None,
+    logs: str = "logs",
+    defaults: Plan | None = None,
+    look: Look | None = None,
 ) -> int:
     """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code."""
-    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults)
+    if look is not None:
+        os.environ[glyphs.ASKED] = look.glyphs  # every widget chooses its signs when it is made
+    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, look=look)
     code = app.run()
     app.finish()
     for line in app.farewell:

@@ -4,24 +4,16 @@ Messages are posted, never `call_from_thread`: a frozen terminal blocks the even
 The next poll waits until the UI has taken the last one, so nothing piles up behind a slow link.
 """
 
-import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from textual.message import Message
 
 from imutui.session.client import Client, SessionError
 from imutui.tui import words
-
-LOCAL_HZ = 10.0
-REMOTE_HZ = 5.0
-
-
-def poll_rate_hz(environ: Mapping[str, str] = os.environ) -> float:
-    """Screen updates per second: fewer over SSH."""
-    return REMOTE_HZ if environ.get("SSH_CONNECTION") else LOCAL_HZ
+from imutui.tui.pace import LOCAL_FPS
 
 
 class Feed:
@@ -33,17 +25,18 @@ class Feed:
         Asked for snapshots.
     post : callable
         Takes messages, from any thread; False if nobody listens any more.
-    rate_hz : float or None
-        Polls per second.
+    rate_hz : float
+        Polls per second; may be changed at any time.
     """
 
     class Arrived(Message):
-        """A snapshot; whoever handles it calls `feed.taken()`."""
+        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
 
-        def __init__(self, feed: "Feed", snapshot: dict[str, Any]) -> None:
+        def __init__(self, feed: "Feed", snapshot: dict[str, Any], asked_at: float) -> None:
             super().__init__()
             self.feed = feed
             self.snapshot = snapshot
+            self.asked_at = asked_at
 
     class Lost(Message):
         """The acquisition does not answer any more; the feed has ended."""
@@ -53,10 +46,10 @@ class Feed:
             self.feed = feed
             self.error = error
 
-    def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float | None = None) -> None:
+    def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float = LOCAL_FPS) -> None:
         self._client = client
         self._post = post
-        self._period_s = 1.0 / (rate_hz or poll_rate_hz())
+        self.rate_hz = rate_hz
         self._stop = threading.Event()
         self._taken = threading.Event()
         self._thread = threading.Thread(target=self._run, name="imutui-feed", daemon=True)
@@ -82,7 +75,8 @@ class Feed:
     def _run(self) -> None:
         since = 0
         while not self._stop.is_set():
-            due = time.monotonic() + self._period_s
+            asked_at = time.monotonic()
+            due = asked_at + 1.0 / self.rate_hz
             try:
                 snapshot = self._client.snapshot(since)
             except (SessionError, OSError) as error:
@@ -91,7 +85,7 @@ class Feed:
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Feed.Arrived(self, snapshot)):
+            if self._stop.is_set() or not self._post(Feed.Arrived(self, snapshot, asked_at)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))

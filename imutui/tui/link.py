@@ -10,6 +10,7 @@ from textual.message import Message
 
 from imutui.session.client import Client
 from imutui.tui.feed import Feed
+from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
 
 Snapshot = dict[str, Any]
@@ -36,6 +37,10 @@ class View:
         Whether the view stands still.
     notice : tuple of str
         Level and text of what the UI has to say, empty text for nothing.
+    pacing : Pacing
+        How much is drawn, and how often.
+    debug : str
+        What drawing costs.
     """
 
     now: Snapshot | None
@@ -44,6 +49,8 @@ class View:
     biases: Series
     frozen: bool
     notice: tuple[str, str]
+    pacing: Pacing = Pacing()
+    debug: str = ""
 
 
 class Link:
@@ -53,6 +60,7 @@ class Link:
         self.client: Client | None = None
         self._feed: Feed | None = None
         self._said, self._said_until = NOTHING, 0.0
+        self._pacing, self._debug = Pacing(), ""
         self._clear()
 
     def _clear(self) -> None:
@@ -66,8 +74,14 @@ class Link:
         self.leave()
         self._clear()
         self.client = client
-        self._feed = Feed(client, post)
+        self._feed = Feed(client, post, self._pacing.fps)
         self._feed.start()
+
+    def pace(self, pacing: Pacing, debug: str = "") -> None:
+        """Draw so much and so often from now on; `debug` says what it costs."""
+        self._pacing, self._debug = pacing, debug
+        if self._feed is not None:
+            self._feed.rate_hz = pacing.fps
 
     def pause(self) -> None:
         """Poll no more, because the acquisition is being ended."""
@@ -122,8 +136,10 @@ class Link:
     def view(self) -> View:
         """What to show now."""
         if self._frozen is None:
-            return View(self.newest, self.newest, self._series, self._biases, False, self._notice())
-        return replace(self._frozen, now=self.newest, notice=self._notice())
+            view = View(self.newest, self.newest, self._series, self._biases, False, NOTHING)
+        else:
+            view = self._frozen
+        return replace(view, now=self.newest, notice=self._notice(), pacing=self._pacing, debug=self._debug)
 
     def say(self, text: str, level: str = "none") -> None:
         """Have something said at the bottom of the page for a while."""

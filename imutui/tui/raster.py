@@ -9,12 +9,17 @@ from imutui.tui.glyphs import Glyphs
 
 Floats = npt.NDArray[np.floating]
 Bits = npt.NDArray[np.bool_]
+Codes = npt.NDArray[np.uint32]
+SPACE = 0x20
 
 # Braille dots of a cell, by row and column: Unicode 2800 + sum.
 _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-_HALVES = {"block": " ▀▄█", "ascii": " '.:"}
+_HALVES = {name: np.array([ord(sign) for sign in signs], np.uint32) for name, signs in
+           (("block", " ▀▄█"), ("ascii", " '.:"))}  # fmt: skip
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _GAP_STEPS = 5.0
+_RECENT = 256
+_HEADROOM = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,22 +53,50 @@ def envelope(t: Floats, values: Floats, end: float, span: float, columns: int) -
     """
     width = span / columns
     first = int(np.floor(end / width)) - columns + 1
+    low, high = column_extremes(t, values[:, None], width, first, columns, gap_columns(t, width))
+    return Envelope(low[0], high[0])
+
+
+def column_extremes(
+    t: Floats, values: Floats, width: float, first: int, columns: int, most: float
+) -> tuple[Floats, Floats]:
+    """Minimum and maximum of some columns, of several series at once.
+
+    Parameters
+    ----------
+    t, values : (N,), (N, k)
+        Instants, increasing, s, and values.
+    width : float
+        Of a column, s.
+    first, columns : int
+        Number of the first column, counted from instant 0, and how many there are.
+    most : float
+        Columns between two samples that are still joined.
+
+    Returns
+    -------
+    low, high : (k, columns)
+        NaN where there is nothing.
+    """
+    low = np.full((values.shape[1], columns), np.nan)
+    high = low.copy()
     index = np.floor(t / width).astype(np.int64) - first
-    inside = (index >= 0) & (index < columns)
-    low, high = np.full(columns, np.nan), np.full(columns, np.nan)
-    if not inside.any():
-        return Envelope(low, high)
-    index, t, values = index[inside], t[inside], values[inside]
+    inside = slice(int(np.searchsorted(index, 0)), int(np.searchsorted(index, columns)))
+    index, values = index[inside], values[inside]
+    if not index.size:
+        return low, high
     starts = np.flatnonzero(np.diff(index, prepend=-1))
     filled = index[starts]
-    low[filled] = np.minimum.reduceat(values, starts)
-    high[filled] = np.maximum.reduceat(values, starts)
-    _bridge(low, high, filled, _gap_columns(t, width))
-    return Envelope(low, high)
+    low[:, filled] = np.minimum.reduceat(values, starts, axis=0).T
+    high[:, filled] = np.maximum.reduceat(values, starts, axis=0).T
+    for lane in range(low.shape[0]):
+        _bridge(low[lane], high[lane], filled, most)
+    return low, high
 
 
-def _gap_columns(t: Floats, width: float) -> float:
-    steps = np.diff(t)
+def gap_columns(t: Floats, width: float) -> float:
+    """Columns that a slow series may leave between two samples; more is a gap in the data."""
+    steps = np.diff(t[-_RECENT:])
     return _GAP_STEPS * float(np.median(steps)) / width if steps.size else 0.0
 
 
@@ -102,7 +135,9 @@ def keep_range(current: tuple[float, float] | None, low: float, high: float) -> 
         and high - low >= 0.35 * (current[1] - current[0])
     ):
         return current
-    return nice_range(low, high)
+    # room for the next spike that is a little larger: every change of a scale redraws the whole lane
+    room = _HEADROOM * (high - low)
+    return nice_range(low - room, high + room)
 
 
 def label_decimals(limits: tuple[float, float]) -> int:
@@ -126,14 +161,24 @@ def dots(band: Envelope, limits: tuple[float, float], rows: int) -> Bits:
     return (row >= top_all) & (row <= bottom_all) & known
 
 
-def cells(bits: Bits, glyphs: Glyphs) -> list[str]:
-    """Dots to lines of characters."""
+def codes(bits: Bits, glyphs: Glyphs) -> Codes:
+    """Dots to characters (rows, columns), as their Unicode numbers."""
     rows, columns = bits.shape[0] // glyphs.rows, bits.shape[1] // glyphs.columns
     blocks = bits.reshape(rows, glyphs.rows, columns, glyphs.columns)
     if glyphs.name == "braille":
-        codes = np.einsum("rycx,yx->rc", blocks, _BRAILLE) + 0x2800
-        codes[codes == 0x2800] = 0x20  # an empty cell as a space: one byte instead of three, copied text stays clean
-        return ["".join(map(chr, line)) for line in codes.tolist()]
-    halves = _HALVES[glyphs.name]
-    codes = blocks[:, 0, :, 0] + 2 * blocks[:, 1, :, 0].astype(int)
-    return ["".join(halves[code] for code in line) for line in codes.tolist()]
+        found = np.einsum("rycx,yx->rc", blocks, _BRAILLE) + 0x2800
+        # an empty cell as a space: one byte instead of three, copied text stays clean
+        return np.where(found == 0x2800, SPACE, found).astype(np.uint32)
+    return _HALVES[glyphs.name][blocks[:, 0, :, 0] + 2 * blocks[:, 1, :, 0].astype(int)]
+
+
+def lines(characters: Codes) -> list[str]:
+    """Characters to lines of text."""
+    size = 4 * characters.shape[1]
+    whole = np.ascontiguousarray(characters, "<u4").tobytes()
+    return [whole[start : start + size].decode("utf-32-le") for start in range(0, len(whole), size)] if size else []
+
+
+def cells(bits: Bits, glyphs: Glyphs) -> list[str]:
+    """Dots to lines of characters."""
+    return lines(codes(bits, glyphs))

@@ -1,5 +1,6 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ from imutui.tui import text
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
 WARM_UP_S = 15 * 60.0
-_SETTLED_K_PER_MIN = 0.1
+SETTLED_K_PER_MIN = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +90,30 @@ def nis_meaning(nis: dict[str, Any]) -> str:
 
 
 def warmth(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Minutes since start and what they mean for the biases."""
+    """Warming, steady or unsteady, and minutes since start: what they mean for the biases."""
     if seconds is None:
         return ""
-    steady = slope_k_per_min is None or abs(slope_k_per_min) <= _SETTLED_K_PER_MIN
-    state = "warming" if seconds < WARM_UP_S else "warm" if steady else "T unsteady"
-    trend = f", {slope_k_per_min:+.2f} K/min" if slope_k_per_min is not None else ""
-    return f"{state} {text.minutes(seconds)}{trend}"
+    return f"{warm_word(seconds, slope_k_per_min)} {text.minutes(seconds)}"
+
+
+def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
+    """Whether biases measured now will hold."""
+    if seconds < WARM_UP_S:
+        return "warming"
+    return "steady" if slope_k_per_min is None or abs(slope_k_per_min) <= SETTLED_K_PER_MIN else "unsteady"
+
+
+def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
+    """The same in a line: word, minutes on, slope of the temperature, and what to wait for."""
+    if seconds is None:
+        return ""
+    word = warm_word(seconds, slope_k_per_min)
+    slope = f"{slope_k_per_min:+.2f}" if slope_k_per_min is not None else text.NOTHING
+    wait = {
+        "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {SETTLED_K_PER_MIN:g} K/min",
+        "unsteady": f"wait until it is below {SETTLED_K_PER_MIN:g} K/min",
+    }.get(word, "biases will hold")
+    return f"{word}  on for {text.minutes(seconds)}  T {slope} K/min  {wait}"
 
 
 def silence_limit_s(rate_hz: float | None) -> float:
@@ -159,3 +177,15 @@ def fault(error: Exception) -> str:
     if isinstance(error, SessionError):
         return str(error)
     return f"the acquisition does not answer ({error}). It may be running all the same: `imutui status` tells."
+
+
+def copied(page: str, content: str, environ: Mapping[str, str]) -> str:
+    """What was copied, and what the terminal must allow for it to arrive."""
+    if not content:
+        return f"nothing to copy: the {page} page shows no numbers yet"
+    said = f"copied the {page} page as text, {text.plural(len(content.splitlines()), 'line')}"
+    if environ.get("TMUX"):
+        return f"{said}. In tmux it arrives with: tmux set -g set-clipboard on"
+    if environ.get("TERM") == "linux":
+        return f"{said}, but this console has no clipboard to take it"
+    return f"{said}, to the terminal's clipboard (OSC 52; a terminal that does not allow it takes nothing)"

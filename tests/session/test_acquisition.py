@@ -5,7 +5,6 @@ import os
 import signal
 import socket
 import stat
-import struct
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import imutui, wait_until
+from tap import packets_of
 
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
@@ -74,7 +74,7 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
         live = client.start(asked).wait(120.0)
     assert live is not None
     log = reader.read(Path(live["log"]), raw=True)
-    assert [p.counts for p in log.raw] == packets_of(home / "sent")[: len(log.raw)]
+    assert [(*p.counts, p.temperature, p.ticks) for p in log.raw] == packets_of(home / "sent")[: len(log.raw)]
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
     assert len(log.raw) >= 30 * 133
     assert without_timings(live) == without_timings(replayed(live["log"]))
@@ -83,16 +83,6 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     with np.load(source) as measured:
         still = measured["gyro"][: 30 * 20].mean(axis=0)
     assert np.allclose(live["final"]["gyro_bias_dps"], still, atol=0.015)
-
-
-def packets_of(tap: Path) -> list[tuple[int, ...]]:
-    """Counts of the packets among the bytes sent: after the last reply, `C` to the command for scaled mode."""
-    data = tap.read_bytes()
-    # replies before the stream: H, serial number (6), version (26), C
-    start = data.index(b"C", 1 + 6) + 1
-    while data[start] != 0xFF or sum(data[start + 1 : start + 17]) % 256 != data[start + 17]:
-        start = data.index(b"C", start) + 1
-    return [struct.unpack(">6h", data[i + 1 : i + 13]) for i in range(start, len(data) - 17, 18)]
 
 
 def test_kill_nine_loses_a_second_at_most(home: Path) -> None:
@@ -295,3 +285,15 @@ def attached() -> client.Client:
         except SessionError:
             assert time.monotonic() < deadline
             time.sleep(0.05)
+
+
+def test_a_viewer_that_waits_piece_by_piece_leaves_nothing_behind(home: Path) -> None:
+    """As `record` does in a terminal: no thread and no open socket stays in the acquisition for each time it looked."""
+    connection = client.start(plan(home, rate_hz=20.0))
+    process = Path(f"/proc/{connection.pid}")
+    before = len(list((process / "task").iterdir())), len(list((process / "fd").iterdir()))
+    for _ in range(20):
+        with pytest.raises(TimeoutError):
+            connection.wait(0.01)
+    wait_until(lambda: (len(list((process / "task").iterdir())), len(list((process / "fd").iterdir()))) <= before)
+    connection.stop()

@@ -112,8 +112,8 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With IMUTUI_GLYPHS=ascii, pages and dialogs have no other sign."""
-    monkeypatch.setenv("IMUTUI_GLYPHS", "ascii")
+    """With IMUTUI_SCREEN_GLYPHS=ascii, pages and dialogs have no other sign."""
+    monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:

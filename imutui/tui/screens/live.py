@@ -12,10 +12,11 @@ from imutui.tui.screens.page import Page
 from imutui.tui.widgets.channels import ChannelTable
 from imutui.tui.widgets.events import Events
 from imutui.tui.widgets.plot import Plot
-from imutui.tui.widgets.status import LinkLine, RecordingLine
+from imutui.tui.widgets.status import LinkLine, RecordingLine, WarmLine
 
 SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
 _FEWEST_SAMPLES = 60
+_ALONE = ("", "-gyro-alone", "-accel-alone")
 
 
 def first_span(rate_hz: float) -> float:
@@ -33,12 +34,17 @@ class LivePage(Page):
     """Table of channels, plots, link and recording."""
 
     TITLE = "Live"
+    CSS = """
+    LivePage #top { height: 8; }
+    LivePage.-gyro-alone #accel, LivePage.-accel-alone #gyro { display: none; }
+    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
         Binding("plus,equals_sign", "span(1)", "span", key_display="+/-", tooltip="Longer plots (- for shorter ones)"),
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
         Binding("a", "lock", "lock", tooltip="Lock the scales, or let them follow"),
-        Binding("g", "other_plot", "accel", tooltip="Show the gyro or the accelerometer plot"),
+        Binding("s", "app.plot_mode", "sweep", tooltip="Plots scroll, sweep, or give way to numbers"),
+        Binding("g", "plots", "plots", tooltip="Both plots, only the gyro, only the accelerometers"),
         Binding("escape", "app.follow", "follow", show=False),
     ]
 
@@ -46,21 +52,30 @@ class LivePage(Page):
         super().__init__()
         self._span: float | None = None
         self._locked = False
-        self._accel = False
+        self._alone = ""
 
     def body(self) -> Iterable[Widget]:
         """Table, plots, status."""
         yield Horizontal(ChannelTable(), Events(), id="top")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
+        yield WarmLine()
         yield LinkLine()
         yield RecordingLine()
 
     def show(self, view: View) -> None:
         """Show a view."""
         super().show(view)
+        pacing = view.pacing
         for plot in self.query(Plot):
-            plot.show(view.series, self.span(view), locked=self._locked, frozen=view.frozen)
+            plot.show(
+                view.series,
+                self.span(view),
+                mode=pacing.mode,
+                note=pacing.note,
+                locked=self._locked,
+                frozen=view.frozen,
+            )
 
     def span(self, view: View) -> float:
         """Span of the plots, s."""
@@ -86,15 +101,12 @@ class LivePage(Page):
         self._locked = not self._locked
         self._redraw()
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer the other plot only where one fits."""
-        return not self.has_class("-tall") if action == "other_plot" else True
-
-    def action_other_plot(self) -> None:
-        """Show the other plot where only one fits."""
-        self._accel = not self._accel
-        self.set_class(self._accel, "-accel")
-        self._redraw()
+    def action_plots(self) -> None:
+        """Both plots, or only one, larger."""
+        self._alone = _ALONE[(_ALONE.index(self._alone) + 1) % len(_ALONE)]
+        for name in _ALONE[1:]:
+            self.set_class(self._alone == name, name)
+        self.call_after_refresh(self._redraw)
 
     def _redraw(self) -> None:
         if self.view is not None:

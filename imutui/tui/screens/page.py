@@ -1,6 +1,6 @@
 """What all pages share: header, notice, footer, and the message for a terminal that is too small."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from textual import events
 from textual.app import ComposeResult
@@ -12,6 +12,7 @@ from textual.widgets import Footer
 
 from imutui.session.client import Client
 from imutui.tui.link import View
+from imutui.tui.widgets.debug import DebugLine
 from imutui.tui.widgets.header import StatusHeader
 from imutui.tui.widgets.lines import Lines
 from imutui.tui.widgets.notice import Notice
@@ -73,6 +74,7 @@ class Page(Screen[None]):
         with Vertical(id="page"):
             yield StatusHeader(PAGES, self.TITLE or "")
             yield from self.body()
+            yield DebugLine()
             yield Notice()
         yield Footer(compact=True, show_command_palette=False)
 
@@ -85,6 +87,23 @@ class Page(Screen[None]):
         self.view = view
         for widget in self.query(Lines):
             widget.show(view)
+
+    def busy(self) -> Sequence[str]:
+        """What this page works out just now and would be lost with the program: "tracing a.mcap, 40 %"."""
+        return ()
+
+    def abandon(self) -> None:
+        """End that, because the program ends."""
+
+    def on_unmount(self) -> None:
+        """Leave nothing behind."""
+        self.abandon()
+
+    def as_text(self) -> str:
+        """The page's numbers, to be copied: its lines of text, as shown."""
+        widgets = [w for w in self.query(Lines) if w.display and not isinstance(w, (StatusHeader, Notice))]
+        shown = [w.render().plain for w in widgets if all(node.display for node in w.ancestors_with_self)]
+        return "\n".join(line.rstrip() for text in shown for line in text.splitlines() if line.strip())
 
     def on_mount(self) -> None:
         """Fit, and ask for what there is to show."""

@@ -1,15 +1,32 @@
 """Live plot: one lane a series, each with its own scale, so that nothing hides and colour is not needed."""
 
+from typing import NamedTuple
+
 from rich.segment import Segment
+from rich.style import Style
+from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
 
 from imutui.tui import raster, text
 from imutui.tui.glyphs import Glyphs, choose
+from imutui.tui.lanes import Frame, Lanes, Range
 from imutui.tui.series import Series
 
-_GUTTER = 11
+_NUMBER = 7
+_GUTTER = _NUMBER + 4
+_AXIS = "plot--axis"
+_TITLE = "plot--title"
 _LANE_STYLES = ("plot--first", "plot--second", "plot--third")
+SCROLL, SWEEP, NUMBERS = "scroll", "sweep", "numbers"
+
+
+class _Line(NamedTuple):
+    """Gutter and cells of a line, and the style of the cells."""
+
+    gutter: str
+    cells: str
+    style: str
 
 
 class Plot(Widget):
@@ -25,7 +42,7 @@ class Plot(Widget):
         Of the series, one a lane.
     """
 
-    COMPONENT_CLASSES = {"plot--title", "plot--axis", "plot--first", "plot--second", "plot--third"}  # noqa: RUF012 - Textual's way
+    COMPONENT_CLASSES = {_TITLE, _AXIS, *_LANE_STYLES}  # noqa: RUF012 - Textual's way
     DEFAULT_CSS = """
     Plot { height: 1fr; min-height: 4; }
     Plot > .plot--title { color: $foreground 80%; }
@@ -47,110 +64,178 @@ class Plot(Widget):
         super().__init__(id=id)
         self._title = title
         self._names = names
-        self._columns = columns
         self._glyphs = glyphs or choose()
-        self._ranges: list[tuple[float, float] | None] = [None] * len(names)
+        self._lanes = Lanes(columns, len(names), self._glyphs)
         self._series: Series | None = None
         self._span = 30.0
+        self._mode, self._note = SCROLL, ""
         self._locked = False
         self._frozen = False
-        self._strips: list[Strip] | None = None
+        self._lines: list[_Line] = []
+        self._strips: list[Strip] = []
+        self._styles: dict[str, Style] = {}
 
-    def show(self, series: Series, span: float, *, locked: bool = False, frozen: bool = False) -> None:
-        """Draw the last `span` seconds of a series; locked keeps the scales."""
+    def show(
+        self,
+        series: Series,
+        span: float,
+        *,
+        mode: str = SCROLL,
+        note: str = "",
+        locked: bool = False,
+        frozen: bool = False,
+    ) -> None:
+        """Draw the last `span` seconds of a series; only lines that changed are drawn anew.
+
+        Parameters
+        ----------
+        series : Series
+            The data.
+        span : float
+            s.
+        mode : str
+            "scroll", "sweep", or "numbers" for no plot.
+        note : str
+            Why it is this mode, for the title.
+        locked : bool
+            Whether the scales stay.
+        frozen : bool
+            Whether the view stands still.
+        """
         if not locked and self._locked:
-            self._ranges = [None] * len(self._names)
-        self._series, self._span, self._locked, self._frozen = series, span, locked, frozen
-        self._strips = None
-        self.refresh()
+            self._lanes.follow_scales()
+        self._series, self._span, self._mode, self._note = series, span, mode, note
+        self._locked, self._frozen = locked, frozen
+        self._redraw()
 
     def on_resize(self) -> None:
         """Draw anew for another size."""
-        self._strips = None
+        self._redraw()
+
+    def notify_style_update(self) -> None:
+        """Take the colours of another theme."""
+        super().notify_style_update()
+        self._styles, self._lines, self._strips = {}, [], []
 
     def render_line(self, y: int) -> Strip:
         """One line of the widget."""
-        if self._strips is None:
-            self._strips = self._draw(self.size.width, self.size.height)
+        if not self._strips:
+            self._make()
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
 
-    def _draw(self, width: int, height: int) -> list[Strip]:
+    def _redraw(self) -> None:
+        if not self.size or not self.display:
+            return
+        changed = self._make()
+        if len(changed) == len(self._strips):
+            self.refresh()
+        elif changed:
+            self.refresh(*(Region(0, y, self.size.width, 1) for y in changed))
+
+    def _make(self) -> list[int]:
+        """Make the strips of lines that read otherwise than before; returns which."""
+        if not self._styles:
+            names = (_TITLE, _AXIS, *_LANE_STYLES)
+            self._styles = {name: self.get_component_rich_style(name) for name in names}
+        lines = self._drawn(self.size.width, self.size.height)
+        if len(lines) != len(self._lines):
+            self._lines, self._strips = [], []
+        changed = [y for y, line in enumerate(lines) if y >= len(self._lines) or line != self._lines[y]]
+        self._strips = [*self._strips, *(Strip([]) for _ in lines[len(self._strips) :])]
+        for y in changed:
+            self._strips[y] = self._strip(lines[y])
+        self._lines = lines
+        return changed
+
+    def _strip(self, line: _Line) -> Strip:
+        # Every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none.
+        parts = [Segment(line.gutter, self._styles[_AXIS]), Segment(line.cells, self._styles[line.style])]
+        return Strip([part for part in parts if part.text], len(line.gutter) + len(line.cells))
+
+    def _drawn(self, width: int, height: int) -> list[_Line]:
         """Title, lanes, and a time axis if a line is left over."""
-        lane_rows, left = divmod(max(height - 1, 0), len(self._names))
-        if lane_rows < 1 or width <= _GUTTER + 2:
+        rows, left = divmod(max(height - 1, 0), len(self._names))
+        gutter = self._gutter(rows)
+        if rows < 1 or width <= gutter + 2:
             return []
-        strips = []
-        outside = []
+        if self._mode == NUMBERS:
+            return self._without(width, height)
+        frame = Frame(self._span, width - gutter, rows)
+        if self._series is None:
+            lanes = [[" " * frame.cells] * rows] * len(self._names)
+        else:
+            lanes = self._lanes.update(self._series, frame, sweep=self._mode == SWEEP, locked=self._locked)
+        drawn = []
         for i, name in enumerate(self._names):
-            lane, beyond = self._lane(i, lane_rows, width - _GUTTER)
-            strips += lane
-            outside += [name] * beyond
-        axis = [self._time_axis(width)] if left else []
-        return [self._head(width, outside), *strips, *axis]
+            labels = self._labels(name, self._lanes.ranges[i], rows, gutter)
+            style = _LANE_STYLES[i % len(_LANE_STYLES)]
+            drawn += [_Line(self._glyphs.text(a), b, style) for a, b in zip(labels, lanes[i], strict=True)]
+        axis = [_Line("", self._time_axis(width, gutter), _AXIS)] if left else []
+        blank = [_Line("", " " * width, _AXIS)] * (left - len(axis))
+        return [_Line("", self._head(width), _TITLE), *drawn, *axis, *blank]
 
-    def _lane(self, index: int, rows: int, width: int) -> tuple[list[Strip], bool]:
-        """Strips of one lane, and whether a locked scale leaves something out."""
-        glyphs, name = self._glyphs, self._names[index]
-        band = self._band(index, width * glyphs.columns)
-        extent = band.limits() if band is not None else None
-        if band is None or extent is None:
-            return [self._strip(label, " " * width, index) for label in self._labels(name, None, rows)], False
-        limits = self._ranges[index] if self._locked else None
-        if limits is None:
-            limits = self._ranges[index] = raster.keep_range(self._ranges[index], *extent)
-        lines = raster.cells(raster.dots(band, limits, rows * glyphs.rows), glyphs)
-        labels = self._labels(name, limits, rows)
-        beyond = extent[0] < limits[0] or extent[1] > limits[1]
-        return [self._strip(label, line, index) for label, line in zip(labels, lines, strict=True)], beyond
+    def _without(self, width: int, height: int) -> list[_Line]:
+        """Only the title: numbers are enough."""
+        empty = _Line("", " " * width, _AXIS)
+        return [_Line("", self._head(width), _TITLE), *[empty] * (height - 1)]
 
-    def _band(self, index: int, columns: int) -> raster.Envelope | None:
-        if self._series is None or not len(self._series):
-            return None
-        # One column more than the window, so that the oldest one is never half filled.
-        t, values = self._series.last(self._span * (1 + 1 / columns))
-        return raster.envelope(t, values[:, self._columns][:, index], float(t[-1]), self._span, columns)
+    def _gutter(self, rows: int) -> int:
+        """Width of names and limits: in one row both limits stand beside the name."""
+        return _GUTTER if rows > 1 else max(len(name) for name in self._names) + 2 * _NUMBER + 4
 
-    def _labels(self, name: str, limits: tuple[float, float] | None, rows: int) -> list[str]:
+    def _labels(self, name: str, limits: Range | None, rows: int, gutter: int) -> list[str]:
         """Gutter of a lane: upper limit, name, lower limit."""
-        room = _GUTTER - 2
-        if limits is None or rows < 2:
+        room = gutter - 2
+        if limits is None:
             return [f" {name if row == rows // 2 else '':<{room}}│" for row in range(rows)]
         decimals = raster.label_decimals(limits)
-        low, high = (text.number(value, room, decimals) for value in limits)
+        low, high = (text.number(value, _NUMBER, decimals) for value in limits)
+        if rows == 1:
+            return [f" {name:<{room - 2 * _NUMBER - 2}} {low} {high}│"]
         labels = [f" {'':<{room}}│"] * rows
-        labels[0], labels[-1] = f" {high}┤", f" {low}┤"
+        labels[0], labels[-1] = f" {high:>{room}}┤", f" {low:>{room}}┤"
         if rows == 2:
             labels[0] = f" {name:<3}{high.strip():>{room - 3}}┤"
         else:
             labels[rows // 2] = f" {name:<{room}}│"
         return labels
 
-    def _strip(self, label: str, line: str, index: int) -> Strip:
-        # Every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none.
-        axis = self.get_component_rich_style("plot--axis")
-        lane = self.get_component_rich_style(_LANE_STYLES[index % len(_LANE_STYLES)])
-        return Strip([Segment(self._glyphs.text(label), axis), Segment(line, lane)], _GUTTER + len(line))
-
-    def _head(self, width: int, outside: list[str]) -> Strip:
-        scale = "scale locked" if self._locked else "autoscale"
-        beyond = f", {' '.join(outside)} outside" if outside else ""
+    def _head(self, width: int) -> str:
+        """Title at the left; span, mode and scale at the right, shorter where there is no room."""
         left = self._glyphs.text(f"── {self._title} ")
-        frozen = " FROZEN," if self._frozen else ""
-        right = self._glyphs.text(f"{frozen} last {_duration(self._span)}, {scale}{beyond} ──")
-        middle = self._glyphs.text("─") * max(width - len(left) - len(right), 0)
-        style = self.get_component_rich_style("plot--title")
-        return Strip([Segment((left + middle + right)[:width].ljust(width), style)], width)
+        for right in self._said():
+            right = self._glyphs.text(f" {right} ──")
+            if len(left) + len(right) <= width:
+                break
+        return (left + self._glyphs.text("─") * (width - len(left) - len(right)) + right)[:width].ljust(width)
 
-    def _time_axis(self, width: int) -> Strip:
-        """Times before the newest sample, at the quarters of the window."""
-        room = width - _GUTTER
+    def _said(self) -> list[str]:
+        """What the title says of the plot, from long to short."""
+        frozen = ["FROZEN"] if self._frozen else []
+        if self._mode == NUMBERS:
+            return [", ".join([*frozen, f"no plot{self._note or ': numbers only'}"]), "no plot"]
+        names = " ".join(name for name, out in zip(self._names, self._lanes.outside, strict=True) if out)
+        scale = ["scale locked" if self._locked else "autoscale", *([f"{names} outside"] if names else [])]
+        span = f"last {_duration(self._span)}"
+        return [
+            ", ".join([*frozen, span, mode, *scale]) for mode in dict.fromkeys((self._mode + self._note, self._mode))
+        ]
+
+    def _time_axis(self, width: int, gutter: int) -> str:
+        """Quarters of the window: times before the newest sample, or places of the sweep."""
+        room = width - gutter
         line = [" "] * width
         for quarter in range(5):
-            label = "now" if quarter == 4 else f"-{_duration(self._span * (4 - quarter) / 4)}"
-            start = _GUTTER + quarter * (room - 1) // 4
+            label = self._time(quarter)
+            start = gutter + quarter * (room - 1) // 4
             start = min(max(start - (len(label) // 2 if quarter else 0), 0), width - len(label))
             line[start : start + len(label)] = label
-        return Strip([Segment("".join(line), self.get_component_rich_style("plot--axis"))], width)
+        return "".join(line)
+
+    def _time(self, quarter: int) -> str:
+        if self._mode == SWEEP:
+            return _duration(self._span * quarter / 4)
+        return "now" if quarter == 4 else f"-{_duration(self._span * (4 - quarter) / 4)}"
 
 
 def _duration(seconds: float) -> str:

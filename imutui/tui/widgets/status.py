@@ -1,4 +1,4 @@
-"""The link in one line, and the recording in another."""
+"""Warm-up, link and recording, a line each."""
 
 from pathlib import PurePath
 
@@ -8,12 +8,25 @@ from imutui.tui import text, words
 from imutui.tui.link import Snapshot, View
 from imutui.tui.widgets.lines import Lines
 
-_TEMPERATURE = 6
+TEMPERATURE = 6
 _ROOM_FOR_MARKS = 90
 
 
+class WarmLine(Lines):
+    """Whether the unit is warm: word, minutes on, slope of the temperature, what to wait for."""
+
+    DEFAULT_CSS = "WarmLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """One line."""
+        now = view.now
+        said = words.warm_up(now.get("since_start_s"), view.series.slope_per_minute(TEMPERATURE)) if now else ""
+        word, _, rest = said.partition(" ")
+        return [self.line(" ", (word, "bold"), " ", rest)]
+
+
 class LinkLine(Lines):
-    """Rates, what was lost, how warm."""
+    """Rates, and what was lost."""
 
     DEFAULT_CSS = "LinkLine { height: 1; }"
 
@@ -23,17 +36,14 @@ class LinkLine(Lines):
         if now is None:
             return [Content("")]
         lost, bad = now["lost_packets"], now["bad_checksums"]
-        slope = view.series.slope_per_minute(_TEMPERATURE)
-        left = self.line(
-            f" {_rates(now)}  ",
-            (f"lost {lost}", "bold $text-warning" if lost else ""),
-            "  ",
-            (f"bad sums {bad}", "bold $text-warning" if bad else ""),
-        )
-        warmth = words.warmth(now.get("since_start_s"), slope)
-        if left.cell_length + len(warmth) + 3 > width:  # what was lost matters more than the trend
-            warmth = words.warmth(now.get("since_start_s"), None)
-        return [self.spread(left, self.line("  ", warmth, " "), width)]
+        return [
+            self.line(
+                f" {_rates(now)}  ",
+                (f"lost {lost}", "bold $text-warning" if lost else ""),
+                "  ",
+                (f"bad sums {bad}", "bold $text-warning" if bad else ""),
+            )
+        ]
 
 
 def _rates(now: Snapshot) -> str:

@@ -1,0 +1,234 @@
+"""What the live screen costs: processor and bytes a frame, against textual-plotext drawing the same data, in one run.
+
+    python benchmarks/screen.py [--seconds 8] [--sizes 80x24 120x40 200x60] [--no-ssh] [--json FILE]
+
+Two panels of three series of 665 points, a moving window of data at 133 Hz, ten frames a second, in a real terminal
+with synchronised updates. "plot" is the plot area alone, "screen" the whole live page on a running acquisition (the
+virtual instrument's): for the peer the same page with plotext's widgets in place of ours. The peer draws with its
+braille marker, its fastest that is as fine as ours, and with "hd", its finest. Processor time is that of the
+process that draws. kB/s as written; "zlib" through level 6 with a flush at each write, as ssh -C; "ssh -C" what a real
+sshd and ssh moved over the loopback interface, if they are installed.
+"""
+
+import argparse
+import json
+import os
+import pty
+import select
+import shutil
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+import zlib
+from dataclasses import dataclass
+from fcntl import ioctl
+from pathlib import Path
+
+from machine import describe, told
+
+from imutui.session import client as session
+from imutui.session.plan import Plan
+
+NAME = f"bench-screen-{os.getpid()}"
+CHILD = str(Path(__file__).with_name("screen_child.py"))
+ENVIRONMENT = {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
+OURS, PEERS = ("scroll", "sweep"), ("braille", "hd")
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What one side cost.
+
+    Attributes
+    ----------
+    cpu_ms, bytes : float
+        A frame.
+    fps : float
+        Frames a second that were reached.
+    kilobytes, packed : float
+        A second, as written and through zlib.
+    ages_ms : list of float
+        Of each frame's newest sample when the frame was written.
+    """
+
+    cpu_ms: float
+    bytes: float
+    fps: float
+    kilobytes: float
+    packed: float
+    ages_ms: list[float]
+
+
+def in_terminal(
+    command: list[str], size: tuple[int, int], until: bytes = b"", limit_s: float = 120.0
+) -> list[tuple[float, bytes]]:
+    """Run a program in a terminal that answers; returns what it wrote and when.
+
+    Parameters
+    ----------
+    command : list of str
+        The program.
+    size : tuple of int
+        Columns and rows.
+    until : bytes
+        End it once it has written this; empty waits for its own end.
+    limit_s : float
+        End it after that in any case.
+    """
+    master, slave = pty.openpty()
+    ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+    process = subprocess.Popen(
+        command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True, env={**os.environ, **ENVIRONMENT}
+    )
+    os.close(slave)
+    deadline = time.monotonic() + limit_s
+    written: list[tuple[float, bytes]] = []
+    seen = b""
+    while time.monotonic() < deadline:
+        if select.select([master], [], [], 0.2)[0]:
+            try:
+                data = os.read(master, 1 << 16)
+            except OSError:
+                break
+            if not data:
+                break
+            written.append((time.time(), data))
+            if b"\x1b[?2026$p" in data:
+                os.write(master, b"\x1b[?2026;2$y")
+            seen += data if until else b""
+            if until and until in seen:
+                break
+        elif process.poll() is not None:
+            break
+    if process.poll() is None:
+        process.terminate()
+    os.close(master)
+    process.wait()
+    return written
+
+
+def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost:
+    """Run one side."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "result.json"
+        written = in_terminal([sys.executable, CHILD, kind, mode, str(seconds), str(result), NAME], size)
+        if not result.exists():
+            sys.exit(
+                f"{kind} {mode} at {size} did not finish:\n{b''.join(d for _, d in written)[-2000:].decode(errors='replace')}"
+            )
+        found = json.loads(result.read_text())
+    data = [d for at, d in written if found["from"] <= at <= found["to"]]
+    frames = max(found["frames"], 1)
+    sent = sum(map(len, data))
+    lasted = found["seconds"]
+    return Cost(
+        1e3 * found["cpu_s"] / frames, sent / frames, frames / lasted, sent / lasted / 1e3, packed(data) / lasted / 1e3,
+        [1e3 * age for age in found["ages_s"]],
+    )  # fmt: skip
+
+
+def packed(data: list[bytes]) -> int:
+    """Bytes of a stream through one compressor with a flush at each write."""
+    press = zlib.compressobj(6)
+    return sum(len(press.compress(d) + press.flush(zlib.Z_SYNC_FLUSH)) for d in data)
+
+
+def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]:
+    """Both sides, one after the other, and a line for each."""
+    costs = {mode: measure(kind, mode, size, seconds) for mode in OURS}
+    costs |= {marker: measure(f"{kind}-peer", marker, size, seconds) for marker in PEERS}
+    for name, cost in costs.items():
+        side = "imutui " if name in OURS else "plotext"
+        ratios = (
+            ""
+            if name not in OURS
+            else "  plotext/imutui CPU "
+            + ", ".join(f"{costs[marker].cpu_ms / cost.cpu_ms:.1f} ({marker})" for marker in PEERS)
+        )
+        print(
+            f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame {cost.bytes:8.0f} B/frame"
+            f" {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
+            flush=True,
+        )
+    return costs
+
+
+def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | None:
+    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd.
+
+    A key and a daemon of our own, on a port of our own, for this user and this run only. Counted are bytes on the
+    client's socket, by a relay between both.
+    """
+    from screen_ssh import Server
+
+    sshd = shutil.which("sshd") or "/usr/sbin/sshd"
+    if shutil.which("ssh") is None or not Path(sshd).exists():
+        return None
+    with tempfile.TemporaryDirectory() as folder, Server(Path(folder), sshd) as server:
+        result = Path(folder) / "result.json"
+        remote = f"env {' '.join(f'{k}={v}' for k, v in ENVIRONMENT.items())} XDG_RUNTIME_DIR={os.environ.get('XDG_RUNTIME_DIR', '')} {sys.executable} {CHILD} screen {mode} {seconds} {result} {NAME}"
+        in_terminal(server.command(remote), size)
+        if not result.exists():
+            return None
+        found = json.loads(result.read_text())
+        return server.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
+
+
+def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:
+    """Seconds from the start of a process to the first frame that has a sign in it."""
+    found = []
+    for _ in range(repeat):
+        began = time.time()
+        found.append(in_terminal(command, (120, 40), until=sign)[-1][0] - began)
+    return found
+
+
+def main() -> None:
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--sizes", nargs="+", default=["80x24", "120x40", "200x60"])
+    parser.add_argument("--kinds", nargs="+", default=["plot", "screen"])
+    parser.add_argument("--no-ssh", action="store_true")
+    parser.add_argument("--repeat", type=int, default=5, help="starts of the program")
+    options = parser.parse_args()
+    sizes = [(int(w), int(h)) for w, h in (size.split("x") for size in options.sizes)]
+    print(describe("textual", "textual-plotext", "plotext", "numpy"), flush=True)
+    with tempfile.TemporaryDirectory() as logs:
+        print("first paint of `imutui`, nothing running: ", end="", flush=True)
+        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'Sampling', options.repeat))} s")
+        client = session.start(Plan("virtual", RATE, logs=logs, name=NAME, virtual=("--seed", "1")))
+        try:
+            attach = [sys.executable, "-m", "imutui", "attach", "--name", NAME]
+            print(
+                f"first numbers of `imutui attach`: {told(first_paint(attach, b'deg/s', options.repeat))} s", flush=True
+            )
+            ages: list[float] = []
+            for kind in options.kinds:
+                for size in sizes:
+                    costs = compare(kind, size, options.seconds)
+                    ages += [age for name in OURS for age in costs[name].ages_ms]
+            if ages:
+                ages.sort()
+                print(
+                    f"newest sample when its frame was written: median {statistics.median(ages):.0f} ms, p99 {ages[int(0.99 * (len(ages) - 1))]:.0f} ms ({len(ages)} frames)"
+                )
+            if not options.no_ssh:
+                for mode in OURS:
+                    moved = through_ssh(mode, (120, 40), options.seconds)
+                    print(
+                        f"screen 120x40 {mode} through ssh -C: {'no sshd here' if moved is None else f'{moved:.2f} kB/s'}",
+                        flush=True,
+                    )
+        finally:
+            client.stop()
+
+
+RATE = 133.0
+
+if __name__ == "__main__":
+    main()
