@@ -104,6 +104,20 @@ class LogsPage(Page):
         if self._pending is not None:
             self.call_later(self._show_pending)
 
+    def busy(self) -> Sequence[str]:
+        """The job that runs."""
+        return [self._job.what] if self._job is not None else []
+
+    def abandon(self) -> None:
+        """End it."""
+        if self._job is not None:
+            self._job.worker.cancel()
+
+    def as_text(self) -> str:
+        """The recordings."""
+        rows = self.query_one("#recordings", Rows)
+        return f"{self.folder}\n{told.heading(self.app.size.width - 1)}\n{rows.as_text()}"
+
     def show(self, view: View) -> None:
         """The folder may have become known."""
         before = self.folder if self.view is not None else None
@@ -114,8 +128,7 @@ class LogsPage(Page):
     @property
     def folder(self) -> Path:
         """Whose recordings are listed: the one that was opened, else the acquisition's, else the configured one."""
-        now = self.view.now if self.view is not None else None
-        return self._folder or Path(str((now or {}).get("logs") or getattr(self.app, "logs", "logs")))
+        return self._folder or Path(getattr(self.app, "logs_folder", "logs"))
 
     # the list
 

@@ -41,7 +41,6 @@ class ResultPage(Page):
         Binding("e", "load_effects", "load them", tooltip="Load the found effects into the live filter"),
         Binding("x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes"),
         Binding("s", "save", "save JSON", tooltip="Write the result document beside the log"),
-        Binding("y", "copy_text", "copy", show=False, tooltip="Copy the text"),
         Binding("escape", "leave", "back", show=False),
         Binding("j", "scroll('down')", show=False),
         Binding("k", "scroll('up')", show=False),
@@ -86,6 +85,10 @@ class ResultPage(Page):
     def _write(self) -> None:
         self.query_one("#result", Static).update(results.styled(choose().text(self._text())))
 
+    def as_text(self) -> str:
+        """The result as it is shown, all of it."""
+        return self._text()
+
     def _text(self) -> str:
         return self.outcome.text(min(self.app.size.width - 4, _WIDEST))
 
@@ -105,11 +108,6 @@ class ResultPage(Page):
     def action_leave(self) -> None:
         """Back to the list."""
         self.app.pop_screen()
-
-    def action_copy_text(self) -> None:
-        """Copy the text."""
-        self.app.copy_to_clipboard(self._text())
-        self.post_message(self.Say("copied the text, if the terminal lets programs do that", "good"))
 
     def action_save(self) -> None:
         """Write the document."""

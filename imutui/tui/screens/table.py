@@ -165,6 +165,16 @@ class TablePage(Page):
         self._part()
         self._list_segments(now)
 
+    def as_text(self) -> str:
+        """What is done and what is to be done; or the profiles there are."""
+        follow = self._profile is not None and not self._choosing
+        head = [super().as_text(), *self._columns()] if follow else []
+        return "\n".join([*head, self.query_one("#segments" if follow else "#offers", Rows).as_text()])
+
+    def _columns(self) -> list[str]:
+        line = f"  #  {'what to do':<{self._room()}}    dwell  state      left    marked "
+        return [line + (" makes testable" if self._wide() else "")]
+
     def _forget(self) -> None:
         self._profile, self._shows, self._at = None, None, None
 
@@ -259,8 +269,7 @@ class TablePage(Page):
         return 41 if self._wide() else self.app.size.width - 41
 
     def _say_columns(self) -> None:
-        line = f"  #  {'what to do':<{self._room()}}    dwell  state      left    marked "
-        self.query_one("#columns", Static).update(Content(line + (" makes testable" if self._wide() else "")))
+        self.query_one("#columns", Static).update(Content(self._columns()[0]))
 
     def _say_detail(self) -> None:
         """The cursor's segment, in as many words as there is room for."""
