@@ -8,9 +8,10 @@ from typing import Any
 from imutui.jobs.info import Brief
 from imutui.tui import text
 
-_FIXED = 56
-_LEAST_NAME = 22
+_FIXED = 58
+_LEAST_NAME = 21
 _STATES = {"being written": "writing"}
+_MAKE = "imu400cd_"  # every name that we make up begins so
 _NOTE_FROM = 112
 _NOTE = 28
 
@@ -19,26 +20,26 @@ def heading(width: int) -> str:
     """Names of the columns."""
     name = _name_width(width)
     note = "  note" if width >= _NOTE_FROM else ""
-    return f"   {'name':<{name}} {'when, UTC':<11} {'length':>8} {'Hz':>5} {'kind':<9} {'state':<10} {'size':>7}{note}"
+    return f"   {'name':<{name}} {'when, UTC':<11} {'length':>7} {'Hz':>4} {'kind':<9} {'state':<10} {'size':>8}{note}"
 
 
 def row(brief: Brief, chosen: bool, width: int) -> str:
     """A recording."""
-    name = text.shorten(brief.path.name.removesuffix(".mcap"), _name_width(width))
+    name = text.shorten(brief.path.name.removesuffix(".mcap").removeprefix(_MAKE), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
     length = "–" if brief.seconds is None else text.clock(brief.seconds)
     rate = "–" if brief.rate_hz is None else f"{brief.rate_hz:.4g}"
     state = _STATES.get(brief.state, brief.state)
     note = f"  {text.shorten(brief.note, _NOTE)}" if width >= _NOTE_FROM else ""
     return (
-        f" {'x' if chosen else ' '} {name:<{_name_width(width)}} {when:<11} {length:>8} {rate:>5} {brief.kind:<9}"
-        f" {state:<10} {text.size(brief.bytes):>7}{note}"
+        f" {'x' if chosen else ' '} {name:<{_name_width(width)}} {when:<11} {length:>7} {rate:>4} {brief.kind:<9}"
+        f" {state:<10} {text.size(brief.bytes):>8}{note}"
     )
 
 
 def _name_width(width: int) -> int:
     note = _NOTE + 2 if width >= _NOTE_FROM else 0
-    return max(width - _FIXED - note - 3, _LEAST_NAME)
+    return max(width - _FIXED - note, _LEAST_NAME)
 
 
 def lead(folder: Path, briefs: Sequence[Brief] | None, chosen: Collection[Path], width: int) -> tuple[str, str]:
@@ -65,6 +66,7 @@ def detail(brief: Brief | None) -> str:
         return ""
     unit = f"{brief.instrument} #{brief.serial_number}" if brief.serial_number else brief.instrument
     told = [
+        brief.name,
         brief.why,
         unit,
         f"reference {brief.reference}" if brief.reference else "",

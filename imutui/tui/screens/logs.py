@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _LOOK_EVERY_S = 3.0
 _POLL_S = 0.2
-_MORE = " c check  v recover  e load effects  o open another folder or file  space chooses too"
+_MORE = " also: c check  v recover  e load effects  o open another folder or file"
 
 
 @dataclass(frozen=True, slots=True)
