@@ -240,7 +240,11 @@ def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) ->
 
 
 def event(stamp: int, name: str, text: str, level: int = 20) -> Any:
-    """rcl_interfaces/Log; name "mark" for the operator's, "acquisition" for the program's; level 20 info, 30 warn."""
+    """rcl_interfaces/Log; level 20 info, 30 warn, 40 error.
+
+    Name "mark" for the operator's, "acquisition" for the program's, "remark" for what an operator says while guided
+    through a profile: it begins no segment, as a mark would.
+    """
     return make(TYPES[EVENTS], stamp=_time(stamp), level=level, name=name, msg=text, file="", function="", line=0)
 
 
