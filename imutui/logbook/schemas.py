@@ -198,6 +198,11 @@ def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple
     return _ESTIMATE.pack(_CDR_HEADER, seconds, rest, len(frame), frame, *numbers, dof, *converged)
 
 
+def is_plain_estimate(data: bytes) -> bool:
+    """Whether bytes are laid out as `encode_estimate` does it: then there is nothing to decode that could fail."""
+    return len(data) == _ESTIMATE.size and data[:4] == _CDR_HEADER and data[12:16] == struct.pack("<I", 9)
+
+
 def temperature(stamp: int, degc: float) -> Any:
     """sensor_msgs/Temperature inside the instrument's case."""
     return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
