@@ -188,19 +188,18 @@ class LogsPage(Page):
 
     def action_info(self) -> None:
         """What is in it."""
-        self._on_one("info", lambda path: Worker(tasks.info_log, path), _plain("info", "info of"))
+        self._on_one("info", lambda path: Worker(tasks.info_log, path), _text("info", "info of", results.informed))
 
     def action_check(self) -> None:
         """Whether it is sound."""
-        self._on_one("check", lambda path: Worker(tasks.check_log, path), _plain("check", "check of"))
+        self._on_one("check", lambda path: Worker(tasks.check_log, path), _text("check", "check of", results.checked))
 
     def action_replay(self) -> None:
         """The filter over it."""
 
-        def made(path: Path, document: Any) -> Outcome:
-            return Outcome("replay", f"replay of {path.name}", path, document, lambda _: results.replayed(document))
-
-        self._on_one("replay", lambda path: Worker(tasks.replay_log, path, None), made)
+        self._on_one(
+            "replay", lambda path: Worker(tasks.replay_log, path, None), _text("replay", "replay of", results.replayed)
+        )
 
     def action_recover(self) -> None:
         """A finished file beside it."""
@@ -208,7 +207,7 @@ class LogsPage(Page):
         if here is not None and here.state == "being written":
             self.post_message(self.Say("it is being written: r finishes it", "wait"))
         else:
-            self._on_one("recover", _recovery, _plain("recover", "recovered from"))
+            self._on_one("recover", _recovery, _text("recover", "recovered from", results.recovered))
 
     def _on_one(self, what: str, worker: Callable[[Path], Worker], made: Callable[[Path, Any], Outcome]) -> None:
         here = self._brief()
@@ -379,9 +378,10 @@ class LogsPage(Page):
             self.query_one(JobLine).tell(None, "cancelling")
 
 
-def _plain(kind: str, title: str) -> Callable[[Path, Any], Outcome]:
+def _text(kind: str, title: str, words: Callable[[Any], str]) -> Callable[[Path, Any], Outcome]:
     def made(path: Path, document: Any) -> Outcome:
-        return Outcome(kind, f"{title} {path.name}", path, document, lambda _: results.plainly(document))
+        said = words(document)
+        return Outcome(kind, f"{title} {path.name}", path, document, lambda width: results.wrapped(said, width))
 
     return made
 

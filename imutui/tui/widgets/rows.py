@@ -12,7 +12,10 @@ class Rows(OptionList, inherit_bindings=False):
     """Lines that change in place."""
 
     DEFAULT_CSS = """
-    Rows { height: 1fr; text-wrap: nowrap; text-overflow: ellipsis; border: none; padding: 0; background: $background; scrollbar-size-vertical: 1; }
+    Rows {
+        height: 1fr; border: none; padding: 0; background: $background; scrollbar-size-vertical: 1;
+        text-wrap: nowrap; text-overflow: ellipsis;
+    }
     Rows:focus { border: none; background-tint: $foreground 0%; }
     Rows > .option-list--option { padding: 0; }
     """
