@@ -88,13 +88,6 @@ def nis_meaning(nis: dict[str, Any]) -> str:
     return "inside its band: innovations are as large as the filter expects"
 
 
-def warmth(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Warming, steady or unsteady, and minutes since start: what they mean for the biases."""
-    if seconds is None:
-        return ""
-    return f"{warm_word(seconds, slope_k_per_min)} {text.minutes(seconds)}"
-
-
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
     """Whether biases measured now will hold."""
     if seconds < WARM_UP_S:
@@ -103,7 +96,7 @@ def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
 
 
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """The same in a line: word, minutes on, slope of the temperature, and what to wait for."""
+    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
     if seconds is None:
         return ""
     word = warm_word(seconds, slope_k_per_min)
