@@ -10,13 +10,6 @@ WARM_UP_S = 15 * 60.0
 SETTLED_K_PER_MIN = 0.1
 
 
-def warmth(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Warming, steady or unsteady, and minutes since start: what they mean for the biases."""
-    if seconds is None:
-        return ""
-    return f"{warm_word(seconds, slope_k_per_min)} {text.minutes(seconds)}"
-
-
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
     """Whether biases measured now will hold."""
     if seconds < WARM_UP_S:
@@ -25,7 +18,7 @@ def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
 
 
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """The same in a line: word, minutes on, slope of the temperature, and what to wait for."""
+    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
     if seconds is None:
         return ""
     word = warm_word(seconds, slope_k_per_min)

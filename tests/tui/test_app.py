@@ -1,5 +1,7 @@
 """The application at 80×24, driven by keys."""
 
+import re
+import time
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,9 @@ from imutui.session.plan import Plan, demo
 from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
 from imutui.tui.look import Look
+from imutui.tui.pace import Load
 from imutui.tui.screens import PAGES
+from imutui.tui.widgets.plot import Plot
 
 FILE = PATH.rsplit("/", 1)[1]
 
@@ -27,9 +31,11 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", " gx  ", " T  ")
         for text in (
-            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "last 30 s", "autoscale",
-            "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming 3 min", FILE, "123 kB", "flush 0.4 s ago",
-            "q quit", "? help", "r record", "filter ▲ AMBER 5 of 6", "0.3461", "1000.981",
+            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "accel, mg", " az  ",
+            "last 30 s, scroll, autoscale",
+            "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming  on for 3 min  T ", FILE, "123 kB",
+            "flush 0.4 s ago", "K/min  steady from 15 min, below 0.1 K/min", "q quit", "? help", "r record",
+            "filter ▲ AMBER 5 of 6", "0.3461", "1000.981",
         ):  # fmt: skip
             assert text in screen, text
 
@@ -55,11 +61,90 @@ async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
             assert max(widget.region.bottom for widget in pilot.app.screen.query("#page > *")) <= size[1]
 
 
-async def test_a_tall_terminal_shows_both_plots() -> None:
-    """Height adds the accelerometers, width adds events; the other plot's key is gone."""
-    async with _app(FakeClient()).run_test(size=(120, 40)) as pilot:
-        screen = await shows(pilot, "gyro, deg/s", "accel, mg", "events, UTC", "started at 20 Hz")
-        assert "g accel" not in screen
+@pytest.mark.parametrize("size", [SMALLEST, (120, 40), (200, 60)])
+async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
+    """Both plots at any size, each lane with its range; width adds events; the lines above the plots stay."""
+    async with _app(FakeClient()).run_test(size=size) as pilot:
+        lines = (await shows(pilot, "gyro, deg/s", "accel, mg", "now")).splitlines()
+        assert lines[2].startswith("      counts     value")
+        assert lines[9].startswith(" T  ")
+        assert lines[10].startswith("── gyro, deg/s")
+        assert lines[-4].startswith(" asked 20")
+        assert ("started at 20 Hz" in "\n".join(lines[2:10])) is (size[0] >= 112)
+        for name in ("gx", "gy", "gz", "ax", "ay", "az"):
+            assert any(line.startswith(f" {name} ") for line in lines[10:]), name
+        if size == SMALLEST:
+            assert re.match(r" gx +-?\d\.\d +\d\.\d│", lines[11])
+
+
+async def test_one_plot_may_have_all_the_room() -> None:
+    """G shows the gyro alone, then the accelerometers alone, then both again."""
+    async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "gyro, deg/s", "accel, mg")
+        for there, away in (("gyro, deg/s", "accel, mg"), ("accel, mg", "gyro, deg/s")):
+            await pilot.press("g")
+            await until(pilot, lambda away=away: away not in text_of(pilot.app))  # type: ignore[arg-type, misc]
+            lines = (await shows(pilot, there)).splitlines()
+            assert sum("┤" in line for line in lines) == 6
+        await pilot.press("g")
+        await shows(pilot, "gyro, deg/s", "accel, mg")
+
+
+async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
+    """The title says how time runs; without plots, the numbers stay; frozen, the way of drawing may still change."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        await pilot.press("s")
+        await shows(pilot, "last 30 s, sweep, autoscale", "22.5 s", "⠶")
+        await pilot.press("s")
+        screen = await shows(pilot, "no plot: numbers only", "0.3461")
+        assert "⠶" not in screen
+        await pilot.press("space")
+        await shows(pilot, "FROZEN, no plot")
+        await pilot.press("s")
+        await shows(pilot, "FROZEN, last 30 s, scroll", "⠶")
+
+
+async def test_a_slow_link_is_said_in_words() -> None:
+    """What is drawn less because of the terminal says so in the plots' titles."""
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        for second in range(0, 12, 3):
+            app._pulse.pace.judge(time.monotonic() + second, Load(stuck_s=2.0))
+            if second == 0:
+                await shows(pilot, "last 30 s, sweep: link is slow, autoscale")
+        await shows(pilot, "no plot: link is slow", "1000.981")
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
+async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) -> None:
+    """Ctrl+B shows frames, bytes, processor, age and queue in one line on every page, and hides it again."""
+    async with _app(FakeClient()).run_test(size=size) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("ctrl+b")
+        screen = await shows(pilot, " fps", "kB/s sent", "CPU", "ms old", "queue  0", "scroll (auto)", "accel, mg")
+        assert len(screen.splitlines()) == size[1]
+        await pilot.press("4")
+        await shows(pilot, "kB/s sent", "NIS")
+        await pilot.press("ctrl+b")
+        await until(pilot, lambda: "kB/s" not in text_of(pilot.app))  # type: ignore[arg-type]
+
+
+async def test_only_the_page_in_front_draws() -> None:
+    """While another page is on, the plots of the live page stand still; back on it they are up to date."""
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        plot = app.screen.query(Plot).first()
+        await pilot.press("4")
+        await shows(pilot, "NIS")
+        before, polls = list(plot._strips), app._first_client.polls  # type: ignore[union-attr]
+        await until(pilot, lambda: app._first_client.polls > polls + 3)  # type: ignore[union-attr]
+        assert plot._strips == before
+        await pilot.press("2")
+        await until(pilot, lambda: plot._strips != before)
 
 
 async def test_a_small_terminal_says_what_it_needs() -> None:
@@ -78,7 +163,7 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⣿")
+        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⠶")
         assert "lost 0" in screen
         await pilot.press("4")
         await shows(pilot, "AMBER", "not yet")
@@ -169,18 +254,18 @@ async def test_space_freezes_the_view_and_not_the_data() -> None:
         await until(pilot, lambda: "FROZEN" not in text_of(pilot.app))  # type: ignore[arg-type]
 
 
-async def test_span_lock_and_other_plot() -> None:
-    """Plus and minus change the span, a locks the scale, g shows the accelerometers."""
+async def test_span_and_lock() -> None:
+    """Plus and minus change the span, a locks the scale."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "last 30 s, autoscale")
+        await shows(pilot, "last 30 s, scroll, autoscale")
         await pilot.press("plus")
         await shows(pilot, "last 60 s")
         await pilot.press("minus", "minus", "minus")
         await shows(pilot, "last 5 s")
         await pilot.press("a")
         await shows(pilot, "scale locked")
-        await pilot.press("a", "g")
-        await shows(pilot, "accel, mg", "autoscale")
+        await pilot.press("a")
+        await shows(pilot, "last 5 s, scroll, autoscale")
 
 
 async def test_quitting_while_recording_says_what_goes_on() -> None:

@@ -196,7 +196,6 @@ class LogsPage(Page):
 
     def action_replay(self) -> None:
         """The filter over it."""
-
         self._on_one(
             "replay", lambda path: Worker(tasks.replay_log, path, None), _text("replay", "replay of", results.replayed)
         )
