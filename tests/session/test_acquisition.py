@@ -356,6 +356,20 @@ def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: P
     assert f"continues {paths[0].name}" in " ".join(event.text for event in logs[1].events)
 
 
+def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path) -> None:
+    """Exit 0 without a filter; the result names all files, and each says who, where and with which table."""
+    flags = ("--operator", "ana", "--place", "cellar", "--table", "AC-120", "--rotate-minutes", "0.025")
+    record = ("record", "--port", "virtual", "--filter", "none", "--rate", "20", "--duration", "4", "--json")
+    done = imutui(*record, *flags, "-o", "a.mcap")
+    result = json.loads(done.stdout)
+    assert [Path(part["log"]).name for part in result["parts"]] == ["a.mcap", "a_p2.mcap", "a_p3.mcap"]
+    assert "recorded in 3 files" in done.stderr
+    for part in result["parts"]:
+        info = reader.read(Path(part["log"])).info
+        assert (info.operator, info.place, info.table) == ("ana", "cellar", "AC-120")
+    assert "`rotate_minutes` is -1" in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
+
+
 def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_next(home: Path) -> None:
     """Operator, place, table and rotation by size; the next recording has them too, but not its note."""
     connection = client.start(plan(home, record=False, rate_hz=20.0, place="cellar", filter="none"))

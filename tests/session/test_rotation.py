@@ -43,7 +43,7 @@ def test_only_a_recording_in_several_files_tells_its_parts() -> None:
     """The result of one file is as it was; that of the last of several names them all."""
     parts = Parts(Path("a.mcap"), 1.0, 0.0)
     assert parts.finished({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
-    assert parts.finished({"log": "a_p2.mcap"})["parts"] == [
+    assert parts.finished({"log": "a_p2.mcap", "converged": False})["parts"] == [
         {"log": "a.mcap", "converged": True},
         {"log": "a_p2.mcap", "converged": False},
     ]
