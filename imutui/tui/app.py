@@ -22,6 +22,7 @@ from imutui.session import client as session
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.tui import glyphs, palette, pictures, words
+from imutui.tui import recording as report
 from imutui.tui.attempt import Attempt
 from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
@@ -115,7 +116,7 @@ class ImutuiApp(App[int]):
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
-        self._finished = ""
+        self._finished: list[tuple[str, str]] = []
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
         self.theme = self.look.theme_for(os.environ.get("TERM", "")) or self.theme
@@ -404,13 +405,14 @@ class ImutuiApp(App[int]):
             if recording is None:
                 wish = page.wish() if page is not None else None
                 path = await in_thread(lambda: client.record(wish))
-                self._tell_record_page("")
+                self._tell_record_page([])
                 self._say(f"recording to {path}", "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
-                self._tell_record_page(words.finished(recording, result))
-                self._say(self._finished, "good")
+                self._tell_record_page(report.finished(recording, result))
+                shown = isinstance(self.page, RecordPage)
+                self._say("the file is finished" if shown else words.finished(recording, result), "good")
         except ValueError as error:
             self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
@@ -419,7 +421,7 @@ class ImutuiApp(App[int]):
     def _record_page(self) -> RecordPage | None:
         return next((page for page in self._pages() if isinstance(page, RecordPage)), None)
 
-    def _tell_record_page(self, finished: str) -> None:
+    def _tell_record_page(self, finished: list[tuple[str, str]]) -> None:
         """What was written last stays on the Record page, which need not exist yet."""
         self._finished = finished
         page = self._record_page()
@@ -565,7 +567,7 @@ class ImutuiApp(App[int]):
             self._release()
             self._link.over()
         done = [words.finished(recording, result)] if recording else []
-        self._tell_record_page("".join(done))
+        self._tell_record_page(report.finished(recording, result) if recording else [])
         self._say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None
 

@@ -141,5 +141,8 @@ def connected(now: Snapshot) -> Content:
 def next_step(now: Snapshot) -> str:
     """What to do on from here."""
     if now.get("recording"):
-        return "It is recording. 4 Filter shows how far the biases are; r finishes the file; 6 Logs opens it."
+        return (
+            "It is recording. Next: 4 Filter shows how far the biases are;\n"
+            "r finishes the file; 6 Logs opens and traces it."
+        )
     return "Next: 2 Live shows the readings, r records them, 4 Filter shows the biases."

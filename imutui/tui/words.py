@@ -59,11 +59,15 @@ def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) ->
     samples = result.get("samples", recording.get("samples"))
     much = f", {text.plural(samples, 'sample')}" if isinstance(samples, int) else ""
     lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
+    biases = final_biases(result)
+    return "\n".join([*lines, *([biases] if biases else [])])
+
+
+def final_biases(result: dict[str, Any]) -> str:
+    """The six biases of a result; empty if it has none."""
     final = result.get("final") or {}
     biases = [_triple(final.get(key), *form) for key, form in _FINAL_BIASES.items()]
-    if all(biases):
-        lines.append(", ".join(biases))
-    return "\n".join(lines)
+    return ", ".join(biases) if all(biases) else ""
 
 
 _FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}

@@ -24,7 +24,7 @@ async def test_record_has_every_vital_text_at_80x24() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "● REC")
         await pilot.press("3")
-        screen = await shows(pilot, "● RECORDING  0:1", PATH)
+        screen = await shows(pilot, "● RECORDING  0:1", PATH, "q quit")
         for text in (
             "123 kB", "grows 22.0 MB/h", "full in 98 days", "52.00 GB free", "part 1, one file", "flushed 0.4 s ago",
             "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 bytes",
@@ -84,7 +84,7 @@ async def test_a_finished_file_is_named_with_what_comes_next() -> None:
         await pilot.press("r")
         await shows(pilot, "finished")
         await pilot.press("3")
-        await shows(pilot, f"finished {PATH}, 15246 samples", "6 Logs opens it", "NOT RECORDING")
+        await shows(pilot, f"wrote     {PATH}", "15246 samples in", "6 Logs opens it", "NOT RECORDING")
 
 
 async def test_an_empty_acquisition_page_has_no_numbers() -> None:
