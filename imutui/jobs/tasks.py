@@ -72,8 +72,7 @@ def info_log(path: Path, tell: Tell) -> dict[str, Any]:
     """All that is in a log."""
     from imutui.jobs import info
 
-    tell(0.0, f"reading {path.name}")
-    return info.info(path)
+    return info.info(path, tell)
 
 
 def check_log(path: Path, tell: Tell) -> dict[str, Any]:

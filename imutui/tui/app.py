@@ -32,8 +32,11 @@ from imutui.tui.painter import Painter
 from imutui.tui.pulse import Pulse
 from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page, RecordPage
 from imutui.tui.screens.help import HelpDialog
+from imutui.tui.screens.logs import LogsPage
 from imutui.tui.screens.mark import MarkDialog
 from imutui.tui.screens.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.screens.result import ResultPage
+from imutui.tui.screens.table import TablePage
 from imutui.tui.terminal import measured
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
@@ -127,13 +130,23 @@ class ImutuiApp(App[int]):
             self._start(self._first_plan)
 
     @property
+    def logs_folder(self) -> str:
+        """Folder of recordings: the acquisition's, else that of one that would be started."""
+        return str((self._link.newest or {}).get("logs") or self._defaults.logs)
+
+    @property
     def page(self) -> Page | None:
         """The page in front, also under a dialog."""
         return next((screen for screen in reversed(self.screen_stack) if isinstance(screen, Page)), None)
 
     def _redraw(self) -> None:
-        if self.page is not None and self.page.is_mounted:
-            self.page.show(self._link.view())
+        if self.page is not None:
+            self._show(self.page)
+
+    def _show(self, page: Page) -> None:
+        # while the application ends, pages lose their widgets before data stop coming
+        if page.is_mounted and self.is_running:
+            page.show(self._link.view())
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
@@ -282,8 +295,7 @@ class ImutuiApp(App[int]):
         """A page has come to the front."""
         if isinstance(message.page, RecordPage):
             message.page.finished(self._finished)
-        if message.page.is_mounted:
-            message.page.show(self._link.view())
+        self._show(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
         """A page has something to say."""
@@ -310,7 +322,37 @@ class ImutuiApp(App[int]):
         if message.done is not None:
             message.done()
 
+    def on_result_page_effects_chosen(self, message: ResultPage.EffectsChosen) -> None:
+        """Found effects shall join the live filter."""
+        self._logs_page().load_effects(message.name, message.text)
+
+    def on_result_page_profile_written(self, message: ResultPage.ProfileWritten) -> None:
+        """The table page offers a profile that was just written."""
+        page = next(iter(self._screen_stacks.get("table", [])), None)
+        if isinstance(page, TablePage):
+            page.look(message.path)
+
+    def _logs_page(self) -> LogsPage:
+        page = self._screen_stacks["logs"][0]
+        assert isinstance(page, LogsPage)
+        return page
+
     # keys
+
+    async def action_trace_recording(self) -> None:
+        """Trace the recording that runs, up to now."""
+        recording = self._recording()
+        if recording is None:
+            self._say("not recording: 6 Logs traces a finished recording", "wait")
+            return
+        await self.switch_mode("logs")
+        self._logs_page().trace_wanted(Path(recording["path"]))
+
+    async def action_load_effects(self) -> None:
+        """Choose found effects for the live filter."""
+        if self._connected("load effects into"):
+            await self.switch_mode("logs")
+            self._logs_page().choose_effects()
 
     def action_page(self, name: str) -> None:
         """Go to a page."""
@@ -433,7 +475,7 @@ class ImutuiApp(App[int]):
 
     def _picture(self) -> None:
         page = (self.page.TITLE or "").lower() if self.page is not None else ""
-        folder = (self._link.newest or {}).get("logs") or self._defaults.logs
+        folder = self.logs_folder
         try:
             path = pictures.save(self.export_screenshot(title=f"imutui {page}"), Path(folder), page)
             self._say(f"picture of the screen: {path}", "good")

@@ -131,7 +131,7 @@ def cells(
     if glyphs.name == "braille":
         behind = (shading(area) | line) & ~_whole(shows == ESTIMATE, glyphs)
         return raster.cells(estimate | behind, glyphs), shows
-    signs = np.array([" ", glyphs.text("-"), {"block": "░"}.get(glyphs.name, "."), ""])
+    signs = np.array([" ", glyphs.text("-"), {"block": "░"}.get(glyphs.name, "~"), ""])
     drawn = raster.cells(estimate, glyphs)
     lines = [
         "".join(sign if kind == ESTIMATE else str(signs[kind]) for sign, kind in zip(text, kinds, strict=True))
@@ -154,7 +154,8 @@ def _whole(cells: Bits, glyphs: Glyphs) -> Bits:
 def ticks(begin: float, span: float, most: int) -> list[float]:
     """Round instants on a time axis, at most `most` of them."""
     step = next((step for step in _TICKS_S if span / step <= most - 1), span)
-    return [float(t) for t in np.arange(np.ceil(begin / step) * step, begin + span + 1e-9, step)]
+    first, last = int(np.ceil(begin / step)), int(np.floor((begin + span) / step))
+    return [k * step for k in range(first, last + 1)]
 
 
 def duration(seconds: float) -> str:

@@ -12,8 +12,8 @@ _LOW, _HIGH, _BOTTOM, _TOP = range(4)
 class History:
     """Extremes of estimates and of their bands, in rows of a second; the older half is thinned when it is full.
 
-    Thinning joins the two rows beside each other whose spans are shortest, keeping minimum and maximum: a run of
-    any length fits, its last hours stay at 1 Hz, and no excursion is ever lost.
+    Thinning joins pairs of the old rows whose spans are shortest, keeping minimum and maximum: a run of any length
+    fits, its last hours stay at 1 Hz, and no excursion is ever lost.
 
     Parameters
     ----------
@@ -63,13 +63,16 @@ class History:
     def _thin(self) -> None:
         half = self._count // 2
         width = self._width[:half]
-        first = int(np.argmax(width <= width.min()))
-        pairs = (half - first) // 2
+        for level in np.unique(width):
+            first = int(np.argmax(width <= level))
+            pairs = (half - first) // 2
+            if pairs >= max(half // 8, 1):  # a thinning that pays for its copying
+                break
         joined, rest = slice(first, first + pairs), slice(first + 2 * pairs, self._count)
         left, right = slice(first, first + 2 * pairs, 2), slice(first + 1, first + 2 * pairs, 2)
         rows = self._rows[left].copy()
         _widen(rows, self._rows[right])
-        t, width = self._t[left].copy(), 2.0 * self._width[left]
+        t, width = self._t[left].copy(), self._width[left] + self._width[right]
         self._count -= pairs
         moved = slice(first + pairs, self._count)
         self._t[joined], self._width[joined], self._rows[joined] = t, width, rows

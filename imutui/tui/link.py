@@ -9,12 +9,11 @@ import numpy as np
 from textual.message import Message
 
 from imutui.session.client import Client
-from imutui.tui import words
 from imutui.tui.feed import Feed
 from imutui.tui.history import History
 from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
-from imutui.tui.verdict import Hold, Verdict, judge
+from imutui.tui.verdict import Hold, Verdict, judge, stale
 
 Snapshot = dict[str, Any]
 _CHANNELS = 7
@@ -130,7 +129,7 @@ class Link:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
         self._slope = self._series.slope_per_minute(_TEMPERATURE)
         self._take_biases(snapshot)
-        verdict = judge(snapshot.get("filter"), self._slope, words.silence(snapshot))
+        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
 

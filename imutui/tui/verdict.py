@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from imutui.tui import text
+from imutui.tui import text, words
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -21,6 +21,8 @@ FEWEST_WINDOWS = 3
 """Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
 STEADY_K_PER_MIN = 0.1
 HOLD_S = 2.0
+STALE_S = 5.0
+"""Silence of the line that makes estimates old; shorter ones are only said."""
 MOVES_SD = 0.5
 """Change over 10 s, in standard deviations, that is worth a word."""
 
@@ -97,6 +99,12 @@ class Verdict:
         return f"filter {self.badge} {self.brief}".rstrip()
 
 
+def stale(snapshot: dict[str, Any]) -> str | None:
+    """That the line has been silent for long enough to make the estimates old, in words; None if it is not."""
+    said = words.silence(snapshot)
+    return said if said is not None and snapshot["silent_s"] > STALE_S else None
+
+
 def judge(estimates: Estimates | None, slope_k_per_min: float | None = None, silent: str | None = None) -> Verdict:
     """The verdict on a filter.
 
@@ -111,13 +119,13 @@ def judge(estimates: Estimates | None, slope_k_per_min: float | None = None, sil
     """
     if estimates is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
-        return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", "none", sudden=True)
+        return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
     checks = tuple(check for check in (_running(estimates, silent), *_rules(estimates, slope_k_per_min)) if check)
     if checks[0].level == "bad":
         return replace(_of(checks), sudden=True)
     if estimates.get("waiting") or estimates.get("t") is None:
         reason = str(estimates.get("waiting") or "waiting for the first sample")
-        return Verdict("none", "WAIT", reason, "", "waits", checks[:1], sudden=True)
+        return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
     return _of(checks)
 
 
@@ -125,17 +133,23 @@ def _of(checks: tuple[Check, ...]) -> Verdict:
     worst = max(checks, key=lambda check: _RANK[check.level])  # the first of the worst: rules stand in order of weight
     if worst.level not in ("wait", "bad"):
         return _green(checks)
-    others = [check for check in checks if _RANK[check.level] >= _RANK["wait"] and check is not worst]
+    others = [check for check in checks if check.level == worst.level and check is not worst]
     also = f"; also {', '.join(check.brief for check in others)}" if others else ""
-    return Verdict(worst.level, WORDS[worst.level], worst.said + also, worst.todo, worst.brief, checks)
+    # the temperature comes last: by then the rest is well, which is worth saying
+    well = f"{_named(checks, 'converged').said}, but " if worst.name == "temperature" else ""
+    return Verdict(worst.level, WORDS[worst.level], well + worst.said + also, worst.todo, worst.brief, checks)
+
+
+def _named(checks: Sequence[Check], name: str) -> Check:
+    return next(check for check in checks if check.name == name)
 
 
 def _green(checks: tuple[Check, ...]) -> Verdict:
-    by_name = {check.name: check for check in checks}
-    converged, rest = by_name["converged"], by_name["unexplained"]
-    nothing = "nothing unexplained" if rest.level == "good" else "what they leave unexplained is known after 30 s"
+    converged, rest = _named(checks, "converged"), _named(checks, "unexplained")
+    nothing = "nothing unexplained" if rest.level == "good" else "the unexplained part is known after 30 s"
     todo = "the biases can be used: corrected reading = reading − bias"
-    return Verdict("good", WORDS["good"], f"{converged.said}; {nothing}", todo, converged.brief, checks)
+    done, *hidden = converged.said.split("; ")
+    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)
 
 
 def _rules(estimates: Estimates, slope: float | None) -> list[Check | None]:
@@ -152,11 +166,10 @@ def _rules(estimates: Estimates, slope: float | None) -> list[Check | None]:
 
 def _running(estimates: Estimates, silent: str | None) -> Check:
     if estimates.get("failure"):
-        todo = "check mounting, sign and rate; r begins anew with the next file"
-        return Check("bad", "running", str(estimates["failure"]), "stopped", todo)
+        return Check("bad", "running", str(estimates["failure"]), "stopped", "check mounting and rate; r starts anew")
     if silent is not None:
         return Check("wait", "running", "no new data: the estimates are old", "no data", "check power and cable")
-    return Check("good", "running", "it runs, and data come")
+    return Check("good", "running", "data come")
 
 
 def _alarms(alarms: Sequence[str], failure: str | None) -> Check:
@@ -164,7 +177,7 @@ def _alarms(alarms: Sequence[str], failure: str | None) -> Check:
     if not alarms:
         return Check("good", "alarms", "none")
     count = "alarm" if len(alarms) == 1 else f"{len(alarms)} alarms"
-    return Check("bad", "alarms", f"{count}: {alarms[0]}", count, "put that right first; the recording goes on")
+    return Check("bad", "alarms", f"{count}: {alarms[0]}", count, "put that right first")
 
 
 def _limits(biases: Sequence[Bias]) -> Check:
@@ -176,7 +189,7 @@ def _limits(biases: Sequence[Bias]) -> Check:
     bias = f"{worst['name']} bias {bias_text(worst)} {unit}"
     allowed = f"Table 1's ±{limit:g} {unit}"
     if size <= limit:
-        return Check("good", "limit", f"{bias}, within {allowed}")
+        return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of Table 1's, the most")
     brief = f"{channel(worst['name'])} limit"
     if size - sd3 <= limit:
         return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
@@ -301,11 +314,11 @@ def _temperature(slope: float | None) -> Check:
     if slope is None:
         return Check("none", "temperature", "trend known after 30 s")
     steady = abs(slope) <= STEADY_K_PER_MIN
-    said = f"temperature {slope:+.1f} K/min" if not steady else f"within ±{STEADY_K_PER_MIN:g} K/min"
     if steady:
-        return Check("good", "temperature", said)
+        return Check("good", "temperature", f"steady within ±{STEADY_K_PER_MIN:g} K/min")
+    said = f"temperature {slope:+.1f} K/min"
     todo = f"wait until it is within ±{STEADY_K_PER_MIN:g} K/min"
-    return Check("wait", "temperature", f"all converged, but {said} moves the biases", f"{slope:+.1f} K/min", todo)
+    return Check("wait", "temperature", f"{said} moves them (limit ±{STEADY_K_PER_MIN:g})", "T moves", todo)
 
 
 def _confounded(sentences: Sequence[str]) -> Check | None:
@@ -315,7 +328,7 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
 
 
 class Hold:
-    """Keeps the badge from flickering: a word stands for 2 s at least, and yields to a better one only after 2 s of it."""
+    """Keeps the badge from flickering: a word stands 2 s at least, and yields to a better one only after 2 s of it."""
 
     def __init__(self) -> None:
         self._shown: Verdict | None = None

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import pytest
-from fake import PATH, FakeClient, estimates
+from fake import PATH, FakeClient
 from pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
-from imutui.session.plan import Plan
+from imutui.session.plan import Plan, demo
 from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
+from imutui.tui.look import Look
 from imutui.tui.screens import PAGES
 
 FILE = PATH.rsplit("/", 1)[1]
@@ -28,35 +29,9 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
         for text in (
             "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "last 30 s", "autoscale",
             "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming 3 min", FILE, "123 kB", "flush 0.4 s ago",
-            "q quit", "? help", "r record", "filter 5 of 6 converged", "0.3461", "1000.981",
+            "q quit", "? help", "r record", "filter ▲ AMBER 5 of 6", "0.3461", "1000.981",
         ):  # fmt: skip
             assert text in screen, text
-
-
-async def test_filter_has_every_vital_text_at_80x24() -> None:
-    """Verdict, six biases with certainty and limit, NIS in words, navigation with 3 sd, alarms."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=["gz bias moves more than noise allows"])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        screen = await shows(pilot, "ALARM", "waiting for z gyro", "! gz bias moves more than noise allows")
-        for text in (
-            "x gyro     0.3461 ±0.0291 deg/s", "z accel", "±12", "since 9.8 s", "not yet", "-0.0011", "mean 0.24 of 9",
-            "no test: the reference is fed exact", "velocity N", "±0.008 m/s", "roll", "lat -23.211323°", "641.20",
-            "sd below 0.05 deg/s and 0.6 mg", "reference level", "± is 3 sd", "q quit",
-        ):  # fmt: skip
-            assert text in screen, text
-
-
-async def test_alarms_that_do_not_fit_are_counted() -> None:
-    """A small terminal shows the first alarms and says how many there are beyond."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=[f"alarm number {i}" for i in range(9)])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        await shows(pilot, "! alarm number 0", "more alarms")
 
 
 async def test_a_measured_unit_is_not_called_simulated() -> None:
@@ -103,24 +78,32 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "SIMULATED", "● REC", "5 of 6 converged", "⣿")
+        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⣿")
         assert "lost 0" in screen
         await pilot.press("4")
-        await shows(pilot, "WAITING", "not yet")
+        await shows(pilot, "AMBER", "not yet")
         await pilot.press("q")
         await shows(pilot, "recording continues")
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With IMUTUI_SCREEN_GLYPHS=ascii, pages and dialogs have no other sign."""
+    """With IMUTUI_SCREEN_GLYPHS=ascii, no page and no dialog has another sign."""
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
         assert (await shows(pilot, "* REC", "gyro, deg/s")).isascii()
-        for keys, text in ((["3"], "+-0.0291"), (["q"], "continues")):
-            await pilot.press(*keys)
-            assert (await shows(pilot, text)).isascii()
+        for keys, text in (
+            ("4", "+-0.0291"),
+            ("3", "RECORDING"),
+            ("5", "5 Table"),
+            ("6", "6 Logs"),
+            ("1", "Connected"),
+        ):
+            await pilot.press(keys)
+            assert (await shows(pilot, text)).isascii(), text_of(pilot.app)  # type: ignore[arg-type]
+        await pilot.press("q")
+        assert (await shows(pilot, "continues")).isascii()
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
@@ -304,7 +287,7 @@ async def test_unknown_numbers_are_dashes() -> None:
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", " gx          –", "no filter")
+        await shows(pilot, "measured – Hz", " gx          –", "filter – OFF")
         await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 
@@ -327,7 +310,9 @@ async def test_the_palette_has_every_action_with_its_key() -> None:
         await shows(pilot, "SIMULATED")
         commands = {command.title: command.help for command in app.get_system_commands(app.screen)}
         keys = set(commands.values())
-        assert {f"key {key}" for key in ("1", "2", "3", "r", "m", "d", "?", "q", "space", "a", "g", "+/-")} <= keys
+        assert {
+            f"key {key}" for key in (*"123456", "r", "m", "d", "y", "P", "?", "q", "Ctrl-z", "space", "a", "g", "+/-")
+        } <= keys
 
 
 @pytest.fixture
@@ -346,10 +331,10 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
 
 
 async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path: Path) -> None:
-    """On a machine without a port, one key leads to live numbers."""
+    """On a machine without a port, Enter leads to live numbers, not recorded."""
     app = ImutuiApp(logs=str(tmp_path))
     async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "no serial port", "press Enter to try the virtual instrument", "virtual, 133 Hz, stream")
+        await shows(pilot, "no serial port", "press v for the DEMO", "virtual, 133 Hz, stream")
         await pilot.press("enter")
         await shows(pilot, "gyro, deg/s")
     assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
@@ -359,7 +344,7 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
     """Tab goes through port, rate and sampling; Enter connects."""
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 133 Hz")
-        await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "down")
+        await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "right")
         await shows(pilot, "(x) polled", "x, 0.5 Hz, polled")
         await pilot.press("enter")
         await shows(pilot, "gyro, deg/s")
@@ -374,6 +359,160 @@ async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: lis
         await pilot.press("enter")
         await shows(pilot, "gyro, deg/s")
     assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
+
+
+async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_path: Path) -> None:
+    """One key on a fresh machine: a virtual instrument, recorded from its first packet, in the configured folder."""
+    app = ImutuiApp(defaults=Plan("virtual", logs=str(tmp_path), mount="x,-y,-z"))
+    async with app.run_test(size=SMALLEST) as pilot:
+        screen = await shows(pilot, "press v for the DEMO", "estimates its biases", "v demo", "? help", "q quit")
+        assert max(len(line) for line in screen.splitlines()) == 80
+        await pilot.press("v")
+        await shows(pilot, "gyro, deg/s")
+    (plan,) = machine
+    assert plan == demo(Plan("virtual", logs=str(tmp_path)))
+    assert (plan.record, plan.rate_hz, plan.logs, plan.mount) == (True, 20.0, str(tmp_path), "x,y,z")
+
+
+async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second v starts nothing."""
+    monkeypatch.setattr(application.session, "running", lambda: ["demo"])
+    monkeypatch.setattr(application.session, "attach", FakeClient)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "An acquisition is running")
+        await pilot.press("v")
+        await shows(pilot, "gyro, deg/s")
+    assert machine == []
+
+
+async def test_a_key_that_needs_an_acquisition_says_what_is_missing(machine: list[Plan]) -> None:
+    """It is not in the footer, and still answers with the next step."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        assert "r record" not in await shows(pilot, "press v for the DEMO")
+        await pilot.press("r")
+        await shows(pilot, "nothing to record: no acquisition is connected", "v starts the demo")
+
+
+async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looking sends nothing; p asks on the chosen port, a on all, and the answers stand in the list."""
+    asked: list[str] = []
+
+    def probe(port: str) -> dict[str, object]:
+        asked.append(port)
+        if port == "/dev/ttyUSB0":
+            return {"port": port, "answers": True, "serial_number": "9911750", "firmware": "IMU400CD 1.2", "error": ""}
+        return {"port": port, "answers": False, "error": f"{port}: in use by picocom (pid 12)"}
+
+    ports = [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R"), ("/dev/ttyS0", "n/a")]
+    monkeypatch.setattr(application.session, "ports", lambda: ports)
+    monkeypatch.setattr(application.session, "probe", probe)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "ttyUSB1", "Choose a port; Enter connects", "p probe")
+        assert asked == []
+        await pilot.press("p")
+        await shows(pilot, "IMU400CD 1.2 #9911750")
+        assert asked == ["/dev/ttyUSB0"]
+        await pilot.press("down", "a")
+        await shows(pilot, "in use by picocom (pid 12)")
+        await until(pilot, lambda: asked == ["/dev/ttyUSB0", *(port for port, _ in ports)])
+        await shows(pilot, "ttyUSB1, 133 Hz")
+    assert machine == []
+
+
+async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> None:
+    """They are chosen with the arrows, each in its own line."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 133 Hz")
+        await pilot.press(*("tab",) * 4, "right", "down", "right")
+        await shows(pilot, "(x) spkf-paper", "(x) gravity", "voltage mode is not used")
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert [(p.filter, p.reference) for p in machine] == [("spkf-paper", "gravity")]
+
+
+async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
+    """The dialog says what is stored where; Enter cancels, z does it; while recording it is refused."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("1", "z")
+        await shows(pilot, "Zero the rate sensors?", "must stand still", "stored is in the instrument", "begins anew")
+        await pilot.press("enter")
+        await shows(pilot, "Connected.")
+        assert client.asked == []
+        await pilot.press("z", "z")
+        await shows(pilot, "rate sensors zeroed")
+        assert client.asked == ["zero 30"]
+        client.recording = True
+        await shows(pilot, "● REC")
+        await pilot.press("z")
+        await shows(pilot, "not while recording")
+        assert client.asked == ["zero 30"]
+
+
+async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain text without plots and keys; what was copied is said, and in tmux what to allow."""
+    monkeypatch.setenv("TMUX", "/tmp/tmux-0/default,1,0")
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("y")
+        await shows(pilot, "copied the Live page as text", "tmux set -g set-clipboard on")
+        assert "0.3461" in app.clipboard
+        assert "1000.981" in app.clipboard
+        assert "q quit" not in app.clipboard
+        await pilot.press("4", "y")
+        await shows(pilot, "copied the Filter page")
+        assert "±0.0291" in app.clipboard
+
+
+async def test_a_picture_gets_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SVG files beside the logs, or in the working folder; never over another file."""
+    monkeypatch.chdir(tmp_path)
+    client = FakeClient()
+    client.changes["logs"] = str(tmp_path / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("P")
+        await shows(pilot, "picture of the screen")
+        await pilot.press("P")
+        await until(pilot, lambda: len(list((tmp_path / "logs").glob("imutui_live_*.svg"))) == 2)
+        client.changes["logs"] = "/proc/none"
+        await pilot.press("3")
+        await shows(pilot, "NOT RECORDING")
+        polls = client.polls
+        await until(pilot, lambda: client.polls > polls + 2)
+        await pilot.press("P")
+        await until(pilot, lambda: list(tmp_path.glob("imutui_record_*.svg")))
+
+
+async def test_a_theme_of_the_configuration_takes_effect() -> None:
+    """By its own name, or as light and dark; a name that is none is refused with those there are."""
+    for asked, name in (("ansi-light", "ansi-light"), ("light", "textual-light"), ("dark", "textual-dark")):
+        app = ImutuiApp(FakeClient(), look=Look(theme=asked))  # type: ignore[arg-type]
+        async with app.run_test(size=SMALLEST) as pilot:
+            await shows(pilot, "SIMULATED")
+            assert app.theme == name
+    with pytest.raises(ValueError, match=r'`screen.theme` is "sunset"; there are: dark, light.*ansi-dark'):
+        Look(theme="sunset")
+
+
+async def test_quitting_asks_about_jobs_that_would_be_lost() -> None:
+    """Without an acquisition too; the job is named, Esc stays, s quits and ends it."""
+    ended: list[str] = []
+    app = ImutuiApp()
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "not connected")
+        await pilot.press("6")
+        page = app.page
+        assert page is not None
+        page.busy = lambda: ["tracing a.mcap"]  # type: ignore[method-assign]
+        page.abandon = lambda: ended.append("ended")  # type: ignore[method-assign]
+        await pilot.press("q")
+        await shows(pilot, "tracing a.mcap: this ends with the screen, without a result")
+        await pilot.press("escape", "q", "s")
+        await until(pilot, lambda: app._exit)
+    assert ended == ["ended"]
 
 
 async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
@@ -423,8 +562,8 @@ async def test_the_connected_page_stops_only_after_asking() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "● REC")
         await pilot.press("1")
-        await shows(pilot, "Connected to /dev/serial", "stop this acquisition")
-        await pilot.press("enter")
+        await shows(pilot, "Connected", "/dev/serial/by-id", "stop this acquisition")
+        await pilot.press("s")
         await shows(pilot, "Stop this acquisition?", FILE)
         assert client.asked == []
         await pilot.press("s")

@@ -98,7 +98,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "KEYS" not in terminal.screen())
     terminal.press("4")
-    terminal.wait_for("GOOD", "all 6 biases converged")
+    terminal.wait_for("all 6 biases converged")
 
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")

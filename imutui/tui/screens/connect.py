@@ -311,10 +311,11 @@ class ConnectPage(Page):
             self._heard(port, "asking ...")
             try:
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
-                self._heard(port, offers.answered(found))
             except (session.SessionError, OSError) as error:
-                self._heard(port, str(error))
-            self.post_message(self.Say(f"{text.port_name(port)}: {self._answers[port]}"))
+                found = {"port": port, "answers": False, "error": str(error)}
+            self._heard(port, offers.answered(found))
+            said = found.get("error") or f"{text.port_name(port)}: {self._answers[port]}"
+            self.post_message(self.Say(said, "good" if found["answers"] and not found.get("error") else "wait"))
 
     def _heard(self, port: str, answer: str) -> None:
         self._answers[port] = answer

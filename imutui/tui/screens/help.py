@@ -73,11 +73,22 @@ ON THE RECORD PAGE
   disk     all is flushed every second; LATE means that it is not
 
 ON THE FILTER PAGE
+  GREEN    all biases that can be seen have converged, nothing is unexplained
+  AMBER    wait, or look: the text says at what. RED: do what it says
+  w        why: every rule of the badge with what it found, all alarms
+  up down  choose a bias; Enter enlarges its plot, a changes its scale
+  t        trace this recording: look for what the model does not explain
+  e        load found effects into the filter
   ±3 sd    the true bias is within, if the filter's model is right
   bar      zero in the middle; the ends are the data sheet's limit
-  not observable   this setup cannot tell this bias from something else
+  in 10 s  how far the estimate moved, in its own sd too if that is much
+  unobservable   this setup cannot tell this bias from something else
+  unexplained    means over 10 s of what the estimate leaves, over what
+           noise allows: 1 is noise, above 2 something is there
   NIS      how surprising the measurements are. A number near its degrees
            of freedom is right, if it is a test at all; the page says so
+  gates    measurements left out because they were impossible
+  A bias is what a still unit reads too much: corrected = reading − bias
 
 MOUSE
   Never needed. Hold Shift and drag to select text of the terminal.

@@ -7,6 +7,7 @@ from imutui.tui.verdict import Verdict
 from imutui.tui.widgets.lines import Lines
 
 _STYLES = {"good": "$success", "wait": "$warning", "bad": "$error", "none": "$foreground"}
+_LEAST = 16
 _WHY = "  w why "
 
 
@@ -38,7 +39,9 @@ def _said(view: View, verdict: Verdict) -> str:
 
 
 def two_lines(said: str, first: int, second: int) -> tuple[str, str]:
-    """A reason and what to do as two lines at most: what to do begins a line of its own if the reason leaves it one.
+    """A reason and what to do as two lines at most: what to do begins a line of its own if the reason leaves one.
+
+    A long reason is cut so that what to do has room beside it; the key `w` has all of it.
 
     Parameters
     ----------
@@ -53,7 +56,10 @@ def two_lines(said: str, first: int, second: int) -> tuple[str, str]:
     cut = reason.rfind(" ", 0, first + 1)
     cut = cut if cut > 0 else first
     rest = reason[cut:].strip()
-    return reason[:cut], _cut(f"{rest}; {todo}" if todo else rest, second)
+    room = second - len(todo) - 2
+    if not todo or room < _LEAST:
+        return reason[:cut], _cut(rest, second)
+    return reason[:cut], f"{_cut(rest, room)}; {todo}"
 
 
 def _cut(said: str, width: int) -> str:

@@ -11,6 +11,14 @@ from imutui.tui.widgets.gauge import gauge
 from imutui.tui.widgets.lines import Lines
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
+_HEAD = (
+    ("  bias", 13),
+    ("value", 5),
+    (" ± 3 sd", 16),
+    ("zero ±Table 1 limit", 21),
+    ("in 10 s", 13),
+    ("converged at", 12),
+)
 
 
 def convergence(bias: dict[str, Any]) -> str:
@@ -42,10 +50,14 @@ class BiasTable(Lines):
         """Head and biases; dashes while nothing is known."""
         estimates = (view.shown or {}).get("filter") or {}
         biases = estimates.get("biases") or []
-        head = "  bias       value ± 3 sd       zero ± Table 1 limit  in 10 s      converged at"
+        head = "".join(self._cell(title, cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
         rows = [self._row(i, bias) for i, bias in enumerate(biases)] or [self._empty(i) for i in range(len(NAMES))]
         return lines + (rows[self.selected : self.selected + 1] if self.alone else rows)
+
+    def _cell(self, said: str, width: int) -> str:
+        """Text of a column: signs that the terminal lacks may stand as two."""
+        return self.glyphs.text(said).ljust(width)
 
     def _label(self, index: int, name: str) -> tuple[str, str]:
         chosen = index == self.selected
@@ -64,11 +76,11 @@ class BiasTable(Lines):
         return self.line(
             self._label(index, bias["name"]),
             (text.aligned(value, 9, decimals, 4), "bold"),
-            f" ±{text.NOTHING if sd3 is None else f'{sd3:.{decimals}f}':<7}{unit:<6}",
+            self._cell(f" ±{text.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
             (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
-            f" ±{limit:<3g}",
-            text.aligned(bias["change_10s"], 9, decimals, 4, sign=True),
-            f"{in_sd:>7}  ",
+            self._cell(f" ±{limit:g}", 5),
+            text.aligned(bias["change_10s"], 8, decimals, 4, sign=True),
+            f"{in_sd:>7} ",
             (f"{convergence(bias):<12}", _style(pending, bias["observable"])),
         )
 

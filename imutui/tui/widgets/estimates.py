@@ -24,7 +24,7 @@ class NisLine(Lines):
     DEFAULT_CSS = "NisLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Mean, meaning, first, left out."""
+        """Mean, meaning, the first one, and how many updates the gates left out."""
         estimates = _filter(view)
         if not estimates:
             return []
@@ -32,14 +32,12 @@ class NisLine(Lines):
         # the band only means something for a test: shown otherwise, it invites the wrong conclusion
         left = self.line(
             (" NIS".ljust(_LABEL), "bold"),
-            f"{text.plain(nis['mean'], 3)} of {nis['dof']:g}  ",
+            f"{text.number(nis['mean'], 0, 2)} of {nis['dof']:g}  ",
             (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
         )
         first = f"  first {text.plain(nis['first'], 3)}"
         rejected = estimates.get("rejected")
-        gates = "" if rejected is None else f"  left out {rejected}"
-        if left.cell_length + len(first) + len(gates) >= width:
-            first = ""
+        gates = "" if rejected is None else f"  gates {rejected}"
         return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]
 
 
@@ -83,20 +81,22 @@ class NavigationLines(Lines):
         return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
 
     def _row(self, i: int, state: dict[str, Any], sd: dict[str, Any]) -> Content:
-        position_decimals, position_unit = ((6, "°"), (6, "°"), (2, ""))[i]
-        position = text.number(state["position_deg_m"][i], 11, position_decimals)
+        degree = self.glyphs.text("°")
+        decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
-            (f" {('velocity N', 'E', 'D')[i]:>10}", "bold"),
-            f"{text.number(state['velocity_mps'][i], 8, 3)} ±{_three(sd['velocity_mps'][i], 3):<6}m/s",
-            (f" {('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
-            f"{text.number(state['rpy_deg'][i], 9, 3)} ±{_three(sd['rpy_deg'][i], 3):<6}°",
-            (f" {('lat', 'lon', 'h')[i]:>4}", "bold"),
-            f"{position}{position_unit or ' '} ±{_three(sd['position_m'][i], 1)} m",
+            (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
+            f"{text.number(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 9)}m/s",
+            (f"{('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
+            f"{text.number(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 9)}deg",
+            (f"{('lat', 'lon', 'h')[i]:>4}", "bold"),
+            f"{text.number(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
+            f"{self._certain(sd['position_m'][i], 1, 0)} m",
         )
 
-
-def _three(sd: float | None, decimals: int) -> str:
-    return text.NOTHING if sd is None else f"{3.0 * sd:.{decimals}f}"
+    def _certain(self, sd: float | None, decimals: int, width: int) -> str:
+        """Three standard deviations in a column."""
+        three = None if sd is None else 3.0 * sd
+        return self.glyphs.text(f" ±{text.number(three, 0, decimals)}").ljust(width)
 
 
 def effect_text(effect: dict[str, Any]) -> str:
@@ -152,7 +152,7 @@ class EffectLines(GrowingLines):
     def lines(self, view: View, width: int) -> list[Content]:
         """Values with certainty, side by side."""
         said = [self.glyphs.text(effect_text(effect)) for effect in _filter(view).get("effects") or []]
-        heads = [" effects ±3sd", *[""] * self.rows]
+        heads = [" effects", *[""] * self.rows]
         rows = side_by_side(said, width - _LABEL - 1, self.rows)
         return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
 
