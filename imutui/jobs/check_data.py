@@ -85,7 +85,7 @@ def _gaps(log: Looked) -> Iterator[Finding]:
         longest = int(long[np.argmax(steps[long])])
         what = f"{plural(int(long.size), 'gap')} between samples, the longest {steps[longest]:.3f} s."
         where = f"first at {log.t[long[0]]:.3f} s, longest at {log.t[longest]:.3f} s"
-        yield Finding("gaps", what, where, "The filter predicts through gaps; trace leaves them out. Check the cable.")
+        yield Finding("gaps", what, where, "The filter predicts through gaps; trace leaves them out.")
     if info is None or info.sampling == "imported":
         return
     measured = (log.t.size - 1) / log.t[-1]
