@@ -123,6 +123,7 @@ class ImutuiApp(App[int]):
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
+        self.app_resume_signal.subscribe(self, self._repaint)
         if self._first_client is not None:
             self._look_at(self._first_client)
             return
@@ -162,6 +163,14 @@ class ImutuiApp(App[int]):
     def _display(self, screen: Screen[Any], renderable: Any) -> None:
         """Send only the cells that changed."""
         super()._display(screen, self._painter.exact(renderable))
+
+    def _repaint(self, _: object) -> None:
+        """Back from the shell: nothing of what was drawn is there any more."""
+        self._painter.forget()
+        for screen in self.screen_stack:
+            screen.refresh(layout=True)
+            for widget in screen.walk_children():
+                widget.refresh()
 
     def action_plot_mode(self) -> None:
         """Let plots scroll, or sweep, or be away, or let that be chosen."""
@@ -434,9 +443,7 @@ class ImutuiApp(App[int]):
 
     def _connected(self, purpose: str) -> bool:
         if self._link.client is None:
-            self._say(
-                f"nothing to {purpose}: no acquisition is connected. 1 connects; there, v starts the demo", "wait"
-            )
+            self._say(f"nothing to {purpose}: not connected. 1 connects; there, v starts the demo", "wait")
         return self._link.client is not None
 
     def action_mark(self) -> None:

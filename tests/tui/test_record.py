@@ -27,7 +27,7 @@ async def test_record_has_every_vital_text_at_80x24() -> None:
         screen = await shows(pilot, "● RECORDING  0:1", PATH, "q quit")
         for text in (
             "123 kB", "grows 22.0 MB/h", "full in 98 days", "52.00 GB free", "part 1, one file", "flushed 0.4 s ago",
-            "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 bytes",
+            "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 B",
             "line      ok", "operator  ana", "place     lab 2", "table id  AC-120", "new file every, min",
             "or every, MB",
             "note", "10:30:30   0:00:03  door closed", "e edit form", "r record", "m mark", "? help", "q quit",

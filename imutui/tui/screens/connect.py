@@ -361,7 +361,7 @@ class ConnectPage(Page):
         """Have the rate sensors zeroed, after asking."""
         now = self.view.now if self.view is not None else None
         if now is not None and now.get("recording"):
-            said = "not while recording: zeroing shifts every reading from then on. r finishes the file"
+            said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
             self.post_message(self.Say(said, "wait"))
         else:
             self.app.push_screen(zero_dialog(), self._zero)

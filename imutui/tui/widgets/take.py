@@ -28,7 +28,8 @@ class TakeState(Lines):
         if now is None:
             return [badge]
         take = now.get("recording")
-        return [badge, *(self._idle(now, width) if take is None else self._file(now, take, width)), *self._link(now)]
+        rows = self._idle(now, width) if take is None else self._file(now, take, width)
+        return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now))]
 
     def _row(self, name: str, said: str, level: str = "none") -> Content:
         return self.line((f"{name:{_NAME}}", "dim"), (said, "" if level == "none" else LEVEL_STYLES[level]))
