@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from filters import residual
 from filters.effects import additive, motion
-from filters.effects.hypothesis import ACCELS, GYROS, Effect
+from filters.effects.hypothesis import ACCELS, GYROS, Hypothesis
 from filters.evidence import Atom, Stack, columns_on
 from filters.imu import CHANNELS, IMU400CD_200, AxisMap, ImuSpec
 from filters.motion import Profile, Sine
@@ -128,7 +128,7 @@ def _columns(stack: Stack, spec: ImuSpec) -> Iterator[_Column]:
             yield _Column(Quantity(h.effect, channel, axis), parameter.prior * parameter.si, on)
 
 
-def _effects() -> Iterator[Effect]:
+def _effects() -> Iterator[Hypothesis]:
     """Those that motion shows, each with all its parameters."""
     for c in (*GYROS, *ACCELS):
         yield additive.Scale(c)

@@ -25,6 +25,7 @@ import pyte
 
 SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin")
 PATIENCE_S = 60.0
+_ASKS_FOR_SYNCHRONISED, _IT_IS_SYNCHRONISED = b"\x1b[?2026$p", b"\x1b[?2026;2$y"
 _CONFIG = """\
 Port {port}
 ListenAddress 127.0.0.1
@@ -152,6 +153,8 @@ class Terminal:
             except OSError:
                 os.close(self._master)
                 return  # the client has gone
+            if _ASKS_FOR_SYNCHRONISED in data:
+                os.write(self._master, _IT_IS_SYNCHRONISED)
             with self._lock:
                 self._stream.feed(data)
 
@@ -191,8 +194,7 @@ class CountingProxy:
         self._target = port
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listener.getsockname()[1])
-        self.returned = 0
-        """Bytes from the target to its clients, so far."""
+        self._returned: list[tuple[float, int]] = []
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
@@ -206,7 +208,11 @@ class CountingProxy:
             threading.Thread(target=_pass_on, args=(there, here, self._count), daemon=True).start()
 
     def _count(self, count: int) -> None:
-        self.returned += count
+        self._returned.append((time.time(), count))
+
+    def returned(self, begin: float, end: float) -> int:
+        """Bytes from the target to its clients between two times of the wall's clock."""
+        return sum(count for at, count in list(self._returned) if begin <= at < end)
 
     def close(self) -> None:
         """Take no more connections."""

@@ -5,7 +5,7 @@ What it leaves out: where the operator is in it, which the acquisition knows.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +146,15 @@ def _meant_as_profile(path: Path) -> bool:
             return any(line.strip().startswith("[[segment]]") for line in stream)
     except OSError:
         return False
+
+
+def by_hand(offer: Offer) -> Offer | None:
+    """The same profile joined to a log by the operator's marks; None if nobody can follow it by hand."""
+    profile = load(offer.file, offer.text)
+    if any(isinstance(segment, motion.Sampled) for segment in profile.segments):
+        return None
+    marked = replace(profile, align="marks")
+    return replace(offer, text=motion.to_toml(marked), align=marked.align)
 
 
 def load(name: str, text: str) -> Profile:

@@ -19,6 +19,10 @@ _THERE = {
     "sine": "Enter when it swings.",
     "sampled": "Enter when it starts.",
 }
+_BY_ITSELF = {
+    "none": ("The table runs this by itself.", "Its clock is the log's: start it with r, at the same moment."),
+    "gyro": ("The table runs this by itself.", "r records; then start the table. The gyros tell when it began."),
+}
 _HOLDING = {
     "dwell": "Leave the table alone.",
     "rate": "Keep it turning.",
@@ -66,11 +70,14 @@ def span(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def said(guide: Guide | None, segments: Sequence[Mapping[str, Any]], recording: bool) -> tuple[str, str]:
+def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guided: bool = True) -> tuple[str, str]:
     """What the operator is to do now, and what happens then."""
-    if guide is None:
+    segments = profile["segments"]
+    if guide is None and not guided:
+        return _BY_ITSELF.get(str(profile.get("align")), _BY_ITSELF["none"])
+    if guide is None or can(guide, recording) == {"begin"}:
         first = "Segment 1 is asked for" if recording else "A recording starts, and segment 1 is asked for"
-        return "b begins.", f"{first}. p takes another profile."
+        return _before(guide), f"{first}. p takes another profile."
     number = min(int(guide["segment"]), len(segments) - 1)
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
@@ -81,10 +88,24 @@ def said(guide: Guide | None, segments: Sequence[Mapping[str, Any]], recording: 
             after = "Then I ask for the next." if number + 1 < len(segments) else "Then all is done."
             return f"{of}: {_holding(str(segment['text']))}", f"{_HOLDING[segment['kind']]} {after}"
         case "cancelled":
-            goes_on = "The recording goes on; r finishes it." if recording else "Nothing is being recorded."
-            return f"Cancelled at segment {number + 1} of {len(segments)}.", f"{goes_on} b resumes there."
-    finishes = "r finishes the file, then 6 (Logs) traces it" if recording else "6 (Logs) traces the file"
-    return f"All {len(segments)} segments are done.", f"{finishes}. p takes another profile."
+            where = f"Cancelled at segment {number + 1} of {len(segments)}."
+            return where, "The recording goes on: b resumes there, r finishes the file."
+    return f"All {len(segments)} segments are done.", "r finishes the file; then 6 (Logs) traces it."
+
+
+def _before(guide: Guide | None) -> str:
+    if guide is None:
+        return "b begins."
+    last = "done" if guide["state"] == "done" else "cancelled"
+    return f"The last time is {last}, its file finished (6 Logs traces it). b begins again."
+
+
+def can(guide: Guide | None, recording: bool) -> set[str]:
+    """What can be asked of the guide: one way through a profile belongs to one recording."""
+    state = None if guide is None else guide["state"]
+    if state in ("done", "cancelled") and recording:
+        return {"resume"} if state == "cancelled" else set()
+    return {"go": {"there", "cancel"}, "hold": {"cancel"}}.get(str(state), {"begin"})
 
 
 def _holding(instruction: str) -> str:

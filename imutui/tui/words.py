@@ -10,13 +10,6 @@ WARM_UP_S = 15 * 60.0
 SETTLED_K_PER_MIN = 0.1
 
 
-def warmth(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Warming, steady or unsteady, and minutes since start: what they mean for the biases."""
-    if seconds is None:
-        return ""
-    return f"{warm_word(seconds, slope_k_per_min)} {text.minutes(seconds)}"
-
-
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
     """Whether biases measured now will hold."""
     if seconds < WARM_UP_S:
@@ -25,7 +18,7 @@ def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
 
 
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """The same in a line: word, minutes on, slope of the temperature, and what to wait for."""
+    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
     if seconds is None:
         return ""
     word = warm_word(seconds, slope_k_per_min)
@@ -66,11 +59,15 @@ def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) ->
     samples = result.get("samples", recording.get("samples"))
     much = f", {text.plural(samples, 'sample')}" if isinstance(samples, int) else ""
     lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
+    biases = final_biases(result)
+    return "\n".join([*lines, *([biases] if biases else [])])
+
+
+def final_biases(result: dict[str, Any]) -> str:
+    """The six biases of a result; empty if it has none."""
     final = result.get("final") or {}
     biases = [_triple(final.get(key), *form) for key, form in _FINAL_BIASES.items()]
-    if all(biases):
-        lines.append(", ".join(biases))
-    return "\n".join(lines)
+    return ", ".join(biases) if all(biases) else ""
 
 
 _FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}

@@ -311,10 +311,11 @@ class ConnectPage(Page):
             self._heard(port, "asking ...")
             try:
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
-                self._heard(port, offers.answered(found))
             except (session.SessionError, OSError) as error:
-                self._heard(port, str(error))
-            self.post_message(self.Say(f"{text.port_name(port)}: {self._answers[port]}"))
+                found = {"port": port, "answers": False, "error": str(error)}
+            self._heard(port, offers.answered(found))
+            said = found.get("error") or f"{text.port_name(port)}: {self._answers[port]}"
+            self.post_message(self.Say(said, "good" if found["answers"] and not found.get("error") else "wait"))
 
     def _heard(self, port: str, answer: str) -> None:
         self._answers[port] = answer
@@ -360,7 +361,7 @@ class ConnectPage(Page):
         """Have the rate sensors zeroed, after asking."""
         now = self.view.now if self.view is not None else None
         if now is not None and now.get("recording"):
-            said = "not while recording: zeroing shifts every reading from then on. r finishes the file"
+            said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
             self.post_message(self.Say(said, "wait"))
         else:
             self.app.push_screen(zero_dialog(), self._zero)

@@ -15,8 +15,8 @@ HELP = """\
 FIRST STEPS
   No instrument at hand: 1, then v. A virtual instrument starts, and is
   recorded. With one: 1, choose its port, Enter; then r records.
-  4 Filter   wait for the word GOOD: all six biases have converged. In the
-             demo that takes about a minute
+  4 Filter   wait for 6 of 6 biases converged and the word GREEN. In the
+             demo that takes half a minute
   r          finishes the file; 3 Record says where it is
   6 Logs     choose the file, t traces it: which physical effect moves what
              the bias does not explain, and how large it is. Two minutes of
@@ -58,11 +58,13 @@ ON THE CONNECT PAGE
 
 ON THE LIVE PAGE
   space    freeze the view; data go on being taken and recorded
-  + -      longer or shorter plots;  a lock their scales
+  + -      longer or shorter plots;  a lock their scales;  g which plots
+  s        scroll, sweep (cheap on a slow link), or numbers only
   counts   what the instrument sent;  value  the same in deg/s, mg and °C
   mean, sd over the last 10 s; min and max show single spikes
   plots    every lane has its own scale. A spike is never hidden: each dot
            column spans the lowest to the highest of its samples
+  Ctrl+B   a line with what drawing costs: frames, bytes, processor time
 
 ON THE RECORD PAGE
   e        type operator, place, table, note, rotation; Esc is done. They

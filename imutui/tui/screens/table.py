@@ -16,14 +16,18 @@ from imutui.tui import guiding, text
 from imutui.tui.background import in_thread
 from imutui.tui.glyphs import choose
 from imutui.tui.link import Snapshot, View
+from imutui.tui.screens.choice import Answer, ChoiceDialog
 from imutui.tui.screens.page import WIDE, Page
-from imutui.tui.widgets.guide import GuideHead
+from imutui.tui.widgets.guide import GuideHead, guided
 from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
     from imutui.jobs.guide import Offer, Step
 
 _NEEDED = 74
+_WHO = """\
+By hand: this page says where to go, and your Enter joins profile and log. Only what you hold still is used.
+By itself: the controller runs the profile; profile and log are joined as the file says."""
 _RUNNING = "running"
 
 
@@ -61,7 +65,7 @@ class TablePage(Page):
         self._known: object = None
         self._choosing = False
         self._at: int | None = None
-        self._offered: tuple[bool, str | None] | None = None
+        self._offered: set[str] = set()
         self._wanted: Path | None = None
 
     def body(self) -> Iterable[Widget]:
@@ -165,6 +169,16 @@ class TablePage(Page):
         self._part()
         self._list_segments(now)
 
+    def as_text(self) -> str:
+        """What is done and what is to be done; or the profiles there are."""
+        follow = self._profile is not None and not self._choosing
+        head = [super().as_text(), *self._columns()] if follow else []
+        return "\n".join([*head, self.query_one("#segments" if follow else "#offers", Rows).as_text()])
+
+    def _columns(self) -> list[str]:
+        line = f"  #  {'what to do':<{self._room()}}    dwell  state      left    marked "
+        return [line + (" makes testable" if self._wide() else "")]
+
     def _forget(self) -> None:
         self._profile, self._shows, self._at = None, None, None
 
@@ -175,18 +189,21 @@ class TablePage(Page):
             found.append(client.profile())
             return ""
 
-        self.post_message(self.Ask(ask, "", lambda: self._take(found[0])))
+        self.post_message(self.Ask(ask, "", lambda: self._follow(found[0])))
 
-    @work(exclusive=True, group="shows")
-    async def _take(self, profile: Mapping[str, Any] | None) -> None:
+    def _follow(self, profile: Mapping[str, Any] | None) -> None:
         """A profile has come: show it, then work out what it makes testable."""
         self._profile, self._shows, self._choosing = profile, None, False
         self._head()
         if profile is not None:
-            shows = await in_thread(lambda: _shows(profile))
-            if self._profile is profile:
-                self._shows = shows
-                self._head()
+            self._work_out(profile)
+
+    @work(exclusive=True, group="shows")
+    async def _work_out(self, profile: Mapping[str, Any]) -> None:
+        shows = await in_thread(lambda: _shows(profile))
+        if self._profile is profile:
+            self._shows = shows
+            self._head()
 
     def _head(self) -> None:
         self.query_one(GuideHead).profile = self._profile
@@ -200,7 +217,7 @@ class TablePage(Page):
         if self.query_one("#follow").display != follow or self.query_one("#choose").display == follow:
             self.query_one("#follow").display, self.query_one("#choose").display = follow, not follow
             self.query_one(part).focus()
-        offered = follow, self._state()
+        offered = self._possible()
         if offered != self._offered:
             self._offered = offered
             self.refresh_bindings()
@@ -256,8 +273,7 @@ class TablePage(Page):
         return 41 if self._wide() else self.app.size.width - 41
 
     def _say_columns(self) -> None:
-        line = f"  #  {'what to do':<{self._room()}}    dwell  state      left    marked "
-        self.query_one("#columns", Static).update(Content(line + (" makes testable" if self._wide() else "")))
+        self.query_one("#columns", Static).update(Content(self._columns()[0]))
 
     def _say_detail(self) -> None:
         """The cursor's segment, in as many words as there is room for."""
@@ -273,28 +289,21 @@ class TablePage(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what can be done now."""
-        follow = self._profile is not None and not self._choosing
-        state = self._state()
-        match action:
-            case "take" | "other":
-                return not follow
-            case "there":
-                return follow and state == "go"
-            case "begin":
-                return follow and state in (None, "done")
-            case "resume":
-                return follow and state == "cancelled"
-            case "cancel":
-                return follow and state in ("go", "hold")
-            case "choose":
-                return follow and state in (None, "done", "cancelled")
+        if action in ("take", "other", "there", "begin", "resume", "cancel", "choose"):
+            return action in self._possible()
         return True
 
-    def _state(self) -> str | None:
-        """The guide's."""
+    def _possible(self) -> set[str]:
+        """Actions that make sense now."""
         now = self.view.now if self.view is not None else None
-        guide = now.get("guide") if now is not None else None
-        return None if guide is None else str(guide["state"])
+        if self._profile is None or self._choosing:
+            return {"take", "other"}
+        if now is None or now["state"] != _RUNNING:
+            return {"choose"}
+        guide = now.get("guide")
+        under_way = guide is not None and guide["state"] in ("go", "hold")
+        can = guiding.can(guide, now.get("recording") is not None) if guided(self._profile, now) else set()
+        return can | (set() if under_way else {"choose"})
 
     def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
         """Say more of the line with the cursor."""
@@ -318,7 +327,7 @@ class TablePage(Page):
         self._wanted = Path(offer.place) / offer.name
         self._list_offers()
         self.query_one("#offers").focus()
-        self._configure(offer)
+        self._choose(offer)
 
     def action_take(self) -> None:
         """Have the filter go by the profile with the cursor."""
@@ -328,7 +337,26 @@ class TablePage(Page):
         if offer.error:
             self.post_message(self.Say(f"{offer.name} can't be used: {offer.error}", "bad"))
         else:
+            self._choose(offer)
+
+    def _choose(self, offer: "Offer") -> None:
+        """Take a profile; one that is not joined by marks may be followed by hand all the same."""
+        if offer.align == "marks" or offer.file.endswith(".csv"):
             self._configure(offer)
+            return
+        answers = [Answer("h", "hand", "I do, by hand: guide me"), Answer("t", "table", "the table, by itself")]
+        dialog = ChoiceDialog(f"{offer.name}: who moves the table?", _WHO, answers)
+        self.app.push_screen(dialog, lambda answer: self._answered(offer, answer))
+
+    def _answered(self, offer: "Offer", answer: str | None) -> None:
+        if answer == "hand":
+            self._take_by_hand(offer)
+        elif answer == "table":
+            self._configure(offer)
+
+    @work(exclusive=True, group="open")
+    async def _take_by_hand(self, offer: "Offer") -> None:
+        self._configure(await in_thread(lambda: _by_hand(offer)))
 
     def _configure(self, offer: "Offer") -> None:
         now = self.view.now if self.view is not None else None
@@ -406,6 +434,12 @@ def _offer_of(path: Path) -> "Offer":
     from imutui.jobs import guide
 
     return guide.offer_of(path)
+
+
+def _by_hand(offer: "Offer") -> "Offer":
+    from imutui.jobs import guide
+
+    return guide.by_hand(offer) or offer
 
 
 def _steps(offer: "Offer") -> "list[Step]":

@@ -12,6 +12,11 @@ from imutui.tui.widgets.lines import Lines
 _BAR = 30
 
 
+def guided(profile: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether the acquisition guides through a profile: the filter must go by the operator, if there is a filter."""
+    return profile.get("align") == "marks" or now.get("filter") is None
+
+
 class GuideHead(Lines):
     """As high in one state as in another, so that the list below stays where it is."""
 
@@ -25,7 +30,8 @@ class GuideHead(Lines):
         if self.profile is None or view.now is None:
             return []
         guide, segments = view.now.get("guide"), self.profile["segments"]
-        what, then = guiding.said(guide, segments, view.now.get("recording") is not None)
+        recording = view.now.get("recording") is not None
+        what, then = guiding.said(guide, self.profile, recording, guided(self.profile, view.now))
         seconds = sum(float(s["seconds"]) for s in segments)
         return [
             self.line((guiding.title(self.profile, seconds), "bold")),

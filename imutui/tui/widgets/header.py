@@ -75,7 +75,8 @@ class StatusHeader(Lines):
         verdict = view.verdict
         if verdict is None:
             return self.line(" ")
-        return self.line((verdict.short[: max(room, 0)], LEVEL_STYLES[verdict.level]), " ")
+        said = verdict.short if len(verdict.short) <= room else verdict.short.removeprefix("filter ")
+        return self.line((said[: max(room, 0)], LEVEL_STYLES[verdict.level]), " ")
 
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:

@@ -12,7 +12,10 @@ class Rows(OptionList, inherit_bindings=False):
     """Lines that change in place."""
 
     DEFAULT_CSS = """
-    Rows { height: 1fr; border: none; padding: 0; background: $background; scrollbar-size-vertical: 1; }
+    Rows {
+        height: 1fr; border: none; padding: 0; background: $background; scrollbar-size-vertical: 1;
+        text-wrap: nowrap; text-overflow: ellipsis;
+    }
     Rows:focus { border: none; background-tint: $foreground 0%; }
     Rows > .option-list--option { padding: 0; }
     """
@@ -21,8 +24,8 @@ class Rows(OptionList, inherit_bindings=False):
         Binding("up,k", "cursor_up", "up", show=False),
         Binding("home,g", "first", "first", show=False),
         Binding("end,G", "last", "last", show=False),
-        Binding("pagedown,ctrl+f", "page_down", "page down", show=False),
-        Binding("pageup,ctrl+b", "page_up", "page up", show=False),
+        Binding("pagedown", "page_down", "page down", show=False),
+        Binding("pageup", "page_up", "page up", show=False),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
@@ -42,6 +45,10 @@ class Rows(OptionList, inherit_bindings=False):
             self.add_options([Option(line) for line in lines])
             self.highlighted = min(at, len(lines) - 1) if lines else None
         self._shown = plain
+
+    def as_text(self) -> str:
+        """All lines."""
+        return "\n".join(line.rstrip() for line in self._shown)
 
     @property
     def cursor(self) -> int | None:
