@@ -193,7 +193,7 @@ def _limits(biases: Sequence[Bias]) -> Check:
     brief = f"{channel(worst['name'])} limit"
     if size - sd3 <= limit:
         return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
-    todo = "check level, mounting and sign; if they are right, the sensor is off its data sheet"
+    todo = "check level, mounting, sign; else the sensor is out of spec"
     return Check("bad", "limit", f"{bias} is outside {allowed}", brief, todo)
 
 

@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.link import Link
 
-FOOTER = "t trace e effects space freeze w why r record m mark d detach ? help q quit"
+FOOTER = "enter plot t trace e effects space freeze w why r record m mark"
 
 
 async def filter_page(pilot: Pilot[Any], *texts: str) -> str:
