@@ -38,7 +38,8 @@ def over(
     fine : callable
         Whether a document tells of nothing wrong.
     """
-    documents, code = [], FINE
+    documents: list[dict[str, Any]] = []
+    code = FINE
     for log in logs:
         try:
             document = job(log, progress)

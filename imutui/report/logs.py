@@ -7,7 +7,7 @@ from typing import Any
 
 from imutui.report import numbers
 
-_KINDS = {"measured": "measured", "simulated": "SIMULATED readings", "unknown": "origin of readings not stated"}
+_KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 _LABEL = 13
 _MARKS = 50
 _NOTHING = "–"

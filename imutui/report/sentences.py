@@ -42,6 +42,7 @@ _REASONS = {
     "no_excitation": "nothing here excites it",
     "collinear_with": "",
 }
+SAVED = "The motion is experiment.toml, which --report DIR or -o FILE saves."
 _FEW = 3
 _SEPARATES = 5.0
 
@@ -63,7 +64,7 @@ class Section:
     sentences: tuple[str, ...]
 
 
-def text(d: Mapping[str, Any], source: str, width: int) -> str:
+def text(d: Mapping[str, Any], source: str, width: int, saved: str = SAVED) -> str:
     """All of it as paragraphs of at most so many characters a line.
 
     Parameters
@@ -74,6 +75,8 @@ def text(d: Mapping[str, Any], source: str, width: int) -> str:
         Which logs it is of.
     width : int
         Of a line.
+    saved : str
+        How the separating motion is saved, a sentence.
     """
     out = [textwrap.fill(line, width) for line in headline(d, source)]
     out.append("")
@@ -82,7 +85,7 @@ def text(d: Mapping[str, Any], source: str, width: int) -> str:
         for n, sentence in enumerate(line.sentences or ("–",)):
             start = first if n == 0 else " " * len(first)
             out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
-    for section in sections(d):
+    for section in sections(d, saved):
         out += ["", section.title]
         out += [
             textwrap.fill(_start(sentence), width, initial_indent="  ", subsequent_indent="    ")
@@ -133,8 +136,16 @@ def channel_lines(d: Mapping[str, Any]) -> list[ChannelLine]:
     return lines
 
 
-def sections(d: Mapping[str, Any]) -> list[Section]:
-    """What is to be said of several channels or of none: shared effects, data, weak terms, limits, what to do next."""
+def sections(d: Mapping[str, Any], saved: str = SAVED) -> list[Section]:
+    """What is to be said of several channels or of none: shared effects, data, weak terms, limits, what to do next.
+
+    Parameters
+    ----------
+    d : mapping
+        The result document.
+    saved : str
+        How the separating motion is saved, a sentence.
+    """
     made = [
         Section("Over several channels", tuple(_finding(f, d, names=True) for f in shared(d))),
         Section("Data", tuple(_fault(entry) for entry in d.get("integrity", []))),
@@ -143,7 +154,7 @@ def sections(d: Mapping[str, Any]) -> list[Section]:
         Section("Weak: not told from drift, not used", tuple(_weak(entry) for entry in d.get("weak", []))),
         Section("Errors", tuple(_errors(d))),
         Section("Asked about", tuple(_limit(entry) for entry in d.get("limits", []))),
-        Section("To separate the causes", tuple(_experiment(d))),
+        Section("To separate the causes", tuple(_experiment(d, saved))),
         Section("These logs cannot show", tuple(_untestable(d.get("untestable", [])))),
         Section("Notes", (held_out(d), *(_sentence(note) for note in d.get("notes", [])))),
     ]
@@ -310,7 +321,7 @@ def _change(e: Mapping[str, Any]) -> str:
     return f"{who}{before} → {e['after']:.3g}{unit}{floor}"
 
 
-def _experiment(d: Mapping[str, Any]) -> Iterable[str]:
+def _experiment(d: Mapping[str, Any], saved: str) -> Iterable[str]:
     experiment = d.get("separating_experiment")
     if experiment:
         a, b = (_label_of(d, experiment[key]) for key in "ab")
@@ -321,7 +332,7 @@ def _experiment(d: Mapping[str, Any]) -> Iterable[str]:
             return
         yield (
             f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough):"
-            f" {words}. The motion is experiment.toml, which --report DIR or -o FILE saves."
+            f" {words}. {saved}"
         )
 
 

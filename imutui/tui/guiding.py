@@ -20,10 +20,7 @@ _THERE = {
     "sampled": "Enter when it starts.",
 }
 _BY_ITSELF = {
-    "none": (
-        "The table runs this by itself.",
-        "Its clock is the log's: r records; start the table at the same moment.",
-    ),
+    "none": ("The table runs this by itself.", "Its clock is the log's: start it with r, at the same moment."),
     "gyro": ("The table runs this by itself.", "r records; then start the table. The gyros tell when it began."),
 }
 _HOLDING = {
@@ -79,11 +76,8 @@ def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guide
     if guide is None and not guided:
         return _BY_ITSELF.get(str(profile.get("align")), _BY_ITSELF["none"])
     if guide is None or can(guide, recording) == {"begin"}:
-        again = (
-            "" if guide is None else f"{'Done' if guide['state'] == 'done' else 'Cancelled'}; the file is finished. "
-        )
         first = "Segment 1 is asked for" if recording else "A recording starts, and segment 1 is asked for"
-        return f"{again}b begins{' again' if again else ''}.", f"{first}. p takes another profile."
+        return _before(guide), f"{first}. p takes another profile."
     number = min(int(guide["segment"]), len(segments) - 1)
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
@@ -97,6 +91,13 @@ def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guide
             where = f"Cancelled at segment {number + 1} of {len(segments)}."
             return where, "The recording goes on: b resumes there, r finishes the file."
     return f"All {len(segments)} segments are done.", "r finishes the file; then 6 (Logs) traces it."
+
+
+def _before(guide: Guide | None) -> str:
+    if guide is None:
+        return "b begins."
+    last = "done" if guide["state"] == "done" else "cancelled"
+    return f"The last time is {last}, its file finished (6 Logs traces it). b begins again."
 
 
 def can(guide: Guide | None, recording: bool) -> set[str]:

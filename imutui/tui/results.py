@@ -1,19 +1,21 @@
 """Results of jobs as text for a page. Pure functions."""
 
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from textual.content import Content
 
+from imutui.jobs.tasks import TraceResult
 from imutui.report import sentences
 from imutui.tui import text, words
 
 _LIMITS = {"deg/s": 1.0, "mg": 12.0}
 _KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
 _GAPS = 5
+_SAVED = "x writes that motion as a profile; 5 Table guides through it."
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,25 +62,32 @@ def styled(body: str) -> Content:
     return Content("\n").join(made)
 
 
-def traced(result: Any) -> Callable[[int], str]:
-    """Text of a trace at a width, with what is wrong with its files first."""
+def traced(result: TraceResult, writing: Collection[Path] = ()) -> Callable[[int], str]:
+    """Text of a trace at a width, with what is wrong with its files first; `writing` were not finished yet."""
+    told = [_as_written(sentence, writing) for sentence in result.damage]
 
     def at(width: int) -> str:
-        damage = "".join(f"{sentence}\n" for sentence in result.damage)
-        return damage + sentences.text(result.document, result.source, width)
+        damage = "".join(f"{wrapped(sentence, width)}\n" for sentence in told)
+        return damage + sentences.text(result.document, result.source, width, _SAVED)
 
     return at
 
 
-def replayed(d: Mapping[str, Any]) -> str:
-    """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost."""
+def _as_written(sentence: str, writing: Collection[Path]) -> str:
+    """A file that is being written is not damaged."""
+    path = next((path for path in writing if sentence.startswith(str(path))), None)
+    return sentence if path is None else f"{path.name} was being written: all up to its last flush is used."
+
+
+def replayed(d: Mapping[str, Any], writing: Collection[Path] = ()) -> str:
+    """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
     verdict = "converged" if d["converged"] else "NOT converged"
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{text.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     lines = [
         f"{verdict}: {d['log']}",
         f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
-        *([f"unfinished or damaged: {d['damage']}"] if "damage" in d else []),
+        *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
         "",
         f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {'Table 1':>8} {'of limit':>9}   converged",
     ]

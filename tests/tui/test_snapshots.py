@@ -17,7 +17,6 @@ from fake import FakeClient, estimates
 from pilot import text_of
 from syrupy.assertion import SnapshotAssertion
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
-from syrupy.location import PyTestLocation
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -51,15 +50,10 @@ _ALIKE = 3
 
 
 class Picture(SingleFileSnapshotExtension):
-    """An SVG file for each picture, named after page and look."""
+    """An SVG file for each picture, named after test, look and page."""
 
     file_extension = "svg"
     _write_mode = WriteMode.TEXT
-
-    @classmethod
-    def get_snapshot_name(cls, *, test_location: PyTestLocation, index: int | str = 0) -> str:
-        """The name that the picture was given."""
-        return str(index)
 
 
 class Clock:
@@ -124,9 +118,7 @@ def look(request: pytest.FixtureRequest, place: Path, monkeypatch: pytest.Monkey
     return str(request.param)
 
 
-async def test_the_pages_look_as_they_did_when_somebody_looked(
-    look: str, place: Path, snapshot: SnapshotAssertion
-) -> None:
+async def test_pages_look_as_they_did(look: str, place: Path, snapshot: SnapshotAssertion) -> None:
     """Every page of a recording, help, and the dialog that quits: three sizes, no colour, a light theme."""
     client = Telling(Clock())
     pictures = {}
@@ -138,9 +130,7 @@ async def test_the_pages_look_as_they_did_when_somebody_looked(
     assert_as_before(pictures, look, place, snapshot)
 
 
-async def test_the_first_page_looks_as_it_did_when_somebody_looked(
-    look: str, place: Path, snapshot: SnapshotAssertion
-) -> None:
+async def test_the_first_page_looks_as_it_did(look: str, place: Path, snapshot: SnapshotAssertion) -> None:
     """`imutui` on a machine where nothing runs, with an adapter and a built-in port."""
     async with application(None, look).run_test(size=LOOKS[look][0]) as pilot:
         picture = await _still(pilot, "virtual instrument")
@@ -155,10 +145,10 @@ def assert_as_before(pictures: dict[str, str], look: str, place: Path, snapshot:
     """Compare pictures with those on file; where they differ, say where the new one lies."""
     changed = []
     for page, picture in pictures.items():
-        name = f"{page}-{look}"
-        if picture != snapshot(name=name, extension_class=Picture):
-            (place / f"{name}.svg").write_text(picture)
-            changed.append(str(place / f"{name}.svg"))
+        if picture != snapshot(name=page, extension_class=Picture):
+            path = place / f"{page}-{look}.svg"
+            path.write_text(picture)
+            changed.append(str(path))
     if changed:
         pytest.fail("other than in tests/tui/__snapshots__, or not there:\n" + "\n".join(changed), pytrace=False)
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 _LOOK_EVERY_S = 3.0
 _POLL_S = 0.2
+_WRITING = "being written"
 _MORE = " also: c check  v recover  e load effects  o open another folder or file"
 
 
@@ -196,14 +197,17 @@ class LogsPage(Page):
 
     def action_replay(self) -> None:
         """The filter over it."""
-        self._on_one(
-            "replay", lambda path: Worker(tasks.replay_log, path, None), _text("replay", "replay of", results.replayed)
-        )
+        writing = self._writing()
+        made = _text("replay", "replay of", lambda document: results.replayed(document, writing))
+        self._on_one("replay", lambda path: Worker(tasks.replay_log, path, None), made)
+
+    def _writing(self) -> set[Path]:
+        return {b.path.resolve() for b in self._briefs or [] if b.state == _WRITING}
 
     def action_recover(self) -> None:
         """A finished file beside it."""
         here = self._brief()
-        if here is not None and here.state == "being written":
+        if here is not None and here.state == _WRITING:
             self.post_message(self.Say("it is being written: r finishes it", "wait"))
         else:
             self._on_one("recover", _recovery, _text("recover", "recovered from", results.recovered))
@@ -228,13 +232,15 @@ class LogsPage(Page):
         names = ", ".join(path.name for path in logs[:2]) + (f" and {len(logs) - 2} more" if len(logs) > 2 else "")
         held = f"; {logs[-1].name} held out" if len(logs) > 1 else ""
 
+        writing = self._writing()
+
         def made(result: tasks.TraceResult) -> Outcome:
             return Outcome(
                 "trace",
                 text.shorten(result.source, 56),
                 logs[0],
                 result.document,
-                results.traced(result),
+                results.traced(result, writing),
                 result.effects,
                 result.experiment,
                 result.included,

@@ -37,10 +37,10 @@ class ResultPage(Page):
     ResultPage #result-title { height: 1; padding: 0 1; background: $panel; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("w", "write_effects", "write effects", tooltip="Write the found effects beside the log"),
-        Binding("e", "load_effects", "load them", tooltip="Load the found effects into the live filter"),
+        Binding("w", "write_effects", "write", tooltip="Write the found effects beside the log"),
+        Binding("e", "load_effects", "load", tooltip="Load the found effects into the live filter"),
         Binding("x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes"),
-        Binding("s", "save", "save JSON", tooltip="Write the result document beside the log"),
+        Binding("s", "save", "JSON", tooltip="Write the result document beside the log"),
         Binding("escape", "leave", "back", show=False),
         Binding("j", "scroll('down')", show=False),
         Binding("k", "scroll('up')", show=False),
@@ -68,7 +68,9 @@ class ResultPage(Page):
 
     def body(self) -> Iterable[Widget]:
         """Title and text."""
-        yield Static(choose().text(f"{self.outcome.title}   Esc back  y copy"), id="result-title", markup=False)
+        keys = "w writes, e loads the effects  " if self.outcome.effects else ""
+        title = f"{self.outcome.title}   {keys}y copies  Esc back"
+        yield Static(choose().text(title), id="result-title", markup=False)
         with VerticalScroll(id="result-room"):
             yield Static(id="result")
 

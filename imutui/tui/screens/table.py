@@ -356,7 +356,7 @@ class TablePage(Page):
 
     @work(exclusive=True, group="open")
     async def _take_by_hand(self, offer: "Offer") -> None:
-        self._configure(await in_thread(lambda: _by_hand(offer)) or offer)
+        self._configure(await in_thread(lambda: _by_hand(offer)))
 
     def _configure(self, offer: "Offer") -> None:
         now = self.view.now if self.view is not None else None
@@ -436,10 +436,10 @@ def _offer_of(path: Path) -> "Offer":
     return guide.offer_of(path)
 
 
-def _by_hand(offer: "Offer") -> "Offer | None":
+def _by_hand(offer: "Offer") -> "Offer":
     from imutui.jobs import guide
 
-    return guide.by_hand(offer)
+    return guide.by_hand(offer) or offer
 
 
 def _steps(offer: "Offer") -> "list[Step]":
