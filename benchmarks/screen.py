@@ -15,6 +15,7 @@ import json
 import os
 import pty
 import select
+import shlex
 import shutil
 import statistics
 import struct
@@ -63,7 +64,9 @@ class Cost:
     ages_ms: list[float]
 
 
-def in_terminal(command: list[str], size: tuple[int, int], until: bytes = b"", limit_s: float = 120.0) -> list[tuple[float, bytes]]:
+def in_terminal(
+    command: list[str], size: tuple[int, int], until: bytes = b"", limit_s: float = 120.0
+) -> list[tuple[float, bytes]]:
     """Run a program in a terminal that answers; returns what it wrote and when.
 
     Parameters
@@ -115,7 +118,9 @@ def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost
         result = Path(folder) / "result.json"
         written = in_terminal([sys.executable, CHILD, kind, mode, str(seconds), str(result), NAME], size)
         if not result.exists():
-            sys.exit(f"{kind} {mode} at {size} did not finish:\n{b''.join(d for _, d in written)[-2000:].decode(errors='replace')}")
+            sys.exit(
+                f"{kind} {mode} at {size} did not finish:\n{b''.join(d for _, d in written)[-2000:].decode(errors='replace')}"
+            )
         found = json.loads(result.read_text())
     data = [d for at, d in written if found["from"] <= at <= found["to"]]
     frames = max(found["frames"], 1)
@@ -139,8 +144,11 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
     costs |= {marker: measure(f"{kind}-peer", marker, size, seconds) for marker in PEERS}
     for name, cost in costs.items():
         side = "imutui " if name in OURS else "plotext"
-        ratios = "" if name not in OURS else "  plotext/imutui CPU " + ", ".join(
-            f"{costs[marker].cpu_ms / cost.cpu_ms:.1f} ({marker})" for marker in PEERS
+        ratios = (
+            ""
+            if name not in OURS
+            else "  plotext/imutui CPU "
+            + ", ".join(f"{costs[marker].cpu_ms / cost.cpu_ms:.1f} ({marker})" for marker in PEERS)
         )
         print(
             f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame {cost.bytes:8.0f} B/frame"
@@ -163,7 +171,9 @@ def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | Non
         return None
     with tempfile.TemporaryDirectory() as folder, Server(Path(folder), sshd) as server:
         result = Path(folder) / "result.json"
-        remote = f"env {' '.join(f'{k}={v}' for k, v in ENVIRONMENT.items())} XDG_RUNTIME_DIR={os.environ.get('XDG_RUNTIME_DIR', '')} {sys.executable} {CHILD} screen {mode} {seconds} {result} {NAME}"
+        kept = {k: os.environ[k] for k in ("XDG_RUNTIME_DIR", "HOME") if k in os.environ} | ENVIRONMENT
+        child = [sys.executable, CHILD, "screen", mode, str(seconds), str(result), NAME]
+        remote = shlex.join(["env", *(f"{key}={value}" for key, value in kept.items()), *child])
         in_terminal(server.command(remote), size)
         if not result.exists():
             return None
@@ -197,7 +207,9 @@ def main() -> None:
         client = session.start(Plan("virtual", RATE, logs=logs, name=NAME, virtual=("--seed", "1")))
         try:
             attach = [sys.executable, "-m", "imutui", "attach", "--name", NAME]
-            print(f"first numbers of `imutui attach`: {told(first_paint(attach, b'deg/s', options.repeat))} s", flush=True)
+            print(
+                f"first numbers of `imutui attach`: {told(first_paint(attach, b'deg/s', options.repeat))} s", flush=True
+            )
             ages: list[float] = []
             for kind in options.kinds:
                 for size in sizes:
@@ -205,11 +217,16 @@ def main() -> None:
                     ages += [age for name in OURS for age in costs[name].ages_ms]
             if ages:
                 ages.sort()
-                print(f"newest sample when its frame was written: median {statistics.median(ages):.0f} ms, p99 {ages[int(0.99 * (len(ages) - 1))]:.0f} ms ({len(ages)} frames)")
+                print(
+                    f"newest sample when its frame was written: median {statistics.median(ages):.0f} ms, p99 {ages[int(0.99 * (len(ages) - 1))]:.0f} ms ({len(ages)} frames)"
+                )
             if not options.no_ssh:
                 for mode in OURS:
                     moved = through_ssh(mode, (120, 40), options.seconds)
-                    print(f"screen 120x40 {mode} through ssh -C: {'no sshd here' if moved is None else f'{moved:.2f} kB/s'}", flush=True)
+                    print(
+                        f"screen 120x40 {mode} through ssh -C: {'no sshd here' if moved is None else f'{moved:.2f} kB/s'}",
+                        flush=True,
+                    )
         finally:
             client.stop()
 

@@ -69,7 +69,7 @@ class ImutuiApp(App[int]):
         ),
         Binding("r", "record", "record", tooltip="Start or finish a recording"),
         Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
-        Binding("d", "detach", "detach", tooltip="Leave the screen, the acquisition goes on"),
+        Binding("d", "detach", "detach", show=False, tooltip="Leave the screen, the acquisition goes on"),
         Binding("question_mark", "help", "help", key_display="?", tooltip="Help in plain language"),
         Binding("f1", "help", "help", show=False),
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),

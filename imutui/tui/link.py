@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class View:
     biases: Series
     frozen: bool
     notice: tuple[str, str]
-    pacing: Pacing = Pacing()
+    pacing: Pacing = field(default_factory=Pacing)
     debug: str = ""
 
 

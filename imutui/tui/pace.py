@@ -45,9 +45,7 @@ class Load:
     @property
     def behind(self) -> bool:
         """Whether less should be sent."""
-        return (
-            self.busy > _BEHIND_BUSY or self.stuck_s > _BEHIND_S or (self.round_trip_s or 0.0) > _BEHIND_ROUND_TRIP_S
-        )
+        return self.busy > _BEHIND_BUSY or self.stuck_s > _BEHIND_S or (self.round_trip_s or 0.0) > _BEHIND_ROUND_TRIP_S
 
     @property
     def keeps_up(self) -> bool:

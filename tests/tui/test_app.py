@@ -30,9 +30,9 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", " gx  ", " T  ")
         for text in (
-            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "accel, mg", " az  ", "last 30 s, scroll, autoscale",
-            "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming  on for 3 min  T ", FILE, "123 kB",
-            "flush 0.4 s ago", "K/min  steady from 15 min, below 0.1 K/min", "q quit", "? help", "r record",
+            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "accel, mg", " az  ",
+            "last 30 s, scroll, autoscale", "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming  on for 3 min  T ", FILE,
+            "123 kB", "flush 0.4 s ago", "K/min  steady from 15 min, below 0.1 K/min", "q quit", "? help", "r record",
             "filter 5 of 6 converged", "0.3461", "1000.981",
         ):  # fmt: skip
             assert text in screen, text
@@ -202,7 +202,7 @@ async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> Non
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
         assert (await shows(pilot, "* REC", "gyro, deg/s")).isascii()
-        for keys, text in ((["3"], "+-0.0291"), (["q"], "continues")):
+        for keys, text in ((["4"], "+-0.0291"), (["q"], "continues")):
             await pilot.press(*keys)
             assert (await shows(pilot, text)).isascii()
 
@@ -388,7 +388,7 @@ async def test_unknown_numbers_are_dashes() -> None:
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", " gx          –", "no filter")
+        await shows(pilot, "measured – Hz", " gx        –", "no filter")
         await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 

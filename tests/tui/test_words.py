@@ -66,9 +66,7 @@ def test_silence_is_judged_by_the_packet_rate() -> None:
 
 def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
     """A quarter of an hour, and then only while the temperature moves."""
-    assert words.warm_up(180.0, 0.42) == (
-        "warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min"
-    )
+    assert words.warm_up(180.0, 0.42) == ("warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min")
     assert words.warm_up(3600.0, 0.01) == "steady  on for 1 h 00 min  T +0.01 K/min  biases will hold"
     assert words.warm_up(3600.0, -0.5).startswith("unsteady  on for 1 h 00 min  T -0.50 K/min  wait until")
     assert words.warm_up(None, None) == ""

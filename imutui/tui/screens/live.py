@@ -69,7 +69,12 @@ class LivePage(Page):
         pacing = view.pacing
         for plot in self.query(Plot):
             plot.show(
-                view.series, self.span(view), mode=pacing.mode, note=pacing.note, locked=self._locked, frozen=view.frozen
+                view.series,
+                self.span(view),
+                mode=pacing.mode,
+                note=pacing.note,
+                locked=self._locked,
+                frozen=view.frozen,
             )
 
     def span(self, view: View) -> float:
