@@ -15,8 +15,6 @@ import json
 import os
 import pty
 import select
-import shlex
-import shutil
 import statistics
 import struct
 import subprocess
@@ -118,9 +116,8 @@ def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost
         result = Path(folder) / "result.json"
         written = in_terminal([sys.executable, CHILD, kind, mode, str(seconds), str(result), NAME], size)
         if not result.exists():
-            sys.exit(
-                f"{kind} {mode} at {size} did not finish:\n{b''.join(d for _, d in written)[-2000:].decode(errors='replace')}"
-            )
+            said = b"".join(part for _, part in written)[-2000:].decode(errors="replace")
+            sys.exit(f"{kind} {mode} at {size} did not finish:\n{said}")
         found = json.loads(result.read_text())
     data = [d for at, d in written if found["from"] <= at <= found["to"]]
     frames = max(found["frames"], 1)
@@ -151,34 +148,26 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
             + ", ".join(f"{costs[marker].cpu_ms / cost.cpu_ms:.1f} ({marker})" for marker in PEERS)
         )
         print(
-            f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame {cost.bytes:8.0f} B/frame"
-            f" {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
+            f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame "
+            f"{cost.bytes:8.0f} B/frame {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
             flush=True,
         )
     return costs
 
 
 def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | None:
-    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd.
+    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd."""
+    from ssh_link import Link, missing
 
-    A key and a daemon of our own, on a port of our own, for this user and this run only. Counted are bytes on the
-    client's socket, by a relay between both.
-    """
-    from screen_ssh import Server
-
-    sshd = shutil.which("sshd") or "/usr/sbin/sshd"
-    if shutil.which("ssh") is None or not Path(sshd).exists():
+    if missing():
         return None
-    with tempfile.TemporaryDirectory() as folder, Server(Path(folder), sshd) as server:
-        result = Path(folder) / "result.json"
-        kept = {k: os.environ[k] for k in ("XDG_RUNTIME_DIR", "HOME") if k in os.environ} | ENVIRONMENT
-        child = [sys.executable, CHILD, "screen", mode, str(seconds), str(result), NAME]
-        remote = shlex.join(["env", *(f"{key}={value}" for key, value in kept.items()), *child])
-        in_terminal(server.command(remote), size)
+    with Link() as link:
+        result = link.folder / "result.json"
+        in_terminal(link.command([sys.executable, CHILD, "screen", mode, str(seconds), str(result), NAME]), size)
         if not result.exists():
             return None
         found = json.loads(result.read_text())
-        return server.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
+        return link.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
 
 
 def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:
@@ -217,16 +206,13 @@ def main() -> None:
                     ages += [age for name in OURS for age in costs[name].ages_ms]
             if ages:
                 ages.sort()
-                print(
-                    f"newest sample when its frame was written: median {statistics.median(ages):.0f} ms, p99 {ages[int(0.99 * (len(ages) - 1))]:.0f} ms ({len(ages)} frames)"
-                )
+                middle, late = statistics.median(ages), ages[int(0.99 * (len(ages) - 1))]
+                print(f"newest sample when written: median {middle:.0f} ms, p99 {late:.0f} ms, {len(ages)} frames")
             if not options.no_ssh:
                 for mode in OURS:
                     moved = through_ssh(mode, (120, 40), options.seconds)
-                    print(
-                        f"screen 120x40 {mode} through ssh -C: {'no sshd here' if moved is None else f'{moved:.2f} kB/s'}",
-                        flush=True,
-                    )
+                    said = "no sshd here" if moved is None else f"{moved:.2f} kB/s"
+                    print(f"screen 120x40 {mode} through ssh -C: {said}", flush=True)
         finally:
             client.stop()
 

@@ -22,7 +22,7 @@ from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
 from imutui.tui.feed import Feed
 from imutui.tui.link import View
-from imutui.tui.pace import Pace
+from imutui.tui.look import Look
 from imutui.tui.painter import Painter
 from imutui.tui.screens import SCREENS, LivePage
 from imutui.tui.series import Series
@@ -178,7 +178,7 @@ def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str)
     if peer:
         PeerPage.marker, mode = mode, "scroll"
         Whole.MODES = dict(SCREENS) | {"live": PeerPage}
-    app = Whole(session.attach(name), pace=Pace(mode, FPS))
+    app = Whole(session.attach(name), look=Look(plot=mode, fps=FPS))
     app.account = Account(seconds, result, lambda: app.exit(0))
     if peer:  # its updates are Textual's own
         app._painter.exact = lambda update: update  # type: ignore[method-assign]

@@ -6,6 +6,11 @@ tolerance of its own mean over 10 s; the 10 s mean of (raw residual - estimated 
 these did not hold. Raw residual: reading minus what a perfect unit would measure at the reference. The first two alone
 are met by any filter left running; the third compares with data. Where the reference does not say what a perfect unit
 would measure (a trajectory without attitude), the first two are all there is.
+
+The remainder, what the model does not explain, is seen in means over longer stretches than noise: over the last windows
+of 10 s that do not overlap, the rms of (10 s mean of raw residual - estimated bias) over what white noise and the
+standard deviation of the estimate allow. It is about 1 where nothing else is in the readings, a little less while the
+estimate still rests on the same few windows, and grows with drift. It is told, and decides nothing.
 """
 
 from collections import deque
@@ -22,6 +27,8 @@ TOLERANCE = np.array([0.6e-3 * STANDARD_GRAVITY] * 3 + [0.05 * np.pi / 180.0] * 
 """Standard deviation below which a bias counts as known: 0.6 mg, 0.05 deg/s (Table 1's resolution)."""
 HOLD = 10.0
 """s that the conditions must hold, and over which means are taken."""
+REMAINDER_WINDOWS = 6
+"""Windows of 10 s, at most, that the remainder is told from."""
 _BAND = 5.0
 _NOISE_BLOCKS = 600
 _MEDIAN_OF_CHI2_1 = 0.45493642
@@ -79,6 +86,23 @@ class Convergence:
     change: Array | None
 
 
+@dataclass(frozen=True, slots=True)
+class Remainder:
+    """What the model does not explain of the last minute.
+
+    Attributes
+    ----------
+    ratio : Array or None
+        Rms of 10 s means of (raw residual - estimated bias) over what white noise and the estimate's standard
+        deviation allow, accelerometer then gyro, body axes, shape (6,). None before the first window.
+    windows : int
+        Windows it is told from.
+    """
+
+    ratio: Array | None
+    windows: int
+
+
 class Gauge:
     """Keeps the last 10 s of residuals and estimates in blocks of a second, and judges the biases once a block.
 
@@ -102,6 +126,8 @@ class Gauge:
         self._since: list[float | None] = [None] * 6
         self._change: Array | None = None
         self._apparent: Array | None = None
+        self._judged = 0
+        self._departures: deque[Array] = deque(maxlen=REMAINDER_WINDOWS)
 
     @property
     def end(self) -> float:
@@ -144,6 +170,7 @@ class Gauge:
         mean_bias = means[:, 6:].mean(axis=0)
         self._change = bias - means[0, 6:]
         agrees = self._agrees(means[:, :6], bias, bias_sd, span)
+        self._note_departure(means[:, :6], bias, bias_sd, span)
         settled = (bias_sd < TOLERANCE) & (np.abs(bias - mean_bias) < TOLERANCE) & agrees
         for i in range(6):
             self._ok_from[i] = (self._ok_from[i] if self._ok_from[i] is not None else t) if settled[i] else None
@@ -161,11 +188,27 @@ class Gauge:
             self._apparent = None
             return np.ones(6, bool)
         self._apparent = residuals[known].mean(axis=0)
+        allowed = self._allowed(known, bias_sd, span)
+        if allowed is None:
+            return np.zeros(6, bool)
+        return np.asarray(np.abs(self._apparent - bias) < _BAND * allowed)
+
+    def _allowed(self, known: NDArray[np.bool_], bias_sd: Array, span: float) -> Array | None:
+        """Standard deviation of (mean raw residual - estimate) over the known blocks of a window; None unknown."""
         noise = self.noise()
         if noise is None:
-            return np.zeros(6, bool)
+            return None
         seconds = span * np.count_nonzero(known) / known.size
-        return np.asarray(np.abs(self._apparent - bias) < _BAND * np.sqrt(noise**2 / seconds + bias_sd**2))
+        return np.asarray(np.sqrt(noise**2 / seconds + bias_sd**2))
+
+    def _note_departure(self, residuals: Array, bias: Array, bias_sd: Array, span: float) -> None:
+        """Keep every window that shares no block with the one kept before, in standard deviations."""
+        self._judged += 1
+        if (self._judged - 1) % self._window or self._apparent is None:
+            return
+        allowed = self._allowed(np.isfinite(residuals[:, 0]), bias_sd, span)
+        if allowed is not None:
+            self._departures.append((self._apparent - bias) / allowed)
 
     def noise(self) -> Array | None:
         """White noise density measured on the log, from the median of squared first differences of blocks.
@@ -184,6 +227,12 @@ class Gauge:
         ordered = np.partition(self._squares[:count], [low, high] if high > low else low, axis=0)
         variance = 0.5 * (ordered[low] + ordered[high]) / _MEDIAN_OF_CHI2_1 / 2.0
         return np.asarray(np.sqrt(variance * self._block))
+
+    def remainder(self) -> Remainder:
+        """What the model does not explain, over the last windows; see the module's head."""
+        if not self._departures:
+            return Remainder(None, 0)
+        return Remainder(np.sqrt(np.mean(np.square(self._departures), axis=0)), len(self._departures))
 
     def convergence(self) -> Convergence:
         """Verdict as of the last full block."""

@@ -35,11 +35,13 @@ _POINTS = 31
 Thermal = tuple[tuple[float, float], ...]
 """Temperature in the case: s since power-on, degC, straight lines between."""
 
-_SIX = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0))
-_TWELVE = (
+SIX = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0))
+"""Each axis up and down: outer, middle, inner, deg."""
+TWELVE = (
     *((0, 0, 90), (0, 0, 180), (45, 0, 0), (-45, 0, 30), (0, 45, 60), (0, -45, 0)),
     *((45, 45, 0), (30, -45, 90), (135, 0, 0), (-135, 0, 0), (90, 0, 90), (-90, 0, 45)),
 )
+"""Twelve more, in between."""
 
 
 @dataclass(frozen=True)
@@ -247,20 +249,20 @@ def _moving(seen: Seen, known: bool) -> list[Plan]:
     fast = seen.rate
     slow = math.radians(5.0 * round(math.degrees(fast) / 15.0))
     both = f"at ±{math.degrees(slow):.0f} and ±{math.degrees(fast):.0f} deg/s"
-    spins = {axis: _rates(axis, (slow, -slow, fast, -fast)) for axis in AXES}
+    spins = {axis: turns(axis, (slow, -slow, fast, -fast)) for axis in AXES}
     swings = {axis: _sines(axis) for axis in AXES}
-    eighteen = _positions((*_SIX, *_TWELVE), 15.0)
-    turns = [segment for axis in AXES for segment in spins[axis]]
+    eighteen = positions((*SIX, *TWELVE), 15.0)
+    all_turns = [segment for axis in AXES for segment in spins[axis]]
     all_swings = [segment for axis in AXES for segment in swings[axis]]
     made = [
-        ("hold six positions, each axis up and down", _positions(_SIX, 30.0)),
+        ("hold six positions, each axis up and down", positions(SIX, 30.0)),
         ("hold eighteen positions, some of them at 45 and 30 deg", eighteen),
         *_headings(),
         *((f"turn the {axis} axis {both}", spins[axis]) for axis in AXES),
-        (f"turn each axis {both}", turns),
+        (f"turn each axis {both}", all_turns),
         *((f"swing the {axis} axis {_SWING}", swings[axis]) for axis in AXES),
         (f"swing each axis {_SWING}", all_swings),
-        (f"hold eighteen positions, turn each axis {both} and swing it {_SWING}", [*eighteen, *turns, *all_swings]),
+        (f"hold eighteen positions, turn each axis {both} and swing it {_SWING}", [*eighteen, *all_turns, *all_swings]),
     ]
     warm = [_warm(words, segments, seen, known) for words, segments in made]
     if not known:
@@ -268,7 +270,7 @@ def _moving(seen: Seen, known: bool) -> list[Plan]:
     return [
         *warm,
         _twice("hold eighteen positions", eighteen, seen),
-        _twice(f"turn each axis {both}", turns, seen),
+        _twice(f"turn each axis {both}", all_turns, seen),
     ]
 
 
@@ -291,7 +293,8 @@ def _profile(segments: Sequence[Segment]) -> Profile:
     return Profile(tuple(segments), align="gyro")
 
 
-def _positions(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
+def positions(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
+    """Dwells at angles, and back to level."""
     made = [Dwell((math.radians(o), math.radians(m), math.radians(i)), seconds) for o, m, i in angles_deg]
     return [*made, _LEVEL]
 
@@ -308,7 +311,8 @@ def _heading(angles: tuple[float, float, float]) -> list[Segment]:
     return [Dwell(angles, 10.0), Rate("inner", slow, twice_s), Rate("inner", -slow, twice_s), Dwell(angles, 10.0)]
 
 
-def _rates(axis: str, rates: Sequence[float]) -> list[Segment]:
+def turns(axis: str, rates: Sequence[float]) -> list[Segment]:
+    """One axis turned at each of some rates, rad/s, between rests."""
     return [_LEVEL, *(Rate(axis, rate, 24.0) for rate in rates), _LEVEL]
 
 

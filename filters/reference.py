@@ -34,7 +34,7 @@ VARIANCES, RATE, FORCE = slice(10, 19), slice(19, 22), slice(22, 25)
 
 SETTLE = 2.0
 """s after a mark, or after coming to rest, before a dwell's rows are used."""
-_TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b", re.IGNORECASE)
+_TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE)
 
 
 class Reference(Protocol):
@@ -185,10 +185,14 @@ class TableMotion:
         self.quiet = 3.0 * spec.gyro_bias_limit + 5.0 * spec.gyro_arw / np.sqrt(period)
         self._site = site
         self._rest_starts = profile.rest_starts
-        self._marks: list[tuple[float, int]] = []
+        self._marks: list[tuple[float, int, bool]] = []
 
     def mark(self, t: float, text: str) -> None:
-        """Take an operator's mark: it begins the segment it names ("segment 3", counted from 1), or the next dwell."""
+        """Take an operator's mark.
+
+        It begins the segment it names ("segment 3", counted from 1), or the next dwell; "segment 3 ends" says that the
+        table has left it before its time.
+        """
         dwells = [k for k, segment in enumerate(self.profile.segments) if isinstance(segment, Dwell)]
         told = _TOLD.match(text)
         if told:
@@ -197,7 +201,7 @@ class TableMotion:
             last = self._marks[-1][1] if self._marks else -1
             segment = next((k for k in dwells if k > last), -1)
         if segment in dwells:
-            self._marks.append((t, segment))
+            self._marks.append((t, segment, told is None or told[2] is None))
 
     def start(self) -> tuple[NavState, Array]:
         """At rest with the angles of the first sample's time; aligned by marks, those of the last dwell marked."""
@@ -243,12 +247,12 @@ class TableMotion:
     def _by_marks(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         profile_t = np.zeros(t.size)
         rests, aligned = np.zeros(t.size, bool), np.zeros(t.size, bool)
-        for at, segment in self._marks:
+        for at, segment, begins in self._marks:
             dwell = self.profile.segments[segment]
             assert isinstance(dwell, Dwell)
             here = t >= at
             since = t[here] - at
-            rests[here] = (since >= SETTLE) & (since <= dwell.seconds - SETTLE)
+            rests[here] = (since >= SETTLE) & (since <= dwell.seconds - SETTLE) if begins else False
             # held at the dwell's rest: past its end nobody says when the table moves on
             profile_t[here] = self._rest_starts[segment]
         return profile_t, rests, aligned

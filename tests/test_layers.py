@@ -16,7 +16,7 @@ FLOORS = {
     "imutui.session": {"imutui.instrument", "imutui.logbook", "filters"},
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling"},
     "imutui.report": {"filters", "imutui.jobs"},
-    "imutui.tui": {"imutui.session.client", "imutui.session.plan", "imutui.jobs"},
+    "imutui.tui": {"imutui.session.client", "imutui.session.plan", "imutui.jobs", "imutui.report"},
     "imutui.config": {"filters"},
     "imutui.scenario": {"filters", "imutui.logbook.motions"},
     "imutui.cli": {"filters", "imutui"},

@@ -1,8 +1,16 @@
 """`imutui attach`, and `imutui` without a command: the terminal UI."""
 
+import os
+import sys
+from typing import TYPE_CHECKING
+
 import typer
 
 from imutui.cli.options import Name
+
+if TYPE_CHECKING:
+    from imutui.session.client import Client
+    from imutui.tui.look import Look
 
 
 def command(name: Name = None) -> None:
@@ -23,18 +31,35 @@ def open_ui() -> None:
     _show(client.attach(names[0]) if len(names) == 1 else None)
 
 
-def _show(connection: "object | None") -> None:
-    import sys
+def look() -> "Look":
+    """How the configuration wants the screen; ConfigError or ValueError if that cannot be."""
+    from imutui import config
+    from imutui.tui.look import Look
 
+    settings = config.load()
+    return Look(
+        settings.text("screen.theme"),
+        settings.text("screen.glyphs"),
+        settings.number("screen.fps"),
+        settings.text("screen.plot"),
+    )
+
+
+def has_screen() -> bool:
+    """Whether the terminal UI has something to show itself on: a terminal, or a driver of its own (a browser)."""
+    return bool(os.environ.get("TEXTUAL_DRIVER")) or (sys.stdin.isatty() and sys.stderr.isatty())
+
+
+def _show(connection: "Client | None") -> None:
     from imutui import config
     from imutui.cli.outcome import USAGE, fail
     from imutui.cli.session_options import plan_from
-    from imutui.session.client import Client
-    from imutui.tui import app
 
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if not has_screen():
         raise fail(
             USAGE, "the terminal UI needs a terminal. Without one: `imutui record`, `imutui status`, `imutui --help`."
         )
-    assert connection is None or isinstance(connection, Client)
-    raise typer.Exit(app.run(connection, defaults=plan_from(config.load(), None, port="virtual")))
+    wanted = look()
+    from imutui.tui import app
+
+    raise typer.Exit(app.run(connection, defaults=plan_from(config.load(), None, port="virtual"), look=wanted))

@@ -1,14 +1,12 @@
 """`imutui demo`: the main job on the virtual instrument."""
 
 import os
-import sys
+from dataclasses import replace
 from typing import Annotated, Any, Optional
 
 import typer
 
 from imutui.cli.options import Json, Rate
-
-_RATE_HZ = 20.0
 
 
 def command(
@@ -28,28 +26,31 @@ def command(
     Example: imutui demo --headless --seconds 60 --seed 7 --json
     """
     from imutui import config
+    from imutui.cli.attach import has_screen
     from imutui.cli.following import follow
     from imutui.cli.outcome import USAGE, fail
     from imutui.cli.session_options import plan_from
+    from imutui.session.plan import DEMO_RATE_HZ, demo
 
-    if not headless and not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if not headless and not has_screen():
         raise fail(USAGE, "the terminal UI needs a terminal. Without one: `imutui demo --headless`.")
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
+    settings = config.load().with_flags({"acquisition.rate_hz": rate or DEMO_RATE_HZ})
+    if not headless:
+        shown = demo(plan_from(settings, None, port="virtual"), settings.number("acquisition.rate_hz"), seed)
+        _show(replace(shown, duration_s=seconds))
     plan = plan_from(
-        config.load().with_flags({"acquisition.rate_hz": rate or _RATE_HZ}),
+        settings,
         None,
         port="virtual",
         record=True,
-        duration_s=60.0 if headless and seconds is None else seconds,
+        duration_s=60.0 if seconds is None else seconds,
         note="demo",
-        # headless demos may run side by side; the one on the screen is found again by `imutui attach`
-        name=f"demo-{os.getpid()}" if headless else "demo",
+        name=f"demo-{os.getpid()}",  # headless demos may run side by side
         virtual=("--seed", str(seed)),
     )
-    if headless:
-        follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
-    _show(plan)
+    follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
 
 
 def truth(seed: int) -> dict[str, Any]:
@@ -71,8 +72,13 @@ def truth(seed: int) -> dict[str, Any]:
 
 
 def _show(plan: Any) -> None:
+    from imutui.cli.attach import look
     from imutui.session import client
+
+    wanted = look()
     from imutui.tui import app
 
     running = plan.name in client.running()
-    raise typer.Exit(app.run(client.attach(plan.name) if running else None, None if running else plan, logs=plan.logs))
+    raise typer.Exit(
+        app.run(client.attach(plan.name) if running else None, None if running else plan, logs=plan.logs, look=wanted)
+    )

@@ -63,7 +63,11 @@ def follow(
         print(dumps(result))
     else:
         print_result(result)
-    fine = result.get("converged", True)
+    parts = result.get("parts", [])
+    if parts:
+        say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
+    # the last of several files is as short as chance has it
+    fine = all(part["converged"] for part in parts[:-1]) if parts else result.get("converged", True)
     if not fine and not interrupted:
         say("not every bias has converged yet, hence exit code 1; the recording itself is complete")
     raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
@@ -84,7 +88,8 @@ def _line(s: dict[str, Any]) -> str:
     rec, fit = s["recording"], s["filter"]
     parts = [f"{s['measured_hz']:.2f} Hz" if s["measured_hz"] else "– Hz"]
     if rec is not None:
-        parts.append(f"{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
+        part = f"part {rec['part']}, " if rec["part"] > 1 else ""
+        parts.append(f"{part}{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
     parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
     if s["silent_s"] > 1.5:
         parts.append(f"SILENT for {s['silent_s']:.0f} s")

@@ -48,6 +48,17 @@ Gravity = Annotated[
     typer.Option("--gravity", metavar="M_S2", help="Local gravity; WGS-84 normal gravity at the site unless given."),
 ]
 Rate = Annotated[Optional[float], typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to 133 Hz.")]  # noqa: UP045
+Operator = Annotated[Optional[str], typer.Option("--operator", help="Who; goes into the file.")]  # noqa: UP045
+Place = Annotated[Optional[str], typer.Option("--place", help="Where, in words; goes into the file.")]  # noqa: UP045
+Table = Annotated[Optional[str], typer.Option("--table", help="Which turn table; goes into the file.")]  # noqa: UP045
+RotateMinutes = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option("--rotate-minutes", metavar="MIN", help="Begin another file after so many minutes; 0 for never."),
+]
+RotateMb = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option("--rotate-mb", metavar="MB", help="Begin another file after so many megabytes; 0 for never."),
+]
 Start = Annotated[Optional[float], typer.Option("--start", metavar="S", help="First second to take.")]  # noqa: UP045
 End = Annotated[Optional[float], typer.Option("--end", metavar="S", help="Last second to take.")]  # noqa: UP045
 Output = Annotated[Optional[Path], typer.Option("-o", "--output", help="File to write.")]  # noqa: UP045

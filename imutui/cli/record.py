@@ -14,10 +14,15 @@ from imutui.cli.options import (
     Json,
     Mount,
     Name,
+    Operator,
     Output,
+    Place,
     Rate,
     Reference,
+    RotateMb,
+    RotateMinutes,
     SiteText,
+    Table,
     effects_of,
     parse_site,
     reference_of,
@@ -43,6 +48,11 @@ def command(
     reference: Reference = None,
     effects: Effects = None,
     note: Annotated[str, typer.Option("--note", help="Goes into the file and its name.")] = "",
+    operator: Operator = None,
+    place: Place = None,
+    table: Table = None,
+    rotate_minutes: RotateMinutes = None,
+    rotate_mb: RotateMb = None,
     name: Name = None,
     output: Output = None,
     accel_sign: AccelSign = None,
@@ -56,7 +66,8 @@ def command(
     """Acquire and record; this terminal follows it.
 
     The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
-    Ctrl+C finishes the file.
+    Ctrl+C finishes the file. A recording in several files loses no packet between them; the filter begins anew with
+    each, so that each replays by itself.
 
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
@@ -72,6 +83,11 @@ def command(
         "acquisition.rate_hz": rate,
         "acquisition.sampling": sampling,
         "acquisition.baud": baud,
+        "acquisition.operator": operator,
+        "acquisition.place": place,
+        "acquisition.table": table,
+        "acquisition.rotate_minutes": rotate_minutes,
+        "acquisition.rotate_mb": rotate_mb,
         "filter.name": filter_name,
         "filter.reference": kind,
         "instrument.accel_sign": accel_sign,
@@ -89,7 +105,7 @@ def command(
         name=name or "default",
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
-        reference_file=("", "") if file is None else (file.name, file.content.decode("utf-8-sig")),
+        reference_file=("", "") if file is None else (Path(str(reference)).name, file.content.decode("utf-8-sig")),
         effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
     follow(plan, json=json)

@@ -59,6 +59,10 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
         reference=config.text("filter.reference"),
         logs=str(Path(config.text("paths.logs")).resolve()),
         operator=config.text("acquisition.operator"),
+        place=config.text("acquisition.place"),
+        table=config.text("acquisition.table"),
+        rotate_minutes=config.number("acquisition.rotate_minutes"),
+        rotate_mb=config.number("acquisition.rotate_mb"),
         accel_sign=config.integer("instrument.accel_sign"),
         mount=config.text("instrument.mount"),
         gyro_sign=config.text("instrument.gyro_sign"),
@@ -75,6 +79,11 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
     )
     for warning in config.warnings:
         say(f"imutui: {warning}")
+    if (plan.rotate_minutes or plan.rotate_mb) and not plan.rotates:
+        say(
+            "imutui: the recording stays in one file: its reference is told from one log's first sample on, so a second"
+            " file could not use it"
+        )
     # refuse what the filter could not run with before the instrument is touched
     probe = SessionInfo(
         mount=plan.mount,

@@ -8,7 +8,8 @@ from imutui.cli.options import Json, Name
 def command(name: Name = None, json: Json = False) -> None:
     """Say which acquisitions run.
 
-    For each: instrument, state, rate, losses, and the file it records to.
+    For each: instrument, state, rate, losses, the file it records to, the room on its disk, what its filter takes, and
+    how far the operator has been guided.
 
     Example: imutui status
     """
@@ -30,7 +31,7 @@ def command(name: Name = None, json: Json = False) -> None:
     elif not names:
         print("no acquisition is running")
     for state in [] if json else states:
-        print(_line(state))
+        print(_line(state), *_more(state), sep="\n  ")
     for one in [] if json else connecting:
         print(f"{one}: connecting to its instrument")
 
@@ -44,3 +45,38 @@ def _line(s: dict[str, Any]) -> str:
         f" {s['kind']}, asked {s['rate_hz']:g} Hz measured {measured}, lost {s['lost_packets']},"
         f" bad checksums {s['bad_checksums']}, {file}"
     )
+
+
+def _more(s: dict[str, Any]) -> list[str]:
+    return [line for line in (_room(s), _filter(s), _guide(s["guide"])) if line]
+
+
+def _room(s: dict[str, Any]) -> str:
+    parts = [f"free {s['free_bytes'] / 1e9:.1f} GB"] if s["free_bytes"] is not None else []
+    rec = s["recording"]
+    if rec is not None and rec["to_full_s"] is not None:
+        parts.append(f"full in {rec['to_full_s'] / 3600.0:.1f} h at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
+    if rec is not None and rec["part"] > 1:
+        parts.append(f"part {rec['part']} of the recording")
+    limits = [f"{s[key]:g} {unit}" for key, unit in (("rotate_minutes", "minutes"), ("rotate_mb", "MB")) if s[key]]
+    if limits:
+        parts.append(f"another file after {' or '.join(limits)}")
+    return ", ".join(parts)
+
+
+def _filter(s: dict[str, Any]) -> str:
+    reference = s["reference"]
+    source = f" from {reference['file']}" if reference["file"] else ""
+    parts = [f"reference {reference['name']}{source}"]
+    parts.append(f"effects {', '.join(s['effects'])}" if s["effects"] else "no effects")
+    if s["zeroing"]:
+        parts.append("zeroing the rate sensors")
+    return ", ".join(parts)
+
+
+def _guide(guide: dict[str, Any] | None) -> str:
+    if guide is None:
+        return ""
+    said = {"go": "waiting for the operator at", "hold": "holding", "done": "done with", "cancelled": "cancelled at"}
+    left = f", {guide['left_s']:.0f} s left" if guide["left_s"] is not None else ""
+    return f"guide: {said[guide['state']]} segment {guide['segment'] + 1} of {guide['count']}{left}"

@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
@@ -46,6 +45,7 @@ def command(
     from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, say
     from imutui.jobs.trace import Options, trace
     from imutui.logbook.results import dumps
+    from imutui.report import sentences
 
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
@@ -62,7 +62,7 @@ def command(
     if json:
         print(dumps(traced.document))
     else:
-        print(_text(traced))
+        print(sentences.text(traced.document, traced.source, min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)))
     if output is not None:
         _write_effects(output, traced, force)
     if report is not None:
@@ -113,34 +113,6 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
             say(f"imutui: {beside}: the motion that would separate the causes")
         except FileExistsError:
             say(f"imutui: {beside} exists and is left as it is; --force replaces it")
-
-
-def _text(traced: "Traced") -> str:
-    """Result as sentences, as wide as the terminal."""
-    from imutui.report import sentences
-
-    width = min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)
-    out = [textwrap.fill(line, width) for line in sentences.headline(traced.document, traced.source)]
-    out.append("")
-    for line in sentences.channel_lines(traced.document):
-        first = f"{line.channel}  {line.status:<18} "
-        for n, sentence in enumerate(line.sentences or ("–",)):
-            start = first if n == 0 else " " * len(first)
-            out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
-    for section in sentences.sections(traced.document):
-        out += ["", section.title]
-        out += [
-            textwrap.fill(_start(sentence), width, initial_indent="  ", subsequent_indent="    ")
-            for sentence in section.sentences
-        ]
-    return "\n".join(out)
-
-
-def _start(sentence: str) -> str:
-    """A sentence begins with a capital, unless it begins with the name of a channel or a run."""
-    first = sentence.split(" ", 1)[0]
-    named = first.endswith(":") or first in ("gx", "gy", "gz", "ax", "ay", "az")
-    return sentence if named else sentence[:1].upper() + sentence[1:]
 
 
 def _progress() -> Callable[[float, str], Any]:

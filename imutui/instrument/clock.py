@@ -134,6 +134,13 @@ class Clock:
         lost += self._advance(step, arrival)
         return self._emit(lost, by_host=False)
 
+    def interrupt(self) -> None:
+        """Take note that packets were not asked for since the last one: the next begins a new stretch, none is lost.
+
+        The length of the tick stays known.
+        """
+        self._ticks = None
+
     def _anchor(self, ticks: int, host_ns: int, arrival: float) -> None:
         self._ticks, self._host_ns = ticks, host_ns
         self._origin = int(arrival)

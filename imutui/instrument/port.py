@@ -65,7 +65,7 @@ class Port:
 
     def __init__(self, name: str, baud: int) -> None:
         self.name = name
-        device = _resolve(name)
+        device = resolve(name)
         try:
             self._serial = serial.serial_for_url(
                 device,
@@ -151,7 +151,8 @@ class Port:
         return f"{self.name} went away ({error}). Check the cable and the adapter, then connect again."
 
 
-def _resolve(name: str) -> str:
+def resolve(name: str) -> str:
+    """Path of a device that is named by its stable id; any other name as it is."""
     stable = Path("/dev/serial/by-id") / name
     return str(stable) if "/" not in name and stable.exists() else name
 

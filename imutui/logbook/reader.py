@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
@@ -319,18 +319,9 @@ def _records(path: Path, log: Log) -> "Iterator[McapRecord | Batch]":
     """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
     from imutui.logbook import records
 
-    try:
-        stream = path.open("rb")
-    except OSError as error:
-        raise UnreadableLogError(f"{path}: {_reason(error)}. Check the name; recordings lie in ./logs.") from error
-    with contextlib.closing(stream):
-        if stream.seek(0, 2) == 0:
-            raise UnreadableLogError(
-                f"{path} is empty (0 bytes): nothing was ever written to it. Record again, or name another file."
-            )
-        stream.seek(0)
+    with contextlib.closing(opened(path)) as stream:
         if not _MAGIC.startswith(stream.read(len(_MAGIC))):
-            raise UnreadableLogError(_foreign(path))
+            raise UnreadableLogError(foreign(path))
         stream.seek(0)
         try:
             yield from records.walk(stream)
@@ -346,7 +337,29 @@ def _records(path: Path, log: Log) -> "Iterator[McapRecord | Batch]":
             log.damage = f"a record cannot be read ({type(error).__name__})"
 
 
-def _foreign(path: Path) -> str:
+def opened(path: Path) -> IO[bytes]:
+    """A file that has something in it, open at its beginning.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is no such file, it may not be read, or it is empty.
+    """
+    try:
+        stream = path.open("rb")
+    except OSError as error:
+        raise UnreadableLogError(f"{path}: {_reason(error)}. Check the name; recordings lie in ./logs.") from error
+    if stream.seek(0, 2) == 0:
+        stream.close()
+        raise UnreadableLogError(
+            f"{path} is empty (0 bytes): nothing was ever written to it. Record again, or name another file."
+        )
+    stream.seek(0)
+    return stream
+
+
+def foreign(path: Path) -> str:
+    """Why a file that is no MCAP file at all cannot be read, and what can."""
     return (
         f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP files with"
         " sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."

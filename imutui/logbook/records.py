@@ -103,7 +103,7 @@ def walk(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
                 continue
             opcode, at, length = item
             if opcode == Opcode.CHUNK:
-                yield from _chunk(_chunk_of(held[at : at + length]), decompressor)
+                yield from _chunk(chunk_of(held[at : at + length]), decompressor)
                 continue
             record = _record(held, opcode, at, length)
             if isinstance(record, DataEnd):
@@ -160,7 +160,7 @@ def _split(content: bytes, data: np.ndarray, n: int, wanted: np.ndarray) -> Iter
         yield Batch(content, data, table[first:])
 
 
-def _chunk_of(content: bytes) -> Chunk:
+def chunk_of(content: bytes) -> Chunk:
     """As mcap.records.Chunk.read, from bytes."""
     try:
         start, end, size, checksum, name = _CHUNK.unpack_from(content)
@@ -185,16 +185,33 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
 
 def _chunk(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> Iterator[McapRecord | Batch]:
     """A chunk's records: all of them are there, or none is given."""
-    if chunk.compression == "zstd":
-        content = decompressor.decompress(chunk.data, chunk.uncompressed_size)
-        if chunk.uncompressed_crc not in (0, checksum := zlib.crc32(content)):
-            raise CRCValidationError(chunk.uncompressed_crc, checksum, chunk)
-    else:
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        content = stream.read(size)
+    content = inflated(chunk, decompressor)
     data = np.frombuffer(content, np.uint8)
     n, end = fast.count(data, 0, len(content))
     if end != len(content):
         raise McapError("a chunk's content ends in the middle of a record")
     for item in _split(content, data, n, _IN_CHUNK):
         yield item if isinstance(item, Batch) else _record(content, *item)
+
+
+def inflated(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> bytes:
+    """A chunk's content, checked against its checksum.
+
+    Raises
+    ------
+    CRCValidationError
+        If the checksum is wrong.
+    McapError, zstandard.ZstdError
+        If it is not what it must be.
+    """
+    if chunk.compression == "zstd":
+        # the library takes as much memory as the data ask for
+        told = zstandard.frame_content_size(chunk.data)
+        if max(told, chunk.uncompressed_size) > LIMIT:
+            raise McapError("a chunk's size is out of range")
+        content = decompressor.decompress(chunk.data, chunk.uncompressed_size)
+        if chunk.uncompressed_crc not in (0, checksum := zlib.crc32(content)):
+            raise CRCValidationError(chunk.uncompressed_crc, checksum, chunk)
+        return content
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    return bytes(stream.read(size))

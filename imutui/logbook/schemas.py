@@ -198,6 +198,11 @@ def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple
     return _ESTIMATE.pack(_CDR_HEADER, seconds, rest, len(frame), frame, *numbers, dof, *converged)
 
 
+def is_plain_estimate(data: bytes) -> bool:
+    """Whether bytes are laid out as `encode_estimate` does it: then there is nothing to decode that could fail."""
+    return len(data) == _ESTIMATE.size and data[:4] == _CDR_HEADER and data[12:16] == struct.pack("<I", 9)
+
+
 def temperature(stamp: int, degc: float) -> Any:
     """sensor_msgs/Temperature inside the instrument's case."""
     return make(TYPES[TEMPERATURE], header=header(stamp, "imu_case"), temperature=degc, variance=0.0)
@@ -240,7 +245,11 @@ def diagnostics(stamp: int, level: int, message: str, values: dict[str, str]) ->
 
 
 def event(stamp: int, name: str, text: str, level: int = 20) -> Any:
-    """rcl_interfaces/Log; name "mark" for the operator's, "acquisition" for the program's; level 20 info, 30 warn."""
+    """rcl_interfaces/Log; level 20 info, 30 warn, 40 error.
+
+    Name "mark" for the operator's, "acquisition" for the program's, "remark" for what an operator says while guided
+    through a profile: it begins no segment, as a mark would.
+    """
     return make(TYPES[EVENTS], stamp=_time(stamp), level=level, name=name, msg=text, file="", function="", line=0)
 
 

@@ -45,6 +45,8 @@ class SessionInfo:
         Measurement mode; "stream" (averaged over each period), "polled", or "imported".
     rate_hz : float
         Rate asked for; the output samples' nominal rate.
+    operator, note, place, table : str
+        Who, a remark, where in words, which turn table.
     latitude_deg, longitude_deg, height_m, gravity_mps2 : float
         Site.
     reference, filter, measurements, seed, kappa :
@@ -77,6 +79,8 @@ class SessionInfo:
     host: str = ""
     operator: str = ""
     note: str = ""
+    place: str = ""
+    table: str = ""
     latitude_deg: float = float(np.rad2deg(PAPER_SITE.latitude))
     longitude_deg: float = float(np.rad2deg(PAPER_SITE.longitude))
     height_m: float = PAPER_SITE.height

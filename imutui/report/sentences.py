@@ -4,6 +4,7 @@ Pure functions from the result document (contracts section 6) to text. Everythin
 axes and sign.
 """
 
+import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -60,6 +61,41 @@ class Section:
 
     title: str
     sentences: tuple[str, ...]
+
+
+def text(d: Mapping[str, Any], source: str, width: int) -> str:
+    """All of it as paragraphs of at most so many characters a line.
+
+    Parameters
+    ----------
+    d : mapping
+        The result document.
+    source : str
+        Which logs it is of.
+    width : int
+        Of a line.
+    """
+    out = [textwrap.fill(line, width) for line in headline(d, source)]
+    out.append("")
+    for line in channel_lines(d):
+        first = f"{line.channel}  {line.status:<18} "
+        for n, sentence in enumerate(line.sentences or ("–",)):
+            start = first if n == 0 else " " * len(first)
+            out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
+    for section in sections(d):
+        out += ["", section.title]
+        out += [
+            textwrap.fill(_start(sentence), width, initial_indent="  ", subsequent_indent="    ")
+            for sentence in section.sentences
+        ]
+    return "\n".join(out)
+
+
+def _start(sentence: str) -> str:
+    """A sentence begins with a capital, unless it begins with the name of a channel or a run."""
+    first = sentence.split(" ", 1)[0]
+    named = first.endswith(":") or first in CHANNELS
+    return sentence if named else sentence[:1].upper() + sentence[1:]
 
 
 def headline(d: Mapping[str, Any], source: str) -> list[str]:

@@ -17,7 +17,8 @@ from typing import Any
 from imutui.instrument.port import Port, PortError
 from imutui.session import connect, wire
 from imutui.session.connect import InstrumentError
-from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine, disk_message
+from imutui.session.disk import disk_message
+from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine
 from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
 from imutui.session.wire import Taken
 
@@ -93,14 +94,25 @@ def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
             return {}
         case "record":
             wish = RecordingWish(**request.get("wish", {}))
-            return {"path": engine.call(lambda: engine.record(wish.note))}
+            return {"path": engine.call(lambda: engine.record(wish))}
+        case "configure":
+            engine.call(lambda: engine.configure(dict(request["changes"])))
+            return {}
+        case "zero":
+            return {"said": engine.zero(int(request["argument"]))}
+        case "profile":
+            return {"profile": engine.call(engine.profile, late=True)}
+        case "guide":
+            engine.call(lambda: engine.guide_do(str(request["do"])))
+            return {}
         case "stop_recording":
             return {"result": engine.call(engine.stop_recording)}
         case "stop":
             engine.request_stop()
             return _ending(engine)
         case "wait":
-            return _ending(engine)
+            # a thread that waited on for a viewer that has gone would stay, and its socket with it
+            return _ending(engine) if engine.ended.wait(request.get("timeout_s")) else {"runs": True}
     raise ValueError(f'no such request: "{request["ask"]}"')
 
 

@@ -1,5 +1,6 @@
 """How viewers start an acquisition, find it again, and talk to it."""
 
+import contextlib
 import json
 import os
 import select
@@ -17,7 +18,7 @@ from imutui.session.plan import Plan, RecordingWish
 _REPLY_S = 5.0
 _STOP_S = 60.0
 _EXIT_S = 5.0
-_ZERO_S = 40.0
+_LEEWAY_S = 15.0
 
 
 class SessionError(Exception):
@@ -81,8 +82,28 @@ class Client:
         self._ask({"ask": "configure", "changes": changes})
 
     def zero(self, argument: int) -> str:
-        """Have the unit zero its rate sensors; returns what came of it. Refused while recording."""
-        return str(self._ask({"ask": "zero", "argument": argument}, _ZERO_S)["said"])
+        """Have the unit, held still, zero its rate sensors; refused while recording. Snapshots do not wait meanwhile.
+
+        Parameters
+        ----------
+        argument : int
+            Length of the average, 0 to 255: ten or a hundred samples for each, documents dispute it. 0 erases the
+            stored zero.
+
+        Returns
+        -------
+        str
+            What came of it.
+
+        Raises
+        ------
+        SessionError
+            If it cannot be done now, or the unit did not answer in time; the message says what next.
+        """
+        from imutui.session.zeroing import patience_s
+
+        limit = patience_s(max(0, argument)) + _LEEWAY_S
+        return str(self._ask_apart({"ask": "zero", "argument": argument}, limit)["said"])
 
     def profile(self) -> dict[str, Any] | None:
         """The table profile that the reference comes from: its `name` and its `segments`; None if there is none."""
@@ -95,11 +116,7 @@ class Client:
 
     def stop_recording(self) -> dict[str, Any]:
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
-        connection = _connect(self.name)
-        try:
-            return dict(_exchange(connection, {"ask": "stop_recording"}, _STOP_S, self.name)["result"])
-        finally:
-            connection.close()
+        return dict(self._ask_apart({"ask": "stop_recording"}, _STOP_S)["result"])
 
     def stop(self) -> dict[str, Any] | None:
         """End the acquisition; returns the result document of its last recording, if there was one.
@@ -119,6 +136,14 @@ class Client:
         """Leave; the acquisition goes on."""
         with self._lock:
             self._drop()
+
+    def _ask_apart(self, request: dict[str, Any], timeout: float) -> dict[str, Any]:
+        """Ask what takes its time on a connection of its own."""
+        connection = _connect(self.name)
+        try:
+            return _exchange(connection, request, timeout, self.name)
+        finally:
+            connection.close()
 
     def _ending(self, request: dict[str, Any], timeout: float | None) -> dict[str, Any] | None:
         connection = _connect(self.name)
@@ -231,6 +256,31 @@ def ports() -> list[tuple[str, str]]:
     from imutui.instrument.port import available
 
     return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
+
+
+def probe(port: str) -> dict[str, Any]:
+    """What answers at a port, found as at the beginning of an acquisition: packets are stopped, the unit is asked.
+
+    A port that an acquisition of this user has is not touched. It takes up to some seconds where nothing answers.
+
+    Parameters
+    ----------
+    port : str
+        Path, stable id, or pyserial URL.
+
+    Returns
+    -------
+    dict
+        `port`, `answers` (whether an instrument does), `instrument`, `serial_number`, `firmware`, `baud` (empty or
+        None if it does not), and `error`: why it cannot be used as it is, in words; None if it can.
+    """
+    from imutui.session import probing
+
+    for name in running():
+        with contextlib.suppress(SessionError):
+            if probing.same_port(str(Client(name).snapshot(since=2**62)["port"]), port):
+                return probing.not_answered(port, f'{port} is in use by the acquisition "{name}": `imutui attach`.')
+    return probing.probe(port)
 
 
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:

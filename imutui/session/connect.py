@@ -85,19 +85,24 @@ def open_dialogue(port: Port, baud: int, say: Callable[[str], None]) -> Identity
         If the line goes away.
     """
     say("waiting for the instrument to answer a ping")
-    _find_speed(port, baud)
+    find_speed(port, baud)
     if port.baud != baud:
         _move_speed(port, baud, say)
-    number = ask(port, AskSerialNumber(), SerialNumber)
-    version = ask(port, AskVersion(), Version)
-    identity = Identity(str(number.number) if number else "", version.text.strip() if version else "")
-    _check_model(port, identity)
-    if not any(isinstance(ask(port, SetMode(Mode.SCALED), ModeSet), ModeSet) for _ in range(_TRIES)):
+    identity = identify(port)
+    check_model(port, identity)
+    if not set_scaled(port):
         raise InstrumentError(
             f"{port.name}: the unit answers a ping but not the command for scaled mode, so its packets could not be"
             " trusted. Power it off and on, then connect again."
         )
     return identity
+
+
+def identify(port: Port) -> Identity:
+    """What a unit that is polled, on a quiet line at its own speed, says of itself."""
+    number = ask(port, AskSerialNumber(), SerialNumber)
+    version = ask(port, AskVersion(), Version)
+    return Identity(str(number.number) if number else "", version.text.strip() if version else "")
 
 
 def ask(port: Port, command: Command, kind: type[T], timeout: float = _REPLY_S) -> T | None:
@@ -112,6 +117,11 @@ def ask(port: Port, command: Command, kind: type[T], timeout: float = _REPLY_S) 
             if isinstance(event, kind):
                 return event
     return None
+
+
+def set_scaled(port: Port) -> bool:
+    """Set scaled mode on a quiet line; whether the unit says that it is set."""
+    return any(ask(port, SetMode(Mode.SCALED), ModeSet) is not None for _ in range(_TRIES))
 
 
 def stop_stream(port: Port) -> bytes:
@@ -129,7 +139,16 @@ def stop_stream(port: Port) -> bytes:
     return heard
 
 
-def _find_speed(port: Port, wanted: int) -> None:
+def find_speed(port: Port, wanted: int) -> None:
+    """Stop the unit and find the speed at which it answers a ping; the port is left at it.
+
+    Raises
+    ------
+    InstrumentError
+        If nothing answers at any speed, or not as a Crossbow unit does.
+    PortError
+        If the line goes away.
+    """
     heard, first = b"", port.baud
     for speed in dict.fromkeys((first, wanted, *SPEEDS)):
         port.set_baud(speed)
@@ -189,7 +208,8 @@ def _move_speed(port: Port, baud: int, say: Callable[[str], None]) -> None:
     )
 
 
-def _check_model(port: Port, identity: Identity) -> None:
+def check_model(port: Port, identity: Identity) -> None:
+    """Refuse a unit whose ranges and packets are others; raises InstrumentError, which quotes what it said."""
     version = identity.version.upper().replace(" ", "")
     other = re.search(r"IMU400CD-(?!200)\d", version) if "IMU400CD" in version else _OTHERS.search(identity.version)
     if other:

@@ -6,8 +6,11 @@ import os
 import re
 import socket
 import time
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from filters.state import Site
 from imutui.instrument.port import Port
 from imutui.logbook import effects, motions
 from imutui.logbook.session import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
+from imutui.logbook.writer import LogWriter
 from imutui.session.connect import Identity
 from imutui.session.plan import Plan
 
@@ -52,13 +56,15 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         host=socket.gethostname(),
         operator=plan.operator or _user(),
         note=plan.note,
+        place=plan.place,
+        table=plan.table,
         reference=plan.reference,
         filter=plan.filter,
         measurements=plan.measurements,
         seed=plan.seed,
         kappa=plan.kappa,
         noise=plan.noise,
-        reference_sha256=hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else "",
+        reference_sha256=_reference_sha256(plan),
         effects_sha256=effects.digest(plan.effects.encode()),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
@@ -66,6 +72,69 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
     latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
     site = Site.at(latitude, longitude, height, plan.gravity)
     return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
+
+
+def _reference_sha256(plan: Plan) -> str:
+    return hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What an acquisition's filter takes: the plan that asks for it, the metadata that tell it, and what it needs."""
+
+    plan: Plan
+    info: SessionInfo
+    motion: Profile | Trajectory | None
+    effects: MakeEffects | None
+
+
+_CSV = (motions.ATTACHMENTS[1], "text/csv")
+_CHANGES = ("reference", "reference_file", "effects")
+_WITHOUT_FILE = ("level", "gravity")
+
+
+def changed(plan: Plan, info: SessionInfo, changes: Mapping[str, Any]) -> Setup:
+    """Setup with another reference or other effects, checked as at the start.
+
+    Parameters
+    ----------
+    plan, info : Plan, SessionInfo
+        As they are.
+    changes : mapping
+        `reference`, `reference_file` (name, text), `effects` (text); what is not named stays as it is. A reference
+        that needs no file lays the present one aside, and a file says itself which reference it is.
+
+    Raises
+    ------
+    ValueError
+        If something is not known, or the filter could not run with it.
+    """
+    unknown = sorted(set(changes) - set(_CHANGES))
+    if unknown:
+        raise ValueError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(_CHANGES)}")
+    if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
+        name, text = (str(part) for part in changes.get("reference_file", ("", "")))
+        kind = _kind(name, text) if name else str(changes.get("reference", "level"))
+        plan = replace(plan, reference=kind, reference_file=(name, text))
+    elif "reference" in changes:
+        plan = replace(plan, reference=str(changes["reference"]))
+    if "effects" in changes:
+        plan = replace(plan, effects=str(changes["effects"]))
+        if plan.effects and plan.filter != "spkf":
+            raise ValueError(
+                f'effects join the filter "spkf" only, and this acquisition runs "{plan.filter}". Connect again with'
+                " the filter spkf, or replay the recording with --effects"
+            )
+    motion = motion_of(plan)
+    info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
+    info = replace(info, effects_sha256=effects.digest(plan.effects.encode()))
+    make = effects_of(plan, info)
+    check_live(info, motion, make)
+    return Setup(plan, info, motion, make)
+
+
+def _kind(name: str, text: str) -> str:
+    return "profile" if isinstance(motions.parse(name, text.encode()), Profile) else "trajectory"
 
 
 def motion_of(plan: Plan) -> Profile | Trajectory | None:
@@ -88,6 +157,24 @@ def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: 
         )
     if info.filter != "none":
         Estimator(info.settings(motion, effects=effects))
+
+
+def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
+    """Put the files of a plan, its reference and its effects, into a log under the names a replay looks for."""
+    name, text = plan.reference_file
+    if name:
+        toml = name.lower().endswith(".toml")
+        attachment, media_type = (motions.ATTACHMENTS[0], "application/toml") if toml else _CSV
+        writer.attach(attachment, media_type, text.encode(), now_ns)
+    if plan.effects:
+        writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, plan.effects.encode(), now_ns)
+
+
+@lru_cache(maxsize=1)
+def effect_labels(text: str) -> tuple[str, ...]:
+    """What effects a file's text has, in words: channels and the effect; nothing for no text."""
+    found = effects.parse(text.encode()).effects if text else ()
+    return tuple(f"{'/'.join(effect.channels)} {effect.effect}" for effect in found)
 
 
 def default_path(logs: Path, serial_number: str, note: str) -> Path:

@@ -1,7 +1,9 @@
 """What is asked of an acquisition, as one record that travels to its process as JSON."""
 
 import json
+import math
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
 
@@ -30,6 +32,13 @@ class RecordingWish:
     table: str = ""
     rotate_minutes: float | None = None
     rotate_mb: float | None = None
+
+
+def check_rotation(minutes: float, mb: float) -> None:
+    """Refuse limits of a file that make no sense; raises ValueError."""
+    for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"`{name}` is {value:g}, not a number of {unit}, or 0 for never")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +70,12 @@ class Plan:
     note, operator, place, table : str
         Go into the file: remark, who, where in words, which turn table.
     rotate_minutes, rotate_mb : float
-        A file is finished, and the next one begun, after so many minutes or megabytes; 0 for never.
+        A file is finished, and the next one begun, after so many minutes or megabytes; 0 for never. See `rotates`.
     noise : str
         Of the filter; "log" is refused, since it needs the whole log.
     reference_file : tuple of str
-        Name and text of the file that the reference comes from, both empty if it comes from none.
+        Name (its ending counts: .toml or .csv) and text of the file that the reference comes from, both empty if it
+        comes from none.
     effects : str
         Text of the effects file; empty for none.
     virtual : tuple of str
@@ -115,10 +125,20 @@ class Plan:
             raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at 38400")
         if self.duration_s is not None and not self.duration_s > 0.0:
             raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
+        check_rotation(self.rotate_minutes, self.rotate_mb)
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
             raise ValueError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
             )
+
+    @property
+    def rotates(self) -> bool:
+        """Whether files are finished, and next ones begun, while recording.
+
+        Not where the reference comes from a file: that is told from one log's first sample on, so the next log could
+        not use it.
+        """
+        return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
 
     def dumps(self) -> str:
         """JSON text."""
@@ -140,3 +160,33 @@ class Plan:
             if value is not None and key not in ("reference_file", "effects"):  # attachments of their own
                 lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
         return "\n".join(lines) + "\n"
+
+
+DEMO_RATE_HZ = 20.0
+DEMO = "demo"
+"""Name and note of the demo's acquisition."""
+
+
+def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
+    """The demo: a virtual instrument with an effect to be found, recorded from the first packet.
+
+    Parameters
+    ----------
+    defaults : Plan
+        Where to record, and who does.
+    rate_hz : float
+        Output rate.
+    seed : int
+        Of the virtual unit's biases and noise.
+    """
+    scenario = Path(__file__).with_name("demo.toml")
+    return Plan(
+        VIRTUAL_PORT,
+        rate_hz,
+        record=True,
+        name=DEMO,
+        note=DEMO,
+        logs=defaults.logs,
+        operator=defaults.operator,
+        virtual=("--seed", str(seed), "--scenario", str(scenario)),
+    )

@@ -3,18 +3,44 @@
 import os
 import time
 from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from filters.imu import CHANNELS
+from filters.motion import Profile
+from filters.reference import Trajectory
 from filters.runner import Estimator
 from imutui.logbook import results
 from imutui.logbook.session import SessionInfo
+from imutui.session.disk import Growth, Room
+from imutui.session.guide import Guide
+from imutui.session.info import effect_labels
 from imutui.session.live import STATISTICS_S, LiveView
 from imutui.session.plan import Plan
+from imutui.session.rotation import Parts
 from imutui.session.take import Take, Timebase
 
 _NAMES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What the operator said.
+
+    Attributes
+    ----------
+    at_ns : int or None
+        Monotonic; None if an earlier take is meant.
+    utc, text : str
+        When, as a clock on the wall shows it, and what.
+    """
+
+    at_ns: int | None
+    utc: str
+    text: str
 
 
 class Acquisition(Protocol):
@@ -28,7 +54,26 @@ class Acquisition(Protocol):
     live: LiveView
     timebase: Timebase
     started_ns: int
-    last_packet_ns: int
+    motion: Profile | Trajectory | None
+    guide: Guide | None
+    parts: Parts | None
+    room: Room
+    growth: Growth
+
+    @property
+    def last_packet_ns(self) -> int:
+        """When the last packet was read, monotonic."""
+        ...
+
+    @property
+    def zeroing(self) -> bool:
+        """Whether packets pause for the unit to zero its rate sensors."""
+        ...
+
+    @property
+    def marks(self) -> Iterable[Mark]:
+        """The recording's last marks."""
+        ...
 
     @property
     def events(self) -> Iterable[dict[str, str]]:
@@ -67,10 +112,21 @@ def snapshot(engine: Acquisition, since: int) -> dict[str, Any]:
         "lost_packets": take.tally.lost_packets,
         "bad_checksums": take.tally.bad_checksums,
         "discarded_bytes": take.tally.discarded_bytes,
-        "silent_s": (now - engine.last_packet_ns) / 1e9,
+        "silent_s": 0.0 if engine.zeroing else (now - engine.last_packet_ns) / 1e9,
+        "zeroing": engine.zeroing,
         "since_start_s": (now - engine.started_ns) / 1e9,
         "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(engine.timebase.utc_ns(now) / 1e9)),
-        "recording": _recording(take, now),
+        "recording": _recording(engine, now),
+        **_next_recording(engine),
+        "free_bytes": _free_bytes(engine, now),
+        "marks": [{"t": _seconds(mark.at_ns, take), "utc": mark.utc, "text": mark.text} for mark in engine.marks],
+        "reference": {
+            "name": plan.reference,
+            "file": plan.reference_file[0],
+            "profile": isinstance(engine.motion, Profile),
+        },
+        "effects": list(effect_labels(plan.effects)),
+        "guide": None if engine.guide is None else engine.guide.snapshot(now, take.started_ns),
         "channels": engine.live.channels(),
         "statistics_s": STATISTICS_S,
         "filter": None if take.estimator is None else _filter(take, take.estimator),
@@ -79,9 +135,11 @@ def snapshot(engine: Acquisition, since: int) -> dict[str, Any]:
     }
 
 
-def _recording(take: Take, now: int) -> dict[str, Any] | None:
+def _recording(engine: Acquisition, now: int) -> dict[str, Any] | None:
+    take = engine.take
     if take.writer is None:
         return None
+    rate, free = engine.growth.bytes_per_s(), _free_bytes(engine, now)
     return {
         "path": str(take.writer.path),
         "bytes": take.writer.size,
@@ -89,7 +147,38 @@ def _recording(take: Take, now: int) -> dict[str, Any] | None:
         "samples": take.samples,
         "flush_age_s": (now - take.flushed_ns) / 1e9 if take.flushed_ns is not None else None,
         "marks": take.marks,
+        "bytes_per_s": rate,
+        "to_full_s": free / rate if rate and free is not None else None,
+        "part": engine.parts.number if engine.parts is not None else 1,
     }
+
+
+def _next_recording(engine: Acquisition) -> dict[str, Any]:
+    """What the present recording has, or the next one gets."""
+    info, plan = engine.take.info, engine.plan
+    recording = engine.take.writer is not None
+    return {
+        "logs": plan.logs,
+        "operator": engine.info.operator,
+        "place": plan.place,
+        "table": plan.table,
+        "note": info.note if recording else plan.note,
+        "rotate_minutes": plan.rotate_minutes,
+        "rotate_mb": plan.rotate_mb,
+    }
+
+
+def _free_bytes(engine: Acquisition, now: int) -> int | None:
+    """Free space where the present recording goes, or the next one would."""
+    writer = engine.take.writer
+    return engine.room.free_bytes(writer.path.parent if writer is not None else Path(engine.plan.logs), now)
+
+
+def _seconds(at_ns: int | None, take: Take) -> float | None:
+    """Seconds since the take began."""
+    if at_ns is None or take.started_ns is None:
+        return None
+    return max(0.0, (at_ns - take.started_ns) / 1e9)
 
 
 def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
@@ -103,9 +192,14 @@ def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
         "converged": estimator.converged,
         "biases": _biases(take, estimator),
         "nis": results.nis_fields(estimator),
+        "remainder": _remainder(take, estimator),
+        "effects": _effects(estimator),
         "state": None,
         "state_sd": None,
         "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
+        "failure": take.failure,
+        "rejected": estimator.rejected,
+        "confounded": estimator.confounded(),
     }
     if latest is not None:
         axes, g_unit = take.info.axes(), take.info.g_unit
@@ -115,6 +209,32 @@ def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
         sd = results.sd_fields(P, nav, axes, g_unit, seen)
         out["state"] = {key: state[key] for key in ("position_deg_m", "velocity_mps", "rpy_deg")}
         out["state_sd"] = {key: sd[key] for key in ("position_m", "velocity_mps", "rpy_deg")}
+    return out
+
+
+def _remainder(take: Take, estimator: Estimator) -> list[dict[str, Any]]:
+    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
+    axes, found = take.info.axes(), estimator.gauge.remainder()
+    ratio = np.full(6, np.nan)
+    if found.ratio is not None:
+        parts = found.ratio[3:], found.ratio[:3]
+        ratio = np.concatenate([results.to_instrument_order(part, axes) for part in parts])
+        accel, gyro = np.split(results.seen_axes(estimator, axes), 2)
+        ratio[~np.concatenate([gyro, accel])] = np.nan
+    return [
+        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
+        for channel, r in zip(CHANNELS, ratio, strict=True)
+    ]
+
+
+def _effects(estimator: Estimator) -> list[dict[str, Any]]:
+    """States of the effects that joined the filter, each in the unit of its file."""
+    if estimator.latest is None:
+        return []
+    out = []
+    for field in results.effect_fields(estimator):
+        label, _, unit = field["name"].removesuffix(")").partition(" (")
+        out.append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})
     return out
 
 

@@ -170,12 +170,11 @@ class Take:
                 self.writer.encoded(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
 
     def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:
-        """Write a mark or an event, if recording."""
+        """Write a mark, a remark or an event, if recording."""
         utc = self._timebase.utc_ns(now_ns)
-        if name == "mark":
-            self.marks += 1
-            if self.filter is not None:
-                self.filter.mark(utc, text)
+        self.marks += name in ("mark", "remark")
+        if name == "mark" and self.filter is not None:
+            self.filter.mark(utc, text)
         if self.writer is not None:
             self.writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
 

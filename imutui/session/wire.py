@@ -1,9 +1,12 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
-It lies in XDG_RUNTIME_DIR, else in a folder under the user's cache that nobody else may enter.
+It lies in XDG_RUNTIME_DIR, else in a folder under the cache that nobody else may enter. A shell on the machine and one
+over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers look in all.
 """
 
+import contextlib
 import fcntl
+import hashlib
 import json
 import os
 import socket
@@ -17,6 +20,7 @@ import platformdirs
 
 _LONGEST = 100
 _LARGEST = 1 << 20
+_LINK = ".elsewhere"
 
 
 class Taken(Exception):  # noqa: N818 - a state of affairs, not a fault
@@ -24,10 +28,24 @@ class Taken(Exception):  # noqa: N818 - a state of affairs, not a fault
 
 
 def folder() -> Path:
-    """Folder of the sockets, made if absent, closed to others."""
+    """Folder of the sockets of acquisitions started from here, made if absent, closed to others."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    base = Path(runtime) if runtime and Path(runtime).is_dir() else Path(platformdirs.user_cache_dir("imutui"))
-    path = base / "imutui" if runtime and base == Path(runtime) else base / "run"
+    return _own(Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _shared())
+
+
+def folders() -> list[Path]:
+    """Where this user's acquisitions may lie, whatever environment they were started in; that of `folder` first."""
+    links = sorted(_shared().glob(f"*{_LINK}"))
+    found = [folder(), _shared(), *(link.resolve() for link in links)]
+    return [path for path in dict.fromkeys(found) if path.is_dir() and path.stat().st_uid == os.getuid()]
+
+
+def _shared() -> Path:
+    """The folder that any environment of this user on this machine leads to."""
+    return Path(platformdirs.user_cache_dir("imutui")) / "run"
+
+
+def _own(path: Path) -> Path:
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     status = path.stat()
     if status.st_uid != os.getuid():
@@ -36,19 +54,38 @@ def folder() -> Path:
     return path
 
 
+def _leave_a_link() -> None:
+    """Let other environments find this one's folder. One without a writable cache is found from its own only."""
+    here = folder()
+    if here == _shared():
+        return
+    link = _shared() / f"{hashlib.sha256(os.fsencode(here)).hexdigest()[:16]}{_LINK}"
+    with contextlib.suppress(OSError):
+        _own(_shared())
+        for other in _shared().glob(f"*{_LINK}"):
+            if not other.exists():
+                other.unlink()
+        link.symlink_to(here)
+
+
+def _folder_of(name: str) -> Path:
+    """Where the acquisition of that name lies; where one would be made if there is none."""
+    return next((path for path in folders() if is_locked(path / f"{name}.lock")), folder())
+
+
 def socket_path(name: str) -> Path:
     """Socket of the acquisition of that name."""
-    return folder() / f"{name}.sock"
+    return _folder_of(name) / f"{name}.sock"
 
 
 def log_path(name: str) -> Path:
     """What the process of that name wrote to its stderr."""
-    return folder() / f"{name}.log"
+    return _folder_of(name) / f"{name}.log"
 
 
 def names() -> list[str]:
     """Acquisitions whose process is alive."""
-    return sorted(path.stem for path in folder().glob("*.lock") if is_locked(path))
+    return sorted({path.stem for place in folders() for path in place.glob("*.lock") if is_locked(path)})
 
 
 def lock(name: str) -> int:
@@ -59,12 +96,15 @@ def lock(name: str) -> int:
     Taken
         If another process has it.
     """
+    if name in names():
+        raise Taken(name)
     descriptor = os.open(folder() / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         os.close(descriptor)
         raise Taken(name) from error
+    _leave_a_link()
     return descriptor
 
 

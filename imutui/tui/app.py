@@ -6,7 +6,7 @@ freezes the screen, and a frozen terminal never delays the acquisition.
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,24 +16,31 @@ from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.driver import Driver
 from textual.screen import ModalScreen, Screen
+from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import Client, SessionError
-from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.tui import glyphs, palette, words
+from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.tui import glyphs, palette, pictures, words
+from imutui.tui import recording as report
 from imutui.tui.attempt import Attempt
 from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
 from imutui.tui.link import Link
+from imutui.tui.look import Look
 from imutui.tui.pace import Pace, is_remote
 from imutui.tui.painter import Painter
 from imutui.tui.pulse import Pulse
-from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page
+from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page, RecordPage
 from imutui.tui.screens.help import HelpDialog
+from imutui.tui.screens.logs import LogsPage
 from imutui.tui.screens.mark import MarkDialog
-from imutui.tui.screens.quit import ended_dialog, quit_dialog, stop_dialog
+from imutui.tui.screens.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.screens.result import ResultPage
+from imutui.tui.screens.table import TablePage
 from imutui.tui.terminal import measured
 
+_PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
 FAULTS = (SessionError, OSError)
@@ -54,8 +61,8 @@ class ImutuiApp(App[int]):
     defaults : Plan or None
         What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
         Its own `logs` counts.
-    pace : Pace or None
-        How much is drawn, and how often.
+    look : Look or None
+        Theme, signs, speed and plots.
     """
 
     TITLE = "imutui"
@@ -69,12 +76,17 @@ class ImutuiApp(App[int]):
         ),
         Binding("r", "record", "record", tooltip="Start or finish a recording"),
         Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
+        *(Binding(key, f"missing('{purpose}')", show=False) for key, purpose in _PURPOSES.items()),
         Binding("d", "detach", "detach", show=False, tooltip="Leave the screen, the acquisition goes on"),
+        Binding("y", "copy_page", "copy", show=False, tooltip="Copy the numbers of this page as text"),
+        Binding("P", "picture", "picture", show=False, tooltip="Save a picture of the screen (SVG) with the logs"),
         Binding("question_mark", "help", "help", key_display="?", tooltip="Help in plain language"),
         Binding("f1", "help", "help", show=False),
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
         Binding("ctrl+q", "quit", "quit", show=False, priority=True),
-        Binding("ctrl+z", "suspend_process", "suspend", show=False),
+        Binding(
+            "ctrl+z", "suspend_process", "suspend", show=False, tooltip="Back to the shell for a while; fg returns"
+        ),
         Binding("ctrl+b", "debug_line", "debug line", show=False, tooltip="Show what drawing costs, or hide it"),
     ]
 
@@ -85,11 +97,12 @@ class ImutuiApp(App[int]):
         plan: Plan | None = None,
         logs: str = "logs",
         defaults: Plan | None = None,
-        pace: Pace | None = None,
+        look: Look | None = None,
     ) -> None:
         super().__init__()
+        self.look = look or Look()
         self._painter = Painter()
-        self._pulse = Pulse(pace or Pace(remote=is_remote(os.environ)))
+        self._pulse = Pulse(Pace(self.look.plot, self.look.fps, remote=is_remote(os.environ)))
         if client is not None:
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         self.farewell: list[str] = []
@@ -103,20 +116,24 @@ class ImutuiApp(App[int]):
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
+        self._finished: list[tuple[str, str]] = []
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
-        if os.environ.get("TERM") == "linux":
-            self.theme = "ansi-dark"  # the console has sixteen colours; approximating a theme's to them loses contrast
+        self.theme = self.look.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
         if self._first_client is not None:
             self._look_at(self._first_client)
             return
-        form = self._defaults
-        self._connect_page().fill(form.port, form.rate_hz, form.sampling)
+        self._connect_page().fill(self._defaults)
         if self._first_plan is not None:
             self._start(self._first_plan)
+
+    @property
+    def logs_folder(self) -> str:
+        """Folder of recordings: the acquisition's, else that of one that would be started."""
+        return str((self._link.newest or {}).get("logs") or self._defaults.logs)
 
     @property
     def page(self) -> Page | None:
@@ -124,8 +141,13 @@ class ImutuiApp(App[int]):
         return next((screen for screen in reversed(self.screen_stack) if isinstance(screen, Page)), None)
 
     def _redraw(self) -> None:
-        if self.page is not None and self.page.is_mounted:
-            self.page.show(self._link.view())
+        if self.page is not None:
+            self._show(self.page)
+
+    def _show(self, page: Page) -> None:
+        # while the application ends, pages lose their widgets before data stop coming
+        if page.is_mounted and self.is_running:
+            page.show(self._link.view())
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
@@ -156,15 +178,26 @@ class ImutuiApp(App[int]):
     def on_connect_page_chosen(self, message: ConnectPage.Chosen) -> None:
         """Start an acquisition."""
         try:
-            plan = replace(self._defaults, port=message.port, rate_hz=message.rate_hz, sampling=message.sampling)
+            plan = replace(self._defaults, **message.changes)
         except ValueError as error:
             self._connect_page().ready(str(error))
             return
         self._start(plan)
 
+    def on_connect_page_demo_asked(self) -> None:
+        """Start the demo, or look at the one that runs."""
+        plan = demo(self._defaults)
+        if plan.name in session.running():
+            self._resume(plan.name)
+        else:
+            self._start(plan)
+
     def on_connect_page_resumed(self, message: ConnectPage.Resumed) -> None:
         """Look at a running acquisition."""
-        self._begin(Attempt(lambda: session.attach(message.name), stops=False), f'acquisition "{message.name}"')
+        self._resume(message.name)
+
+    def _resume(self, name: str) -> None:
+        self._begin(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
 
     def on_connect_page_cancelled(self) -> None:
         """Give up connecting."""
@@ -180,7 +213,7 @@ class ImutuiApp(App[int]):
         self._attempt = attempt
         await self.switch_mode("connect")
         if plan is not None:
-            self._connect_page().fill(plan.port, plan.rate_hz, plan.sampling)
+            self._connect_page().fill(plan)
         self._connect_page().waiting(target)
         try:
             await in_thread(attempt.run)
@@ -261,8 +294,9 @@ class ImutuiApp(App[int]):
 
     def on_page_wanted(self, message: Page.Wanted) -> None:
         """A page has come to the front."""
-        if message.page.is_mounted:
-            message.page.show(self._link.view())
+        if isinstance(message.page, RecordPage):
+            message.page.finished(self._finished)
+        self._show(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
         """A page has something to say."""
@@ -278,16 +312,48 @@ class ImutuiApp(App[int]):
         client = self._link.client
         if client is None:
             return
-        self._say(message.busy, "wait")
+        if message.busy:
+            self._say(message.busy, "wait")
         try:
-            self._say(await in_thread(lambda: message.function(client)), "good")
+            if said := await in_thread(lambda: message.function(client)):
+                self._say(said, "good")
         except FAULTS as error:
             self._say(words.fault(error), "bad")
             return
         if message.done is not None:
             message.done()
 
+    def on_result_page_effects_chosen(self, message: ResultPage.EffectsChosen) -> None:
+        """Found effects shall join the live filter."""
+        self._logs_page().load_effects(message.name, message.text)
+
+    def on_result_page_profile_written(self, message: ResultPage.ProfileWritten) -> None:
+        """The table page offers a profile that was just written."""
+        page = next(iter(self._screen_stacks.get("table", [])), None)
+        if isinstance(page, TablePage):
+            page.look(message.path)
+
+    def _logs_page(self) -> LogsPage:
+        page = self._screen_stacks["logs"][0]
+        assert isinstance(page, LogsPage)
+        return page
+
     # keys
+
+    async def action_trace_recording(self) -> None:
+        """Trace the recording that runs, up to now."""
+        recording = self._recording()
+        if recording is None:
+            self._say("not recording: 6 Logs traces a finished recording", "wait")
+            return
+        await self.switch_mode("logs")
+        self._logs_page().trace_wanted(Path(recording["path"]))
+
+    async def action_load_effects(self) -> None:
+        """Choose found effects for the live filter."""
+        if self._connected("load effects into"):
+            await self.switch_mode("logs")
+            self._logs_page().choose_effects()
 
     def action_page(self, name: str) -> None:
         """Go to a page."""
@@ -311,29 +377,56 @@ class ImutuiApp(App[int]):
             self.action_freeze()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what needs an acquisition only with one; its key still says what is missing."""
-        return action not in ("record", "mark", "detach") or self._link.client is not None
+        """Offer what needs an acquisition only with one, and no letters as keys while text is being typed."""
+        if action in ("record", "mark", "detach"):
+            return self._link.client is not None and not self._typing()
+        if action == "missing":
+            return self._link.client is None
+        return not (action == "help" and self._typing())
+
+    def _typing(self) -> bool:
+        return isinstance(self.focused, Input)
+
+    def action_missing(self, purpose: str) -> None:
+        """Say what a key lacks that needs an acquisition."""
+        self._connected(purpose)
 
     def action_record(self) -> None:
-        """Start a recording, or finish it."""
+        """Start a recording as the Record page's form says, or finish it."""
         if self._connected("record"):
             self._toggle_recording()
 
     @work(exclusive=True, group="record")
     async def _toggle_recording(self) -> None:
-        client, recording = self._link.client, self._recording()
+        client, recording, page = self._link.client, self._recording(), self._record_page()
         if client is None:
             return
         try:
             if recording is None:
-                path = await in_thread(client.record)
+                wish = page.wish() if page is not None else None
+                path = await in_thread(lambda: client.record(wish))
+                self._tell_record_page([])
                 self._say(f"recording to {path}", "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
-                self._say(words.finished(recording, result), "good")
+                self._tell_record_page(report.finished(recording, result))
+                shown = isinstance(self.page, RecordPage)
+                self._say("the file is finished" if shown else words.finished(recording, result), "good")
+        except ValueError as error:
+            self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
             self._say(words.fault(error), "bad")
+
+    def _record_page(self) -> RecordPage | None:
+        return next((page for page in self._pages() if isinstance(page, RecordPage)), None)
+
+    def _tell_record_page(self, finished: list[tuple[str, str]]) -> None:
+        """What was written last stays on the Record page, which need not exist yet."""
+        self._finished = finished
+        page = self._record_page()
+        if page is not None:
+            page.finished(finished)
 
     def _recording(self) -> dict[str, Any] | None:
         newest = self._link.newest
@@ -341,7 +434,9 @@ class ImutuiApp(App[int]):
 
     def _connected(self, purpose: str) -> bool:
         if self._link.client is None:
-            self._say(f"nothing to {purpose}: no acquisition is connected (1 connects)", "wait")
+            self._say(
+                f"nothing to {purpose}: no acquisition is connected. 1 connects; there, v starts the demo", "wait"
+            )
         return self._link.client is not None
 
     def action_mark(self) -> None:
@@ -367,6 +462,28 @@ class ImutuiApp(App[int]):
         except FAULTS as error:
             self._say(words.fault(error), "bad")
 
+    def action_copy_page(self) -> None:
+        """Copy the numbers of the page in front."""
+        page = self.page
+        if page is None:
+            return
+        copied = page.as_text()
+        self.copy_to_clipboard(copied)
+        self._say(words.copied(page.TITLE or "", copied, os.environ), "none")
+
+    def action_picture(self) -> None:
+        """Save a picture of the screen."""
+        self.call_after_refresh(self._picture)
+
+    def _picture(self) -> None:
+        page = (self.page.TITLE or "").lower() if self.page is not None else ""
+        folder = self.logs_folder
+        try:
+            path = pictures.save(self.export_screenshot(title=f"imutui {page}"), Path(folder), page)
+            self._say(f"picture of the screen: {path}", "good")
+        except OSError as error:
+            self._say(f"no picture saved: {error}. Start imutui in a folder that you may write to.", "bad")
+
     def action_help(self) -> None:
         """Help in plain language."""
         self.push_screen(HelpDialog())
@@ -386,10 +503,22 @@ class ImutuiApp(App[int]):
         if isinstance(self.screen, ModalScreen):
             self.screen.dismiss(None)
         elif self._link.client is not None:
-            self.push_screen(quit_dialog(self._link.newest), self._after_quit)
+            self.push_screen(quit_dialog(self._link.newest, self._jobs()), self._after_quit)
+        elif self._jobs():
+            self.push_screen(jobs_dialog(self._jobs()), self._after_jobs)
         else:
             if self._attempt is not None:
                 self.farewell.append("The acquisition that was being started is stopped.")
+            self.exit(self._exit_code)
+
+    def _pages(self) -> list[Page]:
+        return [screen for stack in self._screen_stacks.values() for screen in stack if isinstance(screen, Page)]
+
+    def _jobs(self) -> Sequence[str]:
+        return [job for page in self._pages() for job in page.busy()]
+
+    def _after_jobs(self, answer: str | None) -> None:
+        if answer == "quit":
             self.exit(self._exit_code)
 
     def action_help_quit(self) -> None:
@@ -438,6 +567,7 @@ class ImutuiApp(App[int]):
             self._release()
             self._link.over()
         done = [words.finished(recording, result)] if recording else []
+        self._tell_record_page(report.finished(recording, result) if recording else [])
         self._say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None
 
@@ -450,16 +580,22 @@ class ImutuiApp(App[int]):
     # palette
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Every action, with its key, and Textual's own."""
+        """Every action, with its key, and Textual's own except those that imutui has better."""
         yield from palette.commands(self, self.page, self.action_page)
-        yield from super().get_system_commands(screen)
+        yield from (c for c in super().get_system_commands(screen) if c.title not in ("Quit", "Screenshot", "Keys"))
 
 
 def run(
-    client: Client | None = None, plan: Plan | None = None, logs: str = "logs", defaults: Plan | None = None
+    client: Client | None = None,
+    plan: Plan | None = None,
+    logs: str = "logs",
+    defaults: Plan | None = None,
+    look: Look | None = None,
 ) -> int:
     """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code."""
-    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults)
+    if look is not None:
+        os.environ[glyphs.ASKED] = look.glyphs  # every widget chooses its signs when it is made
+    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, look=look)
     code = app.run()
     app.finish()
     for line in app.farewell:

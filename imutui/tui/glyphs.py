@@ -7,7 +7,7 @@ from dataclasses import dataclass
 _BLOCK = {"▕": "│", "▏": "│", "●": "■", "…": "~", "▲": "^"}
 _ASCII = {
     "▕": "[", "▏": "]", "●": "*", "…": "~", "▲": "^", "±": "+-", "°": "deg", "Δ": "d", "·": ".", "│": "|", "┤": "+",
-    "─": "-", "█": "#", "–": "-", "−": "-", "²": "2", "≥": ">=", "×": "x",
+    "─": "-", "█": "#", "–": "-", "−": "-", "²": "2", "≥": ">=", "×": "x", "░": ":", "↑": "^", "↓": "v",
 }  # fmt: skip
 
 
@@ -42,12 +42,16 @@ GLYPHS = {
 }
 
 
+ASKED = "IMUTUI_SCREEN_GLYPHS"
+"""Environment variable of the setting `screen.glyphs`."""
+
+
 def choose(environ: Mapping[str, str] = os.environ) -> Glyphs:
-    """The set that IMUTUI_GLYPHS names, else what terminal and locale promise.
+    """The set that IMUTUI_SCREEN_GLYPHS names, else what terminal and locale promise.
 
     The Linux console's fonts have box drawing but no braille; a locale that is not UTF-8 has neither.
     """
-    asked = GLYPHS.get(environ.get("IMUTUI_GLYPHS", "").lower())
+    asked = GLYPHS.get(environ.get(ASKED, "").lower())
     if asked is not None:
         return asked
     if environ.get("TERM", "") in ("dumb", "vt100", "vt220"):

@@ -25,13 +25,21 @@ def commands(app: App[Any], page: Page | None, go: Callable[[str], None]) -> Ite
         yield SystemCommand(f"{title} page", f"key {key}", lambda name=name: go(name))
     for namespace in (page, app):
         for binding in namespace.BINDINGS if namespace is not None else ():
-            if isinstance(binding, Binding) and binding.show:
+            if isinstance(binding, Binding) and (binding.show or binding.tooltip):
                 yield _command(app, namespace, binding)
 
 
 def _command(app: App[Any], namespace: Page | App[Any] | None, binding: Binding) -> SystemCommand:
     tip = binding.tooltip
     title = binding.description.capitalize() + (f": {tip[0].lower()}{tip[1:]}" if tip else "")
-    return SystemCommand(
-        title, f"key {binding.key_display or binding.key}", lambda: app.run_action(binding.action, namespace)
-    )
+
+    async def run() -> None:
+        app.screen.set_focus(None)  # in a field, letters are text and no action answers to them
+        await app.run_action(binding.action, namespace)
+
+    return SystemCommand(title, f"key {binding.key_display or _shown(binding.key)}", run)
+
+
+def _shown(key: str) -> str:
+    """First of a binding's keys as people write it."""
+    return "-".join(part.capitalize() if len(part) > 1 else part for part in key.partition(",")[0].split("+"))

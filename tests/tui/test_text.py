@@ -52,8 +52,8 @@ def test_clocks_and_times() -> None:
     [
         ({}, "braille"),
         ({"TERM": "linux"}, "block"),
-        ({"TERM": "linux", "IMUTUI_GLYPHS": "braille"}, "braille"),
-        ({"IMUTUI_GLYPHS": "ascii"}, "ascii"),
+        ({"TERM": "linux", "IMUTUI_SCREEN_GLYPHS": "braille"}, "braille"),
+        ({"IMUTUI_SCREEN_GLYPHS": "ascii"}, "ascii"),
         ({"TERM": "vt100"}, "ascii"),
         ({"LANG": "de_DE.ISO-8859-1"}, "ascii"),
     ],

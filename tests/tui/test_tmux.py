@@ -11,6 +11,7 @@ from conftest import wait_until
 
 from imutui.logbook import reader
 from imutui.session import client
+from imutui.session.plan import Plan
 
 
 class Terminal:
@@ -71,7 +72,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     """From the first screen to a finished file at 20 Hz, the terminal left and found again in between."""
     program = f"{sys.executable} -m imutui"
     terminal.type(f"{program}\n")
-    terminal.wait_for("virtual instrument", "rate, Hz", "Connect")
+    terminal.wait_for("virtual instrument", "rate, Hz", "press v for the DEMO")
     choose_virtual_at_20_hz(terminal)
     live = terminal.wait_for("SIMULATED", "gx", "deg/s", "asked 20", "not recording", "? help")
     assert all(len(line) <= 80 for line in live.splitlines())
@@ -98,7 +99,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "KEYS" not in terminal.screen())
     terminal.press("4")
-    terminal.wait_for("GOOD", "all 6 biases converged")
+    terminal.wait_for("all 6 biases converged")
 
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")
@@ -161,3 +162,81 @@ def test_a_closed_terminal_costs_nothing(home: Path, terminal: Terminal) -> None
     assert result is not None
     assert result["lost_packets"] == 0
     assert reader.read(Path(result["log"])).finished
+
+
+def test_from_the_first_screen_to_a_finished_recording(home: Path, terminal: Terminal) -> None:
+    """Who has only the footer gets, with v and r, a finished recording whose biases have converged."""
+    terminal.type(f"{sys.executable} -m imutui\n")
+    terminal.wait_for("press v for the DEMO", "v demo", "? help", "q quit")
+    terminal.press("v")
+    terminal.wait_for("SIMULATED", "● REC", "r record")
+    terminal.press("4")
+    terminal.wait_for("GREEN", "all 6 biases converged")
+    terminal.press("r")
+    terminal.wait_for("finished", "samples")
+    terminal.press("3")
+    terminal.wait_for("NOT RECORDING", "finished", "6 Logs opens it")
+    terminal.press("q")
+    terminal.wait_for("stop the acquisition and quit")
+    terminal.press("s")
+    wait_until(lambda: client.running() == [])
+    (path,) = (home / "logs").glob("*demo.mcap")
+    assert reader.read(path).finished
+
+
+def test_control_z_gives_the_shell_back_and_fg_the_screen(home: Path, terminal: Terminal) -> None:
+    """The screen stops and is restored as it was; keys work again."""
+    terminal.type(f"{sys.executable} -m imutui\n")
+    terminal.wait_for("press v for the DEMO")
+    terminal.press("C-z")
+    wait_until(lambda: "press v" not in terminal.screen())
+    terminal.type("echo shell$((20 + 22))\n")
+    terminal.wait_for("shell42")
+    terminal.type("fg\n")
+    terminal.wait_for("press v for the DEMO", "? help")
+    terminal.press("?")
+    terminal.wait_for("FIRST STEPS")
+
+
+def test_two_viewers_look_at_one_acquisition(home: Path, tmp_path: Path, terminal: Terminal) -> None:
+    """What one does the other sees; one leaves, and the other stays."""
+    program = f"{sys.executable} -m imutui"
+    terminal.type(f"{program} demo\n")
+    terminal.wait_for("● REC")
+    second = Terminal(tmp_path)
+    try:
+        second.type(f"{program} attach\n")
+        second.wait_for("● REC", "SIMULATED")
+        second.press("m")
+        second.wait_for("Mark in the recording")
+        second.type("seen by both")
+        second.press("Enter")
+        second.wait_for("marked: seen by both")
+        terminal.press("3")
+        terminal.wait_for("RECORDING", "seen by both")
+        terminal.press("d")
+        terminal.wait_for("Come back: imutui attach")
+        second.press("r")
+        second.wait_for("finished", "not recording")
+        second.press("q")
+        second.wait_for("stop the acquisition and quit")
+        second.press("s")
+        wait_until(lambda: client.running() == [])
+    finally:
+        second.close()
+
+
+def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Terminal) -> None:
+    """`imutui` then takes none of them unasked."""
+    found = [client.start(Plan("virtual", 20.0, name=name, logs=str(home), filter="none")) for name in ("east", "west")]
+    try:
+        terminal.type(f"{sys.executable} -m imutui\n")
+        terminal.wait_for("Several acquisitions are running: choose one", '"east"', '"west"')
+        until(terminal, lambda: 'looks at the running acquisition "west"' in terminal.screen(), "Down")
+        terminal.press("Enter")
+        terminal.wait_for("SIMULATED", "gx")
+        terminal.press("1")
+        terminal.wait_for('acquisition "west"')
+    finally:
+        for one in found:
+            one.stop()

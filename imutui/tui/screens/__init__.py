@@ -18,4 +18,4 @@ SCREENS: dict[str, type[Page]] = {
 }
 """Pages by name. A new one also gets a key and a title in `page.PAGES`."""
 
-__all__ = ["PAGES", "SCREENS", "ConnectPage", "FilterPage", "LivePage", "Page"]
+__all__ = ["PAGES", "SCREENS", "ConnectPage", "FilterPage", "LivePage", "Page", "RecordPage"]

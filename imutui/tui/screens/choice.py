@@ -30,14 +30,17 @@ class ChoiceDialog(ModalScreen[str | None]):
         What it is about.
     answers : list of Answer
         The first one is Enter's.
+    careful : bool
+        Whether Enter cancels instead.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
     ]
 
-    def __init__(self, title: str, body: str, answers: list[Answer]) -> None:
+    def __init__(self, title: str, body: str, answers: list[Answer], *, careful: bool = False) -> None:
         super().__init__()
+        self._careful = careful
         self._title = title
         self._body = body
         self._answers = answers
@@ -49,6 +52,11 @@ class ChoiceDialog(ModalScreen[str | None]):
             yield Static(Content(self._body), classes="text")
             options = [Option(Content(f" {a.key}  {a.label}"), id=a.name) for a in self._answers]
             yield OptionList(*options, Option(Content(" Esc  cancel"), id="cancel"), compact=True, markup=False)
+
+    def on_mount(self) -> None:
+        """Begin on the answer that Enter takes."""
+        if self._careful:
+            self.query_one(OptionList).highlighted = len(self._answers)
 
     def on_key(self, event: object) -> None:
         """A letter chooses at once."""

@@ -1,8 +1,11 @@
-"""Connect: choose port, rate and sampling; or take up a running acquisition again."""
+"""Connect: choose a port and how to read it, or take up a running acquisition; once connected, what that is.
+
+Nothing is sent to a port unless it is asked for: a probe writes bytes, and whatever is on the line gets them.
+"""
 
 import time
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
@@ -14,40 +17,76 @@ from textual.widgets import Button, Input, Label, OptionList, Static
 from textual.widgets.option_list import Option
 
 from imutui.session import client as session
-from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
+from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT, Plan
 from imutui.tui import offers, text
 from imutui.tui.background import in_thread
 from imutui.tui.link import View
 from imutui.tui.screens.page import Page
+from imutui.tui.screens.quit import zero_dialog
 from imutui.tui.widgets.one_of import OneOf
 
 _LOOK_EVERY_S = 2.0
 _ALIVE = ("connecting", "running", "stopping")
 _PARTS = {"connected": "#stop", "waiting": "", "form": "#ports"}
 """Parts of which one is shown, and what has the focus in it."""
-_SAMPLING = {"stream": "full rate, averaged over each period", "polled": "one request a period"}
+_CHOSEN = {"sampling": offers.SAMPLINGS, "filter": offers.FILTERS, "reference": offers.REFERENCES}
+
+
+class _Ports(OptionList):
+    """The list, whose Enter connects."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect", key_display="enter")]
 
 
 class ConnectPage(Page):
-    """A form; while connecting, what is waited for; after a failure, why."""
+    """A form; while connecting, what is waited for; after a failure, why; then what is connected."""
 
     TITLE = "Connect"
     AUTO_FOCUS = "#ports"
+    CSS = """
+    #form, #connected { height: auto; padding: 0 1; }
+    #lead, #error { height: auto; min-height: 4; margin-bottom: 1; }
+    #error { display: none; max-height: 8; }
+    ConnectPage.-failed #error { display: block; }
+    ConnectPage.-failed #lead { display: none; }
+    #ports { height: auto; max-height: 4; margin-bottom: 1; scrollbar-size: 1 1; }
+    ConnectPage.-tall #ports { max-height: 12; }
+    #waiting, #connected, #form { display: none; }
+    #waiting { height: auto; padding: 1 2; }
+    #connected-text { margin: 1 0; height: auto; }
+    #connected Button { margin: 0 2 1 0; }
+    #connected .row { margin-bottom: 1; }
+    .row { height: 1; }
+    .row > Label { width: 12; }
+    .row > Input { width: 1fr; }
+    .row > #rate { width: 12; }
+    .row > Button { width: auto; }
+    #rate-verdict, #summary { width: 1fr; padding: 0 2; }
+    #mode { width: 1fr; }
+    #form > #go { margin-top: 1; }
+    ConnectPage Notice { dock: bottom; }
+    """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "connect", "connect"),
-        Binding("tab", "next_field", "next field"),
+        Binding("enter", "connect", "connect", key_display="enter"),
+        Binding("tab", "next_field", "next field", key_display="tab"),
+        Binding("p", "probe", "probe", tooltip="Ask on the chosen port which instrument is there"),
+        Binding("a", "probe_all", "probe all", show=False, tooltip="Ask on every serial port"),
+        Binding("v", "demo", "demo", tooltip="Start a virtual instrument, record it and show it"),
+        Binding("s", "stop", "stop", tooltip="Stop the acquisition, to connect to something else"),
+        Binding("z", "zero", "zero rates", tooltip="Zero the rate sensors, after asking"),
         Binding("escape", "back", "back", show=False),
-        Binding("f5", "look", "look for ports", show=False),
+        Binding("f5", "look", "look for ports", show=False, tooltip="Look for ports now"),
     ]
 
     class Chosen(Message):
-        """Connect to a port."""
+        """Connect to a port, with these fields of the plan."""
 
-        def __init__(self, port: str, rate_hz: float, sampling: str) -> None:
+        def __init__(self, changes: dict[str, Any]) -> None:
             super().__init__()
-            self.port = port
-            self.rate_hz = rate_hz
-            self.sampling = sampling
+            self.changes = changes
+
+    class DemoAsked(Message):
+        """Show the demo."""
 
     class Resumed(Message):
         """Look at a running acquisition."""
@@ -65,24 +104,28 @@ class ConnectPage(Page):
     def __init__(self) -> None:
         super().__init__()
         self._choices: list[offers.Choice] = []
+        self._answers: dict[str, str] = {}
         self._target: str | None = None
         self._since = 0.0
         self._part = ""
 
     def body(self) -> Iterable[Widget]:
-        """Connected, waiting, or the form; and below, what went wrong."""
+        """Connected, waiting, or the form."""
         with Vertical(id="connected"):
             yield Static(id="connected-text")
-            yield Button("stop this acquisition", id="stop", compact=True)
+            with Horizontal(classes="row"):
+                yield Button("z  zero the rate sensors", id="zero", compact=True)
+                yield Button("s  stop this acquisition", id="stop", compact=True)
+            yield Static(id="next-step")
         yield Static(id="waiting")
         with Vertical(id="form"):
             yield from self._form()
-        with VerticalScroll(id="error-room", can_focus=False):
-            yield Static(id="error")
 
     def _form(self) -> Iterable[Widget]:
-        yield Static(Content.styled("Choose a port; Enter connects.", "bold"), id="lead")
-        yield OptionList(id="ports", compact=True, markup=False)
+        yield Static(id="lead")
+        with VerticalScroll(id="error", can_focus=False):
+            yield Static(id="error-text")
+        yield _Ports(id="ports", compact=True, markup=False)
         with Horizontal(classes="row"):
             yield Label("other port")
             yield Input(id="port", placeholder="path, stable id, socket://host:port", compact=True)
@@ -90,10 +133,14 @@ class ConnectPage(Page):
             yield Label("rate, Hz")
             yield Input(f"{MAX_RATE_HZ:g}", id="rate", compact=True)
             yield Static(id="rate-verdict")
+        for name, values in _CHOSEN.items():
+            with Horizontal(classes="row"):
+                yield Label(name)
+                yield OneOf(values, id=name)
         with Horizontal(classes="row"):
-            yield Label("sampling")
-            yield OneOf(_SAMPLING, id="sampling")
-        with Horizontal(classes="row"):
+            yield Label("mode")
+            yield Static(Content.styled(offers.MODE, "dim"), id="mode")
+        with Horizontal(classes="row", id="go"):
             yield Label("")
             yield Button("Connect", id="connect", variant="primary", compact=True)
             yield Static(id="summary")
@@ -114,12 +161,13 @@ class ConnectPage(Page):
         super().show(view)
         self._state()
 
-    def fill(self, port: str, rate_hz: float, sampling: str) -> None:
+    def fill(self, plan: Plan) -> None:
         """Put into the form what was asked for on the command line, to be mended there."""
-        if port != VIRTUAL_PORT:
-            self.query_one("#port", Input).value = port
-        self.query_one("#rate", Input).value = f"{rate_hz:g}"
-        self.query_one(OneOf).value = sampling
+        if plan.port != VIRTUAL_PORT:
+            self.query_one("#port", Input).value = plan.port
+        self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
+        for name in _CHOSEN:
+            self.query_one(f"#{name}", OneOf).choose(getattr(plan, name), plan.reference_file[0])
 
     def waiting(self, target: str) -> None:
         """Say what is waited for."""
@@ -142,7 +190,8 @@ class ConnectPage(Page):
             part = "waiting"
         elif now is not None and now["state"] in _ALIVE:
             part = "connected"
-            self.query_one("#connected-text", Static).update(Content(offers.connected(now)))
+            self.query_one("#connected-text", Static).update(offers.connected(now))
+            self.query_one("#next-step", Static).update(Content(offers.next_step(now)))
         else:
             part = "form"
         if part != self._part:
@@ -160,9 +209,9 @@ class ConnectPage(Page):
             self.query_one("#waiting", Static).update(Content(said))
 
     def _say_error(self, error: str) -> None:
-        self.query_one("#error-room").display = bool(error)
+        self.set_class(bool(error), "-failed")
         body = Content.assemble(("Could not connect.  ", "bold $text-error"), error) if error else Content("")
-        self.query_one("#error", Static).update(body)
+        self.query_one("#error-text", Static).update(body)
 
     def _say_rate(self) -> None:
         try:
@@ -181,12 +230,15 @@ class ConnectPage(Page):
         elif choice.kind == "attach":
             said = f'looks at the running acquisition "{choice.value}"'
         else:
-            said = f"{text.port_name(choice.value, 30)}, {self.query_one('#rate', Input).value} Hz, {self._sampling()}"
+            rate = self.query_one("#rate", Input).value
+            said = f"{text.port_name(choice.value, 30)}, {rate} Hz, {self._value('sampling')}"
         self.query_one("#summary", Static).update(Content(said))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what the form does only with the form."""
-        return self._part == "form" if action in ("connect", "next_field") else True
+        """Offer what the form does only with the form, and what needs an acquisition only with one."""
+        if action in ("connect", "next_field", "probe", "probe_all", "demo"):
+            return self._part == "form"
+        return self._part == "connected" if action in ("stop", "zero") else True
 
     # looking for ports
 
@@ -210,14 +262,17 @@ class ConnectPage(Page):
             self._offer(found)
 
     def _offer(self, found: list[offers.Choice]) -> None:
-        """Fill the list; the highlight stays on its line, or starts on the first."""
-        ports = self.query_one("#ports", OptionList)
+        """Fill the list; the highlight stays on its line, or starts on the likeliest."""
         before = self._highlighted()
         self._choices = found
-        ports.clear_options()
-        ports.add_options([Option(Content(choice.label)) for choice in found])
-        ports.highlighted = found.index(before) if before in found else found.index(offers.likely(found))
+        self._fill_list(found.index(before) if before in found else found.index(offers.likely(found)))
         self.query_one("#lead", Static).update(offers.lead(found))
+
+    def _fill_list(self, highlighted: int | None) -> None:
+        ports = self.query_one("#ports", OptionList)
+        ports.clear_options()
+        ports.add_options([Option(Content(offers.label(choice, self._answers))) for choice in self._choices])
+        ports.highlighted = highlighted
         self._say_summary()
 
     def _highlighted(self) -> offers.Choice | None:
@@ -229,8 +284,42 @@ class ConnectPage(Page):
         typed = self.query_one("#port", Input).value.strip()
         return offers.Choice("port", typed, typed) if typed else self._highlighted()
 
-    def _sampling(self) -> str:
-        return self.query_one(OneOf).value
+    def _value(self, name: str) -> str:
+        return self.query_one(f"#{name}", OneOf).value
+
+    # asking who is there, only when told to
+
+    def action_probe(self) -> None:
+        """Ask on the highlighted port."""
+        choice = self._highlighted()
+        if choice is None or not choice.asks:
+            self.post_message(self.Say("nothing to ask there: p asks on a serial port of the list, a on all", "wait"))
+        else:
+            self._probe([choice.value])
+
+    def action_probe_all(self) -> None:
+        """Ask on every serial port, one after the other."""
+        ports = [choice.value for choice in self._choices if choice.asks]
+        if ports:
+            self._probe(ports)
+        else:
+            self.post_message(self.Say("this machine has no serial port to ask on", "wait"))
+
+    @work(exclusive=True, group="probe")
+    async def _probe(self, ports: list[str]) -> None:
+        for port in ports:
+            self._heard(port, "asking ...")
+            try:
+                found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
+            except (session.SessionError, OSError) as error:
+                found = {"port": port, "answers": False, "error": str(error)}
+            self._heard(port, offers.answered(found))
+            said = found.get("error") or f"{text.port_name(port)}: {self._answers[port]}"
+            self.post_message(self.Say(said, "good" if found["answers"] and not found.get("error") else "wait"))
+
+    def _heard(self, port: str, answer: str) -> None:
+        self._answers[port] = answer
+        self._fill_list(self.query_one("#ports", OptionList).highlighted)
 
     # what the user does
 
@@ -255,11 +344,36 @@ class ConnectPage(Page):
         self._connect(self._choice())
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Connect, or stop."""
-        if event.button.id == "stop":
-            self.post_message(self.StopAsked())
+        """Connect, stop, or zero."""
+        match event.button.id:
+            case "stop":
+                self.action_stop()
+            case "zero":
+                self.action_zero()
+            case _:
+                self._connect(self._choice())
+
+    def action_stop(self) -> None:
+        """Have the acquisition stopped, after asking."""
+        self.post_message(self.StopAsked())
+
+    def action_zero(self) -> None:
+        """Have the rate sensors zeroed, after asking."""
+        now = self.view.now if self.view is not None else None
+        if now is not None and now.get("recording"):
+            said = "not while recording: zeroing shifts every reading from then on. r finishes the file"
+            self.post_message(self.Say(said, "wait"))
         else:
-            self._connect(self._choice())
+            self.app.push_screen(zero_dialog(), self._zero)
+
+    def _zero(self, answer: str | None) -> None:
+        if answer == "zero":
+            busy = "zeroing the rate sensors: keep the unit still; no data come until it is done"
+            self.post_message(self.Ask(lambda client: client.zero(offers.ZERO_ARGUMENT), busy))
+
+    def action_demo(self) -> None:
+        """Show the demo."""
+        self.post_message(self.DemoAsked())
 
     def action_next_field(self) -> None:
         """To the next field."""
@@ -273,6 +387,7 @@ class ConnectPage(Page):
     def _connect(self, choice: offers.Choice | None) -> None:
         if choice is None:
             return
+        self._say_error("")
         if choice.kind == "attach":
             self.post_message(self.Resumed(choice.value))
             return
@@ -282,7 +397,8 @@ class ConnectPage(Page):
             self._say_error(f"The rate is {error}.")
             self.query_one("#rate").focus()
             return
-        self.post_message(self.Chosen(choice.value, rate, self._sampling()))
+        chosen = {name: self._value(name) for name in _CHOSEN}
+        self.post_message(self.Chosen({"port": choice.value, "rate_hz": rate, **chosen}))
 
     def action_back(self) -> None:
         """Cancel; or from a field to the list; or to the page before."""

@@ -1,6 +1,6 @@
 """What all pages share: header, notice, footer, and the message for a terminal that is too small."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from textual import events
 from textual.app import ComposeResult
@@ -40,9 +40,9 @@ class Page(Screen[None]):
         Parameters
         ----------
         function : callable
-            Asks the client; returns what to say when it is done.
+            Asks the client; returns what to say when it is done, empty for nothing.
         busy : str
-            What to say meanwhile.
+            What to say meanwhile, empty for nothing.
         done : callable or None
             Called in the event loop once it has worked.
         """
@@ -87,6 +87,23 @@ class Page(Screen[None]):
         self.view = view
         for widget in self.query(Lines):
             widget.show(view)
+
+    def busy(self) -> Sequence[str]:
+        """What this page works out just now and would be lost with the program: "tracing a.mcap, 40 %"."""
+        return ()
+
+    def abandon(self) -> None:
+        """End that, because the program ends."""
+
+    def on_unmount(self) -> None:
+        """Leave nothing behind."""
+        self.abandon()
+
+    def as_text(self) -> str:
+        """The page's numbers, to be copied: its lines of text, as shown."""
+        widgets = [w for w in self.query(Lines) if w.display and not isinstance(w, (StatusHeader, Notice))]
+        shown = [w.render().plain for w in widgets if all(node.display for node in w.ancestors_with_self)]
+        return "\n".join(line.rstrip() for text in shown for line in text.splitlines() if line.strip())
 
     def on_mount(self) -> None:
         """Fit, and ask for what there is to show."""

@@ -1,7 +1,9 @@
-"""Questions before something ends."""
+"""Questions before something ends, or is changed for good."""
 
+from collections.abc import Sequence
 from pathlib import PurePath
 
+from imutui.tui import offers
 from imutui.tui.link import Snapshot
 from imutui.tui.screens.choice import Answer, ChoiceDialog
 
@@ -11,8 +13,8 @@ def _recording(snapshot: Snapshot | None) -> str | None:
     return PurePath(recording["path"]).name if recording else None
 
 
-def quit_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
-    """Ask whether the acquisition goes on without a screen."""
+def quit_dialog(snapshot: Snapshot | None, jobs: Sequence[str] = ()) -> ChoiceDialog:
+    """Ask whether the acquisition goes on without a screen; jobs of this screen end with it either way."""
     name = _recording(snapshot)
     if name is None:
         body = "It is not recording."
@@ -21,7 +23,25 @@ def quit_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
         body = f"It is recording {name}."
         leave = "leave it: recording continues in the background"
         stop = "finish the file, stop the acquisition and quit"
+    body = "\n".join([body, *_ending(jobs)])
     return ChoiceDialog("An acquisition is running", body, [Answer("l", "leave", leave), Answer("s", "stop", stop)])
+
+
+def jobs_dialog(jobs: Sequence[str]) -> ChoiceDialog:
+    """Ask before the jobs of this screen end with it."""
+    return ChoiceDialog(
+        "Something is still being worked out", "\n".join(_ending(jobs)), [Answer("s", "quit", "stop it and quit")]
+    )
+
+
+def _ending(jobs: Sequence[str]) -> list[str]:
+    return [f"{job}: this ends with the screen, without a result." for job in jobs]
+
+
+def zero_dialog() -> ChoiceDialog:
+    """Ask before the instrument is changed; Enter cancels."""
+    answers = [Answer("z", "zero", "zero them now: the unit stands still")]
+    return ChoiceDialog(offers.ZERO_TITLE, offers.ZERO_TEXT, answers, careful=True)
 
 
 def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:

@@ -11,7 +11,7 @@ from textual.widget import Widget
 
 
 class OneOf(Widget, can_focus=True):
-    """A line a value: "(x) stream", "( ) polled".
+    """One line: all values, the chosen one crossed, and what that one means: "(x) stream  ( ) polled   …".
 
     Parameters
     ----------
@@ -20,12 +20,14 @@ class OneOf(Widget, can_focus=True):
     """
 
     DEFAULT_CSS = """
-    OneOf { width: 1fr; height: auto; background: $surface; }
+    OneOf { width: 1fr; height: 1; background: $surface; text-wrap: nowrap; text-overflow: ellipsis; }
     OneOf:focus { background: $block-cursor-blurred-background; text-style: bold; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up,left,k,h", "step(-1)", "other", show=False),
-        Binding("down,right,j,l,space", "step(1)", "other", show=False),
+        Binding("up,k", "app.focus_previous", show=False),
+        Binding("down,j", "app.focus_next", show=False),
+        Binding("left,h", "step(-1)", "other", show=False),
+        Binding("right,l,space", "step(1)", "other", show=False),
     ]
     value: reactive[str] = reactive("")
 
@@ -34,15 +36,21 @@ class OneOf(Widget, can_focus=True):
 
     def __init__(self, values: dict[str, str], *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
-        self._values = values
+        self._values = dict(values)
         self.set_reactive(OneOf.value, next(iter(values)))
 
     def render(self) -> Content:
-        """All values, the chosen one crossed."""
-        return Content("\n").join(
-            Content(f"({'x' if value == self.value else ' '}) {value}  {meaning}")
-            for value, meaning in self._values.items()
-        )
+        """All values, the chosen one crossed and explained."""
+        return Content(f"{'  '.join(self._cells())}   {self._values[self.value]}")
+
+    def _cells(self) -> list[str]:
+        return [f"({'x' if value == self.value else ' '}) {value}" for value in self._values]
+
+    def choose(self, value: str, meaning: str) -> None:
+        """Choose a value, offering it from now on if it was not one of them."""
+        self._values.setdefault(value, meaning)
+        self.value = value
+        self.refresh()
 
     def watch_value(self) -> None:
         """Tell."""
@@ -55,5 +63,8 @@ class OneOf(Widget, can_focus=True):
 
     def on_click(self, event: events.Click) -> None:
         """Choose the value that was clicked."""
-        if 0 <= event.y < len(self._values):
-            self.value = list(self._values)[event.y]
+        start = 0
+        for value, cell in zip(self._values, self._cells(), strict=True):
+            if start <= event.x < start + len(cell):
+                self.value = value
+            start += len(cell) + 2

@@ -1,0 +1,83 @@
+"""`imutui profile`."""
+
+import shutil
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from imutui.cli.options import Json
+
+if TYPE_CHECKING:
+    from imutui.jobs.guide import Offer, Step
+
+
+def command(
+    file: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Argument(metavar="[FILE]", help="Table profile, TOML or CSV, or a ready-made one's name; else a list."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show a table profile as a list for an operator: what to do, and what each segment makes testable.
+
+    The same list guides in the terminal UI (5 Table). Without a file: profiles here and in the logs folder.
+
+    Example: imutui profile "six positions, 30 s each"
+    """
+    from imutui.cli.outcome import UNREADABLE, fail
+    from imutui.jobs import guide
+    from imutui.logbook.results import dumps
+
+    if file is None:
+        found = guide.offers(_folders())
+        print(dumps([_row(offer) for offer in found]) if json else _listed(found))
+        return
+    named = [offer for offer in guide.ready_made() if offer.name == str(file)]
+    offer = named[0] if named else guide.offer_of(file)
+    if offer.error:
+        raise fail(UNREADABLE, f"{file}: {offer.error}. `imutui profile` lists what there is.")
+    profile = guide.load(offer.file, offer.text)
+    if json:
+        print(dumps(guide.document(profile, offer.name)))
+    else:
+        print(_text(offer, guide.steps(profile)))
+
+
+def _folders() -> list[Path]:
+    from imutui.config import load
+
+    return [Path(), Path(load().text("paths.logs"))]
+
+
+def _row(offer: "Offer") -> dict[str, object]:
+    return {
+        "name": offer.name,
+        "place": offer.place,
+        "segments": offer.segments,
+        "duration_s": offer.seconds,
+        "align": offer.align,
+        "error": offer.error or None,
+    }
+
+
+def _listed(found: "list[Offer]") -> str:
+    width = max(len(offer.name) for offer in found)
+    lines = []
+    for offer in found:
+        what = (
+            f"can't be used: {offer.error}" if offer.error else f"{offer.segments:3d} segments {offer.seconds:6.0f} s"
+        )
+        lines.append(f"{offer.name:<{width}}  {what}  {offer.place}")
+    return "\n".join(lines)
+
+
+def _text(offer: "Offer", steps: "list[Step]") -> str:
+    width = min(100, shutil.get_terminal_size((80, 24)).columns)
+    lines = [f"{offer.name}: {offer.segments} segments, {offer.seconds:.0f} s of motion, joined by {offer.align}", ""]
+    for number, step in enumerate(steps, 1):
+        lines.append(f"{number:3d}  {step.text}, {step.seconds:g} s")
+        shows = "; ".join(step.shows) or "nothing new by itself"
+        lines += textwrap.wrap(f"makes testable: {shows}", width, initial_indent=" " * 5, subsequent_indent=" " * 7)
+    return "\n".join(lines)

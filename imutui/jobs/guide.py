@@ -1,0 +1,269 @@
+"""A table profile as a list for an operator: what to do, for how long, and what each segment makes testable.
+
+What it leaves out: where the operator is in it, which the acquisition knows.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from filters import motion, plans, prospect
+from filters.motion import Dwell, Profile, Rate, Segment, Sine
+from filters.prospect import BIAS, TESTABLE, Quantity
+from imutui.logbook import motions
+
+VERSION = 1
+_ACCELS = ("ax", "ay", "az")
+# what is told first is what matters most
+_WORDS = {
+    BIAS: "bias",
+    "scale": "scale factor",
+    "g_sensitivity": "g-sensitivity",
+    "cross_axis": "misalignment",
+    "asymmetry": "± asymmetry",
+    "g_squared": "quadratic",
+    "nonlinearity_quadratic": "quadratic",
+    "nonlinearity_cubic": "cubic",
+    "tilt": "tilt of base",
+    "lever_arm": "lever arm",
+    "delay": "delay",
+    "earth_rate": "Earth rate",
+}
+_PARTNERS = ("scale", "cross_axis", "tilt")
+_BY_HAND_S, _BRIEF_S = 30.0, 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A profile that can be chosen.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, or in words of one that is ready-made.
+    place : str
+        Folder, "ready-made" without one.
+    text : str
+        Content of the file, TOML or CSV by `file`; empty if it cannot be used.
+    file : str
+        Name that goes with the text.
+    segments : int
+        How many.
+    seconds : float
+        Of the motion, with the moves as fast as the profile has them.
+    align : str
+        How it is joined to a log.
+    error : str
+        Why it cannot be used.
+    """
+
+    name: str
+    place: str
+    text: str = ""
+    file: str = ""
+    segments: int = 0
+    seconds: float = 0.0
+    align: str = ""
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A segment as the operator has it: what to do, for how long, what becomes testable."""
+
+    text: str
+    seconds: float
+    shows: tuple[str, ...]
+
+
+# ---------------------------------------------------------------------------------------------- profiles to choose from
+
+
+def ready_made() -> list[Offer]:
+    """Profiles that need no file."""
+    six = plans.positions(plans.SIX, _BY_HAND_S)
+    eighteen = plans.positions((*plans.SIX, *plans.TWELVE), _BRIEF_S)
+    rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
+    turns = [segment for axis in reversed(motion.AXES) for segment in plans.turns(axis, rates)]
+    made = {
+        f"six positions, {_BY_HAND_S:.0f} s each": Profile(tuple(six), align="marks"),
+        f"eighteen positions, {_BRIEF_S:.0f} s each": Profile(tuple(eighteen), align="marks"),
+        "six positions, each axis ±30 ±90 deg/s": Profile((*six, *turns), align="gyro"),
+    }
+    return [
+        _offer(profile, name, "ready-made", motion.to_toml(profile), "reference.toml") for name, profile in made.items()
+    ]
+
+
+def offers(folders: Iterable[Path]) -> list[Offer]:
+    """Ready-made profiles, and what looks like one in some folders (not in folders of theirs), by name."""
+    found: dict[Path, Offer] = {}
+    for folder in folders:
+        for path in sorted(_files(folder)):
+            if path.resolve() not in found and _meant_as_profile(path):
+                found[path.resolve()] = offer_of(path)
+    return [*ready_made(), *found.values()]
+
+
+def offer_of(path: Path) -> Offer:
+    """Profile of a file; one that cannot be used says why."""
+    place = str(path.parent)
+    try:
+        content = path.read_bytes()
+        profile = motions.parse(path.name, content)
+        if not isinstance(profile, Profile):
+            raise ValueError(f"{path.name} is a trajectory: nothing for an operator to follow")
+        text = content.decode("utf-8-sig")
+    except OSError as error:
+        return Offer(path.name, place, error=f"can't be read: {error.strerror or error}")
+    except ValueError as error:
+        return Offer(
+            path.name, place, error=str(error).removeprefix(f"{path.name} ").removeprefix("is no table profile: ")
+        )
+    return _offer(profile, path.name, place, text, path.name)
+
+
+def _offer(profile: Profile, name: str, place: str, text: str, file: str) -> Offer:
+    return Offer(name, place, text, file, len(profile.segments), profile.duration, profile.align)
+
+
+def _files(folder: Path) -> list[Path]:
+    try:
+        return [p for p in folder.iterdir() if p.suffix.lower() in (".toml", ".csv") and p.is_file()]
+    except OSError:
+        return []
+
+
+def _meant_as_profile(path: Path) -> bool:
+    """Whether a file has a profile's segments or heading; settings, effects and trajectories have neither."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            if path.suffix.lower() == ".csv":
+                heading = stream.readline(256).split(",")
+                return tuple(cell.strip() for cell in heading) == motions.PROFILE_COLUMNS
+            return any(line.strip().startswith("[[segment]]") for line in stream)
+    except OSError:
+        return False
+
+
+def by_hand(offer: Offer) -> Offer | None:
+    """The same profile joined to a log by the operator's marks; None if nobody can follow it by hand."""
+    profile = load(offer.file, offer.text)
+    if any(isinstance(segment, motion.Sampled) for segment in profile.segments):
+        return None
+    marked = replace(profile, align="marks")
+    return replace(offer, text=motion.to_toml(marked), align=marked.align)
+
+
+def load(name: str, text: str) -> Profile:
+    """Profile of a text; ValueError with what is wrong."""
+    found = motions.parse(name, text.encode())
+    if not isinstance(found, Profile):
+        raise ValueError(f"{name} is a trajectory, not a table profile")
+    return found
+
+
+def from_segments(segments: Sequence[Mapping[str, Any]], align: str = "none") -> Profile | None:
+    """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
+    tables = []
+    for segment in segments:
+        keys = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
+        own = keys.get(str(segment.get("kind")))
+        if own is None:
+            return None
+        tables.append({key: segment[key] for key in ("kind", *own, "seconds")})
+    return motion.from_document({"align": align, "segment": tables})
+
+
+# -------------------------------------------------------------------------------------------------------- what it shows
+
+
+def steps(profile: Profile) -> list[Step]:
+    """The guided list."""
+    shown = makes_observable(profile)
+    return [
+        Step(what_to_do(segment), seconds_of(segment), tuple(own))
+        for segment, own in zip(profile.segments, shown, strict=True)
+    ]
+
+
+def document(profile: Profile, name: str) -> dict[str, Any]:
+    """The guided list, JSON-ready."""
+    return {
+        "version": VERSION,
+        "profile": name,
+        "align": profile.align,
+        "duration_s": profile.duration,
+        "segments": [
+            {"number": n, "text": step.text, "seconds": step.seconds, "makes_testable": list(step.shows)}
+            for n, step in enumerate(steps(profile), 1)
+        ],
+    }
+
+
+def what_to_do(segment: Segment) -> str:
+    """A segment as an instruction."""
+    match segment:
+        case Dwell():
+            outer, middle, inner = (f"{_degrees(angle):z.6g}°" for angle in segment.angles)
+            return f"go to outer {outer}, middle {middle}, inner {inner}"
+        case Rate():
+            return f"turn {segment.axis} at {_degrees(segment.rate):+.6g} deg/s"
+        case Sine():
+            return f"swing {segment.axis} by ±{_degrees(segment.amplitude):.6g}° at {segment.hz:.6g} Hz"
+        case _:
+            return "follow the recorded angles"
+
+
+def seconds_of(segment: Segment) -> float:
+    """How long a segment lasts, without moves and ramps."""
+    return segment.t[-1] - segment.t[0] if isinstance(segment, motion.Sampled) else segment.seconds
+
+
+def _degrees(radians: float) -> float:
+    return round(math.degrees(radians), 6)
+
+
+def makes_observable(profile: Profile) -> list[list[str]]:
+    """For each segment the effects and biases that become testable with it, in words, the most important first.
+
+    Testable is what stands out of the noise of the segments so far and of what all others could make of it
+    (`filters.prospect`); the first segment also says which biases it only shows as a sum. Made as it is written; of a
+    profile that is joined by marks, at rest only.
+    """
+    seen: set[Quantity] = set()
+    out = []
+    for number, told in enumerate(prospect.told(profile)):
+        new = [q for q, d in told.items() if d >= TESTABLE and q not in seen]
+        seen.update(new)
+        items = _grouped(new)
+        if number == 0:
+            items += _sums(seen)
+        out.append(items)
+    return out
+
+
+def _grouped(quantities: Sequence[Quantity]) -> list[str]:
+    """One item an effect: "g-sensitivity gx gy gz to y z"; effects of one name make one item too."""
+    items: dict[str, list[str]] = {}
+    for effect, word in _WORDS.items():
+        axes: dict[str, str] = {}
+        for q in quantities:
+            if q.effect == effect:
+                axes[q.channel] = f"{axes.get(q.channel, '')} {q.axis}".strip()
+        alike: dict[str, list[str]] = {}
+        for channel, along in axes.items():
+            alike.setdefault(along, []).append(channel)
+        for along, channels in alike.items():
+            to = f" to {along}" if along and channels[0] else along
+            items.setdefault(word, []).append(f"{' '.join(channels)}{to}")
+    return [f"{word} {', '.join(parts)}".strip() for word, parts in items.items()]
+
+
+def _sums(seen: set[Quantity]) -> list[str]:
+    hidden = [name for name in _ACCELS if Quantity(BIAS, name, "") not in seen]
+    if not hidden:
+        return []
+    return [f"bias {' '.join(hidden)} in sum with {', '.join(_WORDS[p] for p in _PARTNERS)}"]

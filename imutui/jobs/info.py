@@ -1,0 +1,279 @@
+"""What is in a log: in a millisecond for a list of them (`brief`), or all of it (`info`)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from imutui.logbook import summary
+from imutui.logbook.session import MEASURED, SIMULATED, UNKNOWN
+
+if TYPE_CHECKING:
+    from imutui.logbook.audit import Audit
+    from imutui.logbook.scan import Scan
+
+SUFFIX = ".mcap"
+VERSION = 1
+_SCANNED = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Brief:
+    """A log as a list shows it; None and "" where the file does not say.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    bytes : int
+        Its size.
+    modified : float
+        When it was last written to, Unix time, s.
+    state : str
+        "finished", "unfinished", "damaged", "being written" or "not a log".
+    why : str
+        What is behind a state other than finished, or that a finished file has no samples.
+    started : float or None
+        When the recording began, Unix time, s.
+    seconds : float or None
+        Time from its first to its last sample (to its last message, if nobody counted).
+    samples : int or None
+        Output samples.
+    rate_hz : float or None
+        Rate that was asked for; of another program's file the measured one.
+    measured_hz : float or None
+        Samples over time.
+    kind : str
+        "measured", "simulated" or "unknown".
+    by_ends : bool
+        Whether samples and seconds come from the file's first and last chunk, since there is no summary.
+    instrument, serial_number, operator, place, table, note, reference, filter : str
+        From the session.
+    converged : bool or None
+        Of the filter that ran when it was recorded.
+    lost_packets : int or None
+        As counted when it was recorded.
+    """
+
+    path: Path
+    bytes: int
+    modified: float
+    state: str
+    why: str = ""
+    started: float | None = None
+    seconds: float | None = None
+    samples: int | None = None
+    rate_hz: float | None = None
+    measured_hz: float | None = None
+    kind: str = UNKNOWN
+    by_ends: bool = False
+    instrument: str = ""
+    serial_number: str = ""
+    operator: str = ""
+    place: str = ""
+    table: str = ""
+    note: str = ""
+    reference: str = ""
+    filter: str = ""
+    converged: bool | None = None
+    lost_packets: int | None = None
+
+    @property
+    def name(self) -> str:
+        """File name."""
+        return self.path.name
+
+
+_TEXTS = ("instrument", "serial_number", "operator", "place", "table", "note", "reference", "filter")
+
+
+def brief(path: Path) -> Brief:
+    """A log as a list shows it, from its first and last few kilobytes.
+
+    Parameters
+    ----------
+    path : Path
+        Any file: one that cannot be opened, or is no log, is told as such.
+    """
+    try:
+        found = summary.read(path)
+    except OSError as error:
+        return Brief(path, 0, 0.0, summary.NO_LOG, f"it cannot be opened: {error.strerror or error}")
+    span, samples, session = found.seconds, found.samples, found.session
+    measured = (samples - 1) / span if samples and samples > 1 and span else None
+    kind = session.get("kind", UNKNOWN)
+    converged, lost = found.result.get("converged"), found.result.get("lost_packets")
+    return Brief(
+        path,
+        found.bytes,
+        found.modified,
+        found.state,
+        found.why,
+        None if found.started_ns is None else found.started_ns / 1e9,
+        span,
+        samples,
+        _number(session.get("rate_hz")) if session else measured,
+        measured,
+        kind if kind in (MEASURED, SIMULATED) else UNKNOWN,
+        found.by_ends,
+        **{name: session.get(name, "") for name in _TEXTS},
+        converged=converged if isinstance(converged, bool) else None,
+        lost_packets=lost if isinstance(lost, int) else None,
+    )
+
+
+def recordings(folder: Path) -> list[Brief]:
+    """Logs of a folder (not of folders in it), the one written to last first; empty if there is no such folder."""
+    try:
+        paths = [path for path in folder.iterdir() if path.suffix == SUFFIX and path.is_file()]
+    except OSError:
+        return []
+    return sorted((brief(path) for path in paths), key=lambda b: (-b.modified, b.path.name))
+
+
+def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> dict[str, Any]:
+    """All that is in a log, read from beginning to end; damaged parts are passed over.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    progress : callable
+        Told the share done, 0 to 1, and what is being done.
+
+    Returns
+    -------
+    dict
+        JSON-ready; None or "" where the log does not say.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is no such file, or it is no MCAP file.
+    """
+    # reading all of a log takes the compiled walks; a list of logs does without
+    from imutui.logbook.audit import audit
+    from imutui.logbook.scan import scan
+
+    found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
+    content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, f"reading {path.name}"))
+    ends = summary.read(path)
+    progress(1.0, "done")
+    return {
+        "version": VERSION,
+        "log": str(path.resolve()),
+        "bytes": found.size,
+        "state": ends.state,
+        "why": ends.why,
+        "finished": found.finished,
+        **_session(content),
+        **_extent(content, found),
+        "temperature_degc": _temperature(content),
+        "effects": _effects(content),
+        **_events(content),
+        "topics": {
+            topic: {"type": typename, "messages": len(content.messages.get(topic, ()))}
+            for topic, typename in content.types.items()
+        },
+        "attachments": {name: len(data) for name, data in content.attachments.items()},
+        "metadata": list(content.metadata),
+        "recovered": content.metadata.get("imutui.recovered"),
+        "quality": _quality(content),
+    }
+
+
+def _session(content: "Audit") -> dict[str, Any]:
+    session = content.session
+    kind = session.get("kind", UNKNOWN)
+    texts = {name: session.get(name, "") for name in (*_TEXTS, *_MORE_TEXTS)}
+    numbers = {name: _number(session.get(name)) for name in _NUMBERS}
+    return {"kind": kind if kind in (MEASURED, SIMULATED) else UNKNOWN, **texts, **numbers}
+
+
+def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
+    stamps = content.samples
+    first = int(stamps[0]) if stamps.size else next((p.first_ns for p in found.pieces if p.first_ns), None)
+    span = float(stamps[-1] - stamps[0]) / 1e9 if stamps.size else None
+    return {
+        "start_utc": None if first is None else _utc(first),
+        "duration_s": span,
+        "rate_asked_hz": _number(content.session.get("rate_hz")),
+        "rate_measured_hz": (stamps.size - 1) / span if span else None,
+        "samples": int(stamps.size),
+        "samples_without_reading": int((~content.valid).sum()),
+        "packets": int(content.packets.size),
+    }
+
+
+def _temperature(content: "Audit") -> dict[str, float] | None:
+    degc = content.temperature_degc
+    if not degc.size:
+        return None
+    return {"first": float(degc[0]), "last": float(degc[-1]), "min": float(degc.min()), "max": float(degc.max())}
+
+
+def _effects(content: "Audit") -> list[str]:
+    from imutui.logbook import effects
+
+    attached = content.attachments.get(effects.ATTACHMENT)
+    if not attached:
+        return []
+    try:
+        return [f"{e.effect} ({' '.join(e.channels)})" for e in effects.parse(attached).effects]
+    except ValueError as error:
+        return [f"a file that cannot be used: {error}"]
+
+
+def _events(content: "Audit") -> dict[str, list[dict[str, Any]]]:
+    first = int(content.samples[0]) if content.samples.size else None
+    told: dict[str, list[dict[str, Any]]] = {"marks": [], "events": []}
+    for event in content.events:
+        t = None if first is None else (event.stamp_ns - first) / 1e9
+        told["marks" if event.name == "mark" else "events"].append(
+            {"t": t, "utc": _utc(event.stamp_ns), "text": event.text}
+        )
+    return told
+
+
+def _quality(content: "Audit") -> dict[str, Any]:
+    """Figures of the quality summary, and the recorder's last counts."""
+    counts = {key: _number(content.diagnostics.get(key)) for key in _COUNTS if key in content.diagnostics}
+    result = content.result
+    kept = {key: result[key] for key in _FIGURES if key in result}
+    return {**{key: None if n is None else int(n) for key, n in counts.items()}, **kept}
+
+
+_MORE_TEXTS = (
+    "firmware",
+    "sampling",
+    "mode",
+    "mount",
+    "gyro_sign",
+    "port",
+    "host",
+    "measurements",
+    "noise",
+    "software",
+)
+_NUMBERS = (
+    "accel_sign", "g_unit", "rate_range_dps", "accel_range_g", "baud",
+    "latitude_deg", "longitude_deg", "height_m", "gravity_mps2",
+)  # fmt: skip
+_COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes")
+_FIGURES = ("converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
+
+
+def _utc(ns: int) -> str:
+    """UTC with milliseconds."""
+    try:
+        return datetime.fromtimestamp(ns / 1e9, UTC).strftime("%Y-%m-%dT%H:%M:%S.") + f"{ns // 1_000_000 % 1000:03d}Z"
+    except (OverflowError, ValueError, OSError):
+        return "no time"
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return None

@@ -1,0 +1,114 @@
+"""Files that a screen writes beside a log, and the effects files that it can load."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from imutui.logbook import effects, whole
+
+
+@dataclass(frozen=True, slots=True)
+class EffectsFile:
+    """A file that looks like found effects.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    text : str
+        Its content; empty if it cannot be used.
+    source : str
+        Where they come from.
+    effects : tuple of str
+        Names with channels, such as "thermal_lin (gy)".
+    error : str
+        Why it cannot be used.
+    """
+
+    path: Path
+    text: str = ""
+    source: str = ""
+    effects: tuple[str, ...] = ()
+    error: str = ""
+
+
+def keep(log: Path, ending: str, text: str) -> Path:
+    """Write a text beside a log, under a name that is free.
+
+    Parameters
+    ----------
+    log : Path
+        The log; its name without suffix begins the file's.
+    ending : str
+        The rest of the name, such as "_effects.toml".
+    text : str
+        What to write.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    for path in _names(log, ending):
+        try:
+            whole.write(path, text, overwrite=False)
+        except FileExistsError:
+            continue
+        return path
+    raise FileExistsError(f"{log.stem}{ending} and all its numbered names exist; delete some")
+
+
+def free_name(log: Path, ending: str) -> Path:
+    """Path beside a log that does not exist yet: the log's name and the ending, with a number if need be."""
+    return next(path for path in _names(log, ending) if not path.exists())
+
+
+def _names(log: Path, ending: str) -> Iterator[Path]:
+    end = Path(ending)
+    return (log.with_name(f"{log.stem}{end.stem}{'' if n == 1 else f'_{n}'}{end.suffix}") for n in range(1, 10_000))
+
+
+def effects_files(folders: Iterable[Path]) -> list[EffectsFile]:
+    """Effects files of some folders (not of folders in them), the newest first."""
+    found: dict[Path, EffectsFile] = {}
+    for folder in folders:
+        for path in _tomls(folder):
+            if path.resolve() not in found and _meant_as_effects(path):
+                found[path.resolve()] = effects_file(path)
+    return sorted(found.values(), key=lambda file: -_modified(file.path))
+
+
+def effects_file(path: Path) -> EffectsFile:
+    """An effects file; one that cannot be used says why."""
+    try:
+        content = path.read_bytes()
+        document = effects.parse(content)
+    except OSError as error:
+        return EffectsFile(path, error=f"can't be read: {error.strerror or error}")
+    except ValueError as error:
+        return EffectsFile(path, error=str(error))
+    names = tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in document.effects)
+    return EffectsFile(path, content.decode("utf-8-sig"), document.source, names)
+
+
+def _tomls(folder: Path) -> list[Path]:
+    try:
+        return sorted(p for p in folder.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
+    except OSError:
+        return []
+
+
+def _meant_as_effects(path: Path) -> bool:
+    """Whether a file has what no scenario or profile has: effects that say how they are included."""
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return "include_as" in text or text.startswith("version = 1\nsource =")
+
+
+def _modified(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

@@ -1,0 +1,193 @@
+"""A finished, indexed log from an unfinished or damaged one; the source is never written to."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imutui.jobs import damage
+from imutui.jobs.damage import plural
+from imutui.logbook import reader, schemas, summary, whole
+from imutui.logbook import recover as rebuilding
+from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.recover import Kept, NotAsWrittenError
+from imutui.logbook.scan import Scan, scan
+from imutui.logbook.session import METADATA
+
+VERSION = 1
+_SCANNED, _WRITTEN = 0.3, 0.9
+
+
+def recover(
+    path: Path,
+    output: Path,
+    overwrite: bool = False,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> dict[str, Any]:
+    """Rebuild a log.
+
+    Parameters
+    ----------
+    path : Path
+        The source: unfinished, damaged, or whole.
+    output : Path
+        The file to make; there whole or not at all.
+    overwrite : bool
+        Replace it if it exists.
+    progress : callable
+        Told the share done, 0 to 1, and what is being done.
+
+    Returns
+    -------
+    dict
+        `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what was
+        kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are missing,
+        None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be told,
+        but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is no such file, or nothing whole in it.
+    ValueError
+        If the source is being written, or is the output.
+    FileExistsError
+        If the output exists and may not be replaced.
+    NotAsWrittenError
+        If it does not read back as it was written; nothing is left then.
+    """
+    _refuse(path, output)
+    found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
+    if found.held:
+        raise ValueError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
+    digest = reader.sha256(path)
+    try:
+        with whole.part_of(output, overwrite=overwrite) as part:
+            kept = rebuilding.rebuild(
+                found,
+                part,
+                lambda kept: rebuilding.note(found, kept, _lost(found, kept), digest),
+                lambda share: progress(_SCANNED + (_WRITTEN - _SCANNED) * share, f"writing {output.name}"),
+            )
+            if not kept.messages:
+                raise UnreadableLogError(
+                    f"{path} holds no whole message: it was cut before its first second was on the disk. Nothing can be"
+                    " recovered from it; record again."
+                )
+            progress(_WRITTEN, f"reading {output.name} back")
+            log, trouble = _samples(part, output)
+            _compare(path, log)
+    except OSError as error:
+        # the part's own name says nothing to anybody
+        error.filename = str(output) if str(error.filename or "").endswith(".part") else error.filename
+        raise
+    progress(1.0, "done")
+    return _document(found, output, kept, log, trouble) | {"log_sha256": digest, "output_sha256": reader.sha256(output)}
+
+
+def _refuse(path: Path, output: Path) -> None:
+    if output.is_dir():
+        raise ValueError(f"{output} is a folder: name the file to make")
+    if path.exists() and output.exists() and output.samefile(path):
+        raise ValueError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
+
+
+def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
+    """The rebuilt file as a replay reads it, or None and why it can't."""
+    try:
+        return reader.read(path), ""
+    except UnreadableLogError as error:
+        return None, str(error).replace(str(path), str(output))
+
+
+def _compare(path: Path, log: Log | None) -> None:
+    """Raise unless all that a replay of the source reads stands in the rebuilt file as well."""
+    try:
+        source = reader.read(path)
+    except UnreadableLogError:
+        return  # damaged at its beginning: there is nothing to compare
+    n = source.stamp_ns.size
+    if log is None or not all(
+        np.array_equal(a, b[:n], equal_nan=True)
+        for a, b in ((source.stamp_ns, log.stamp_ns), (source.gyro, log.gyro), (source.accel, log.accel))
+    ):
+        raise NotAsWrittenError(5, "the samples read back are not those of the source, so it was not kept", str(path))
+
+
+def _document(found: Scan, output: Path, kept: Kept, log: Log | None, trouble: str) -> dict[str, Any]:
+    samples = 0 if log is None else log.stamp_ns.size
+    lost = _lost(found, kept)
+    state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
+    return {
+        "version": VERSION,
+        "log": str(found.path.resolve()),
+        "output": str(output.resolve()),
+        "state": summary.DAMAGED if damage.lossy(found) else state,
+        "messages": kept.messages,
+        "samples": samples,
+        "duration_s": float(log.seconds()[-1]) if log is not None else 0.0,
+        "topics": kept.topics,
+        "chunks": kept.chunks,
+        "metadata": kept.metadata,
+        "attachments": kept.attachments,
+        "damages": damage.documents(found, _start(found)),
+        "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
+        "complete": not lost and not trouble,
+        "readable": log is not None,
+        "sentences": [*_ending(found), *lost, *([f"It can't be replayed: {trouble}"] if trouble else [])],
+    }
+
+
+def _missing(found: Scan, kept: Kept, topic: str | None) -> int | None:
+    """Messages that are not there any more, of one topic or of all; None if nothing tells how many there were."""
+    have = kept.messages if topic is None else kept.topics.get(topic, 0)
+    index = found.index
+    if index is not None and index.statistics is not None:
+        counts = index.statistics.channel_message_counts
+        wanted = [n for n, channel in index.channels.items() if topic is None or channel.topic == topic]
+        return max(0, sum(counts.get(number, 0) for number in wanted) - have)
+    if METADATA not in kept.metadata:
+        return None
+    return sum(kept.missing.values()) if topic is None else kept.missing.get(topic, 0)
+
+
+def _ending(found: Scan) -> list[str]:
+    """How an unfinished file ended."""
+    if not found.cut:
+        return []
+    cut = next((d for d in found.damages if damage.at_end(found, d)), None)
+    if cut is None:
+        return ["It ended without its index; every record in it is whole."]
+    if cut.what == "summary":
+        return ["Its index was cut or damaged and is made anew; every message is whole."]
+    return [f"It ended in the middle: its last {plural(cut.bytes, 'byte')} are no whole record."]
+
+
+def _lost(found: Scan, kept: Kept) -> list[str]:
+    """What is not in the rebuilt file, a sentence each; empty if nothing is missing but an unfinished end."""
+    told = damage.sentences(found, _start(found))
+    messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)
+    if messages:
+        told.append(f"{plural(messages, 'message')} are lost, {plural(samples or 0, 'sample')} among them.")
+    if kept.homeless:
+        told.append(f"{plural(kept.homeless, 'message')} were left out: nothing says any more what they are.")
+    if kept.assumed:
+        told.append(
+            "The list of topics was lost with the first chunk; imutui's own, which the messages fit, stands there."
+        )
+    if found.repeated:
+        told.append(f"{plural(found.repeated, 'chunk')} stood there twice and were taken once.")
+    if found.trailing:
+        told.append(f"{plural(found.trailing, 'byte')} behind the end of the log were left out.")
+    if found.checksum_wrong:
+        told.append(
+            "The checksum over all data is wrong though each chunk's is right: metadata or an attachment differs."
+        )
+    if METADATA not in kept.metadata and set(kept.topics) & {schemas.RAW, schemas.ESTIMATE}:
+        told.append("The session's metadata is lost: signs, mounting and site are unknown; it reads as a foreign log.")
+    return told
+
+
+def _start(found: Scan) -> int | None:
+    return next((piece.first_ns for piece in found.pieces if piece.first_ns), None)

@@ -1,0 +1,89 @@
+"""The jobs that a screen starts in a worker: each takes what can be pickled, tells its progress, returns records.
+
+What is heavy is imported by the process that does the work, never by the one that shows a screen.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from imutui.jobs import replay, trace
+
+Tell = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class TraceResult:
+    """What comes of a trace, as text: figures and residuals stay in the worker.
+
+    Attributes
+    ----------
+    document : dict
+        Contracts section 6.
+    source : str
+        Which logs it is of.
+    damage : tuple of str
+        What is wrong with the files, a sentence each.
+    effects : str
+        TOML of the found effects, for the filter.
+    included : tuple of str
+        Names of the effects in it with their channels, such as "thermal_lin (gx)"; empty if nothing was found.
+    experiment : str
+        Profile (TOML) of the motion that would separate the causes; empty if none is needed.
+    """
+
+    document: dict[str, Any]
+    source: str
+    damage: tuple[str, ...]
+    effects: str
+    included: tuple[str, ...]
+    experiment: str
+
+
+def replay_log(path: Path, options: "replay.Options | None", tell: Tell) -> dict[str, Any]:
+    """The filter over one log: the result document, contracts section 5."""
+    from imutui.jobs import replay
+
+    tell(0.0, f"reading {path.name}")
+    return replay.replay(path, options or replay.Options(), lambda share: tell(share, f"filtering {path.name}"))
+
+
+def trace_logs(logs: Sequence[Path], options: "trace.Options | None", tell: Tell) -> TraceResult:
+    """A trace over logs, one log a run."""
+    tell(0.0, "starting")
+    from imutui.jobs import trace
+    from imutui.logbook import effects
+
+    traced = trace.trace(list(logs), options or trace.Options(), tell)
+    experiment = traced.document.get("separating_experiment") or {}
+    return TraceResult(
+        traced.document,
+        traced.source,
+        traced.damage,
+        effects.dumps(traced.trace, traced.source),
+        tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in traced.trace.included),
+        experiment.get("profile") or "",
+    )
+
+
+def info_log(path: Path, tell: Tell) -> dict[str, Any]:
+    """All that is in a log."""
+    from imutui.jobs import info
+
+    return info.info(path, tell)
+
+
+def check_log(path: Path, tell: Tell) -> dict[str, Any]:
+    """A log's integrity."""
+    from imutui.jobs import check
+
+    return check.check(path, tell)
+
+
+def recover_log(path: Path, output: Path, overwrite: bool, tell: Tell) -> dict[str, Any]:
+    """A finished file from an unfinished or damaged one."""
+    from imutui.jobs import recover
+
+    return recover.recover(path, output, overwrite, tell)

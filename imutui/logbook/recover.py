@@ -1,0 +1,287 @@
+"""Rebuilding an unfinished or damaged log: every whole record into a file with an index, nothing twice.
+
+What it leaves out: parts of a chunk. A chunk's checksum is over all of it, and the reader takes all of it or nothing;
+so a rebuilt file gives the same estimates as the unfinished one did.
+"""
+
+import hashlib
+import mmap
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Footer, Metadata, Schema
+from mcap.writer import CompressionType, IndexType, Writer
+
+import imutui
+from imutui.logbook import records, schemas
+from imutui.logbook import scan as scanning
+from imutui.logbook.records import Batch
+from imutui.logbook.scan import RECOVERED, Piece, Scan
+from imutui.logbook.session import METADATA
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_PROFILE = "ros2"
+
+
+class NotAsWrittenError(OSError):
+    """The rebuilt file does not read back as it was written."""
+
+
+@dataclass(slots=True)
+class Kept:
+    """What went into the rebuilt file.
+
+    Attributes
+    ----------
+    topics : dict
+        Messages of each topic.
+    chunks : int
+        Of the source.
+    missing : dict
+        Of each topic, numbers left out before and between messages that are there; imutui leaves none out.
+    homeless : int
+        Messages of channels that nothing describes any more.
+    metadata, attachments : list of str
+        Names.
+    assumed : bool
+        Whether the channels are those that imutui writes, since the file does not say so any more.
+    digest : str
+        Of all messages in order, with their channels, numbers and times.
+    """
+
+    topics: dict[str, int] = field(default_factory=dict)
+    chunks: int = 0
+    missing: dict[str, int] = field(default_factory=dict)
+    homeless: int = 0
+    metadata: list[str] = field(default_factory=list)
+    attachments: list[str] = field(default_factory=list)
+    assumed: bool = False
+    digest: str = ""
+
+    @property
+    def messages(self) -> int:
+        """All of them."""
+        return sum(self.topics.values())
+
+
+def rebuild(found: Scan, part: Path, note: Callable[[Kept], dict[str, str]], progress: Callable[[float], None]) -> Kept:
+    """Write what a scan found whole, and read it back.
+
+    Parameters
+    ----------
+    found : Scan
+        Of the source.
+    part : Path
+        File to write, replaced.
+    note : callable
+        Makes the metadata `imutui.recovered` of what was kept.
+    progress : callable
+        Told the share done, 0 to 1.
+
+    Raises
+    ------
+    NotAsWrittenError
+        If the file does not read back as it was written.
+    """
+    with found.path.open("rb") as source, mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        kept = _copied(found, data, part, note, progress)
+    _read_back(part, kept)
+    progress(1.0)
+    return kept
+
+
+def _copied(
+    found: Scan,
+    data: mmap.mmap,
+    part: Path,
+    note: Callable[[Kept], dict[str, str]],
+    progress: Callable[[float], None],
+) -> Kept:
+    attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
+    with part.open("wb") as stream:
+        copy = _Copy(found, data, _writer(stream, attachments=attached))
+        for number, piece in enumerate(found.pieces):
+            copy.take(piece)
+            progress(number / len(found.pieces))
+        return copy.finish(note)
+
+
+def _writer(stream: object, *, attachments: bool) -> Writer:
+    # an index of no attachments is an error to a validator
+    index = IndexType.ALL if attachments else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
+    return Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True, index_types=index)  # type: ignore[arg-type]
+
+
+class _Copy:
+    """Records from a file's bytes into a writer, channels by their new numbers."""
+
+    def __init__(self, found: Scan, data: mmap.mmap, writer: Writer) -> None:
+        self.kept = Kept()
+        self._data = data
+        self._writer = writer
+        self._decompressor = zstandard.ZstdDecompressor()
+        self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
+        self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
+        self._written_schemas: dict[tuple[str, str, bytes], int] = {}
+        self._numbers: dict[int, int | None] = {}
+        self._declared: dict[int, Channel] = {}
+        self._sequences: dict[int, int] = {}
+        self._own = False
+        self._digest = hashlib.blake2b()
+        writer.start(
+            profile=_PROFILE if found.profile is None else found.profile, library=f"imutui {imutui.__version__}"
+        )
+
+    def take(self, piece: Piece) -> None:
+        """One record of the file."""
+        body = scanning.content(self._data, piece)
+        if piece.opcode == Opcode.CHUNK:
+            self.kept.chunks += 1
+            inside = records.inflated(records.chunk_of(body), self._decompressor)
+            at = 0
+            while at < len(inside):
+                opcode, length = _HEAD.unpack_from(inside, at)
+                at += _HEAD.size
+                self._record(opcode, inside[at : at + length])
+                at += length
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        elif piece.opcode == Opcode.METADATA:
+            record = Metadata.read(_stream(body))
+            self._own = self._own or record.name == METADATA
+            self._writer.add_metadata(record.name, record.metadata)
+            self.kept.metadata.append(record.name)
+        elif piece.opcode == Opcode.ATTACHMENT:
+            a = Attachment.read(_stream(body))
+            self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
+            self.kept.attachments.append(a.name)
+        else:
+            self._record(piece.opcode, body)
+
+    def _record(self, opcode: int, body: bytes) -> None:
+        if opcode == Opcode.MESSAGE:
+            self._message(body)
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(body))
+            self._channels[channel.id] = channel
+            self._register(channel)
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(body))
+            self._schemas[schema.id] = schema
+
+    def _message(self, body: bytes) -> None:
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
+        data = body[_MESSAGE.size :]
+        if channel not in self._numbers:
+            self._adopt(channel, data)
+        number = self._numbers[channel]
+        if number is None:
+            self.kept.homeless += 1
+            return
+        topic = self._channels[channel].topic
+        before = self._sequences.get(number, -1)
+        if self._own and sequence > before + 1:
+            self.kept.missing[topic] = self.kept.missing.get(topic, 0) + sequence - before - 1
+        self._sequences[number] = sequence
+        self.kept.topics[topic] = self.kept.topics.get(topic, 0) + 1
+        self._digest.update(_MESSAGE.pack(number, sequence, log_time, publish_time))
+        self._digest.update(data)
+        self._writer.add_message(number, log_time, data, publish_time, sequence)
+
+    def _register(self, channel: Channel) -> None:
+        """Give a channel that the file declares its number in the new one."""
+        before = self._declared.get(channel.id)
+        if before == channel:
+            return
+        self._declared[channel.id] = channel
+        schema = self._schemas.get(channel.schema_id)
+        self._numbers[channel.id] = self._writer.register_channel(
+            channel.topic, channel.message_encoding, 0 if schema is None else self._schema(schema), channel.metadata
+        )
+
+    def _schema(self, schema: Schema) -> int:
+        key = (schema.name, schema.encoding, schema.data)
+        if key not in self._written_schemas:
+            self._written_schemas[key] = self._writer.register_schema(*key)
+        return self._written_schemas[key]
+
+    def _adopt(self, number: int, data: bytes) -> None:
+        """Find out about a channel whose declaration is lost: from the summary, or from what imutui writes."""
+        if number not in self._channels and self._own:
+            self._assume(number, data)
+        if number in self._channels:
+            self._register(self._channels[number])
+        else:
+            self._numbers[number] = None
+
+    def _assume(self, number: int, data: bytes) -> None:
+        """Take a channel for the one that our recorder gives this number, if its first message reads as such."""
+        if not 1 <= number <= len(schemas.TYPES):
+            return
+        topic, typename = list(schemas.TYPES.items())[number - 1]
+        try:
+            message = schemas.decode(typename, data)
+            same = bytes(schemas.encode(topic, message)) == data
+        except Exception:  # noqa: BLE001 - parsing of foreign bytes raises many kinds; they then are no such message
+            return
+        if same:
+            definition = schemas.definition(typename).encode()
+            self._schemas[-number] = Schema(id=-number, name=typename, encoding="ros2msg", data=definition)
+            self._channels[number] = Channel(
+                id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=-number
+            )
+            self.kept.assumed = True
+
+    def finish(self, note: Callable[[Kept], dict[str, str]]) -> Kept:
+        """Close the file with the note in it."""
+        self.kept.digest = self._digest.hexdigest()
+        # channels that nobody wrote to are part of the file too
+        for channel in self._channels.values():
+            if channel.id not in self._numbers:
+                self._register(channel)
+        self._writer.add_metadata(RECOVERED, note(self.kept))
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        return self.kept
+
+
+def note(found: Scan, kept: Kept, lost: list[str], source_sha256: str) -> dict[str, str]:
+    """Metadata record of a rebuilt file."""
+    return {
+        "source": found.path.name,
+        "source_bytes": str(found.size),
+        "source_sha256": source_sha256,
+        "recovered": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "software": f"imutui {imutui.__version__}",
+        "messages": str(kept.messages),
+        "lost": " ".join(lost) or "nothing",
+    }
+
+
+def _read_back(path: Path, kept: Kept) -> None:
+    """Raise if a file does not hold, record by record, what was kept."""
+    digest, messages, finished = hashlib.blake2b(), 0, False
+    with path.open("rb") as stream:
+        for record in records.walk(stream):
+            if isinstance(record, Batch):
+                for _, _, at, length in record.table.tolist():
+                    digest.update(record.content[at - _MESSAGE.size : at + length])
+                messages += len(record.table)
+            finished = finished or isinstance(record, Footer)
+    if not finished or messages != kept.messages or digest.hexdigest() != kept.digest:
+        raise NotAsWrittenError(
+            5,
+            f"the rebuilt file did not read back as it was written ({messages} of {kept.messages} messages), so it was"
+            " not kept; the disk may be failing",
+            str(path),
+        )
+
+
+def _stream(body: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(body))

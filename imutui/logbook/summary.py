@@ -1,0 +1,387 @@
+"""What a log says of itself in its first and last few kilobytes, read in about a millisecond.
+
+A finished file has a summary with every count. Of an unfinished one the beginning and the last whole chunk are read:
+our samples are numbered, so their number and time are exact; what lies between is taken on trust (`check` looks).
+"""
+
+import contextlib
+import json
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
+
+from imutui.logbook import held, schemas
+from imutui.logbook.session import METADATA
+
+MAGIC = b"\x89MCAP0\r\n"
+FINISHED = "finished"
+UNFINISHED = "unfinished"
+DAMAGED = "damaged"
+WRITING = "being written"
+NO_LOG = "not a log"
+
+SUMMARY = "summary.json"
+_HEADER = struct.Struct("<BQ")
+_FOOTER = struct.Struct("<BQQQI")
+_CHUNK = struct.Struct("<QQQII")
+_MESSAGE = struct.Struct("<HIQQ")
+_TAIL = 2 * 2**20
+_LARGEST = 16 * 2**20
+_FIRST_RECORDS = 64
+_KNOWN = frozenset(range(1, 0x10))
+_ZSTD = struct.pack("<I", 4) + b"zstd"
+_MALFORMED = (McapError, struct.error, zstandard.ZstdError, UnicodeDecodeError, IndexError, KeyError, ValueError)
+
+
+@dataclass(slots=True)
+class Summary:
+    """What the ends of a file tell.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    bytes, modified : int, float
+        Its size, and when it was last written to, Unix time, s.
+    state, why : str, str
+        One of this module's five words, and the reason where it is not finished.
+    session : dict
+        Metadata record `imutui.session`; empty in another program's file.
+    types : dict
+        Type of each topic.
+    counts : dict
+        Messages on each topic; empty if the file has no summary.
+    samples : int or None
+        Output samples; None if the ends don't tell.
+    started_ns, seconds : int or None, float or None
+        When the first one was taken, UTC, ns, and the time from it to the last.
+    result : dict
+        The quality summary that was attached on closing; empty if there is none.
+    attachments : dict
+        Name to size in bytes.
+    by_ends : bool
+        Whether samples and seconds come from the first and the last chunk instead of a summary.
+    """
+
+    path: Path
+    bytes: int = 0
+    modified: float = 0.0
+    state: str = NO_LOG
+    why: str = ""
+    session: dict[str, str] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    samples: int | None = None
+    started_ns: int | None = None
+    seconds: float | None = None
+    result: dict[str, Any] = field(default_factory=dict)
+    attachments: dict[str, int] = field(default_factory=dict)
+    by_ends: bool = False
+
+
+def read(path: Path) -> Summary:
+    """Look at a file's ends.
+
+    Parameters
+    ----------
+    path : Path
+        Any file: what is no log is said to be none.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    """
+    with path.open("rb") as stream:
+        status = path.stat()
+        found = Summary(path, status.st_size, status.st_mtime)
+        if status.st_size == 0 or not stream.read(len(MAGIC)).startswith(MAGIC):
+            found.why = "the file is empty" if status.st_size == 0 else "it does not begin as an MCAP file does"
+            return found
+        try:
+            whole = _from_summary(stream, found)
+        except _MALFORMED:
+            found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
+        if not whole:
+            _from_ends(stream, found)
+        if held.is_held(stream):
+            found.state, found.why = WRITING, "a recorder has it open"
+    _judge(found)
+    return found
+
+
+def imu_topic(types: dict[str, str]) -> str | None:
+    """Topic of the samples: ours, else the first of sensor_msgs/msg/Imu."""
+    wanted = schemas.TYPES[schemas.IMU]
+    if types.get(schemas.IMU) == wanted:
+        return schemas.IMU
+    return next((topic for topic, typename in types.items() if typename == wanted), None)
+
+
+def _judge(found: Summary) -> None:
+    """A file of another kind is none of ours, however whole."""
+    if found.types and imu_topic(found.types) is None:
+        found.state, found.why = NO_LOG, "it has no samples of type sensor_msgs/msg/Imu"
+    elif found.state == FINISHED and found.samples == 0:
+        found.why = "it holds no samples"
+
+
+# -- a finished file ---------------------------------------------------------------------------------------------------
+
+
+def _from_summary(stream: IO[bytes], found: Summary) -> bool:
+    """Take what the summary section says; False if the file has none."""
+    tail = _FOOTER.size + len(MAGIC)
+    if found.bytes < len(MAGIC) + tail:
+        return False
+    stream.seek(found.bytes - tail)
+    end = stream.read(tail)
+    opcode, length, start, _, checksum = _FOOTER.unpack_from(end)
+    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or length != _FOOTER.size - _HEADER.size:
+        return False
+    if start == 0:
+        found.why = "it has no summary"
+        return False
+    stream.seek(start)
+    section = stream.read(max(0, found.bytes - tail - start))
+    # the checksum is over the section and the footer up to itself
+    if checksum not in (0, zlib.crc32(end[: _FOOTER.size - 4], zlib.crc32(section))):
+        raise McapError("summary checksum")
+    _take_summary(stream, section, found)
+    found.state = FINISHED
+    return True
+
+
+def _take_summary(stream: IO[bytes], section: bytes, found: Summary) -> None:
+    names: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    statistics: Statistics | None = None
+    for opcode, at, length in _records(section):
+        content = section[at : at + length]
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content))
+            names[schema.id] = schema.name
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(content))
+            channels[channel.id] = channel
+        elif opcode == Opcode.STATISTICS:
+            statistics = Statistics.read(_stream(content))
+        elif opcode == Opcode.METADATA_INDEX:
+            _take_metadata(stream, MetadataIndex.read(_stream(content)), found)
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            _take_attachment(stream, AttachmentIndex.read(_stream(content)), found)
+    found.types = {channel.topic: names.get(channel.schema_id, "") for channel in channels.values()}
+    if statistics is not None:
+        _take_statistics(statistics, channels, found)
+
+
+def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found: Summary) -> None:
+    counts = statistics.channel_message_counts
+    found.counts = {channel.topic: counts.get(number, 0) for number, channel in channels.items()}
+    topic = imu_topic(found.types)
+    found.samples = found.counts.get(topic, 0) if topic is not None else None
+    if statistics.message_count:
+        found.started_ns = statistics.message_start_time
+        found.seconds = (statistics.message_end_time - statistics.message_start_time) / 1e9
+    # of the samples alone, where it was counted
+    if isinstance(found.result.get("duration_s"), float) and found.samples:
+        found.seconds = found.result["duration_s"]
+
+
+def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
+    if index.name == METADATA and index.length <= _LARGEST:
+        stream.seek(index.offset + _HEADER.size)
+        found.session = _strings(Metadata.read(_stream(stream.read(index.length - _HEADER.size))).metadata)
+
+
+def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
+    found.attachments[index.name] = index.data_size
+    if index.name == SUMMARY and index.data_size <= _LARGEST:
+        stream.seek(index.offset + index.length - 4 - index.data_size)
+        with contextlib.suppress(ValueError):
+            result = json.loads(stream.read(index.data_size))
+            found.result = result if isinstance(result, dict) else {}
+
+
+# -- any other file ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """Number and instant of a sample."""
+
+    sequence: int
+    stamp_ns: int
+
+
+def _from_ends(stream: IO[bytes], found: Summary) -> None:
+    """Take what the beginning and the last whole chunk say, and how the file ends."""
+    first, channel = _beginning(stream, found)
+    last, how = _ending(stream, found.bytes, channel)
+    found.by_ends = True
+    if found.state != DAMAGED:
+        found.state = DAMAGED if how else UNFINISHED
+        found.why = how or found.why or "it ends without its index: the recorder was killed, or the file was cut"
+    if first is not None:
+        last = last or first
+        found.started_ns = first.stamp_ns
+        found.seconds = (last.stamp_ns - first.stamp_ns) / 1e9
+        # other programs may leave the numbers out
+        found.samples = last.sequence - first.sequence + 1 if last.sequence or last is first else None
+
+
+def _beginning(stream: IO[bytes], found: Summary) -> tuple[_Sample | None, int | None]:
+    """Metadata and attachments before the first chunk with samples; that chunk's first sample, and its channel."""
+    at, names, topics = len(MAGIC), dict[int, str](), dict[int, str]()
+    for _ in range(_FIRST_RECORDS):
+        stream.seek(at)
+        head = stream.read(_HEADER.size)
+        if len(head) < _HEADER.size:
+            break
+        opcode, length = _HEADER.unpack(head)
+        if opcode not in _KNOWN or length > _LARGEST or at + _HEADER.size + length > found.bytes:
+            break
+        content = stream.read(length)
+        with contextlib.suppress(*_MALFORMED):
+            if opcode == Opcode.METADATA:
+                record = Metadata.read(_stream(content))
+                found.session = _strings(record.metadata) if record.name == METADATA else found.session
+            elif opcode == Opcode.ATTACHMENT:
+                _count_attachment(content, found)
+            elif opcode == Opcode.CHUNK:
+                inside = _inflate(content)
+                _channels(inside, names, topics)
+                found.types = {topic: names.get(number, "") for number, topic in topics.items()}
+                sample, channel = _first_sample(inside, found.types, topics)
+                if sample is not None:
+                    return sample, channel
+        at += _HEADER.size + length
+    return None, None
+
+
+def _count_attachment(content: bytes, found: Summary) -> None:
+    s = _stream(content)
+    s.read8(), s.read8()
+    name = s.read_prefixed_string()
+    s.read_prefixed_string()
+    found.attachments[name] = s.read8()
+
+
+def _channels(content: bytes, names: dict[int, str], topics: dict[int, str]) -> None:
+    """Add the channels that a chunk declares: their topics, and by the same numbers their types."""
+    types: dict[int, str] = {}
+    for opcode, at, length in _records(content):
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content[at : at + length]))
+            types[schema.id] = schema.name
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(content[at : at + length]))
+            topics[channel.id] = channel.topic
+            names[channel.id] = types.get(channel.schema_id, "")
+
+
+def _first_sample(content: bytes, types: dict[str, str], topics: dict[int, str]) -> tuple[_Sample | None, int | None]:
+    topic = imu_topic(types)
+    channel = next((number for number, name in topics.items() if name == topic), None)
+    samples = _samples(content, channel)
+    return next(samples, None), channel
+
+
+def _ending(stream: IO[bytes], size: int, channel: int | None) -> tuple[_Sample | None, str]:
+    """Last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
+    stream.seek(max(0, size - _TAIL))
+    tail = stream.read()
+    at, how, judged = len(tail), "", False
+    while (at := _chunk_before(tail, at)) >= 0:
+        _, length = _HEADER.unpack_from(tail, at)
+        try:
+            samples = list(_samples(_inflate(tail[at + _HEADER.size : at + _HEADER.size + length]), channel))
+        except _MALFORMED:
+            how, judged = how or "a chunk near its end cannot be read", True
+            continue
+        if not judged:
+            how, judged = _behind(tail, at), True
+        if samples:
+            return samples[-1], how
+    return None, how
+
+
+def _chunk_before(tail: bytes, end: int) -> int:
+    """Where the last chunk begins that is whole and begins before `end`; -1 if there is none."""
+    head = _HEADER.size + _CHUNK.size - 4
+    mark = end + head
+    while (mark := tail.rfind(_ZSTD, 0, max(0, mark))) >= 0:
+        at = mark - head
+        if at >= 0 and tail[at] == Opcode.CHUNK:
+            _, length = _HEADER.unpack_from(tail, at)
+            if at < end and at + _HEADER.size + length <= len(tail):
+                return at
+        mark += len(_ZSTD) - 1
+    return -1
+
+
+def _behind(tail: bytes, at: int) -> str:
+    """What is wrong with the records from a chunk on, if it is more than that the last one is not whole."""
+    while at + _HEADER.size <= len(tail):
+        opcode, length = _HEADER.unpack_from(tail, at)
+        if opcode == Opcode.FOOTER and at + _FOOTER.size <= len(tail):
+            rest = tail[at + _FOOTER.size :]
+            return "" if MAGIC.startswith(rest) else "bytes that do not belong there follow its end"
+        if opcode not in _KNOWN:
+            return "bytes that are no record follow its last chunk"
+        at += _HEADER.size + length
+    return ""
+
+
+# -- bytes -------------------------------------------------------------------------------------------------------------
+
+
+def _records(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, offset and length of the records in bytes that hold whole ones."""
+    at = 0
+    while at + _HEADER.size <= len(content):
+        opcode, length = _HEADER.unpack_from(content, at)
+        at += _HEADER.size
+        if at + length > len(content):
+            raise McapError("a record ends before its content")
+        yield opcode, at, length
+        at += length
+
+
+def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
+    for opcode, at, length in _records(content):
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+            number, sequence, _, publish_ns = _MESSAGE.unpack_from(content, at)
+            if number == channel:
+                yield _Sample(sequence, publish_ns)
+
+
+def _inflate(content: bytes) -> bytes:
+    """A chunk record's content, checked."""
+    _, _, size, checksum, name = _CHUNK.unpack_from(content)
+    compression = content[_CHUNK.size : _CHUNK.size + name]
+    data = content[_CHUNK.size + name + 8 :]
+    if size > 16 * _LARGEST or compression not in (b"zstd", b""):
+        raise McapError("a chunk of another kind")
+    inside = zstandard.ZstdDecompressor().decompress(data, size) if compression else data
+    if checksum not in (0, zlib.crc32(inside)):
+        raise McapError("chunk checksum")
+    return inside
+
+
+def _stream(content: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(content))
+
+
+def _strings(metadata: dict[str, str]) -> dict[str, str]:
+    return {str(key): str(value) for key, value in metadata.items()}

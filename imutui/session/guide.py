@@ -1,0 +1,250 @@
+"""Guiding the operator of a turn table through a profile, segment by segment.
+
+The guide says where to go and waits, for ever if need be; it is told when the operator has arrived, holds for the
+segment's seconds, and goes on to the next. No I/O: whoever runs it passes the monotonic clock in and writes the marks,
+by which the filter joins the profile to the log ("segment 3", counted from 1; see `filters.reference.TableMotion`).
+"""
+
+import math
+from typing import Any
+
+from filters.motion import Dwell, Profile, Rate, Sampled, Segment, Sine
+
+GO, HOLD, DONE, CANCELLED = "go", "hold", "done", "cancelled"
+
+
+class Guide:
+    """One way through a profile.
+
+    Parameters
+    ----------
+    profile : Profile
+        What is to be done.
+
+    Attributes
+    ----------
+    state : str
+        "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
+    segment : int
+        The present one, from 0; after the last, the last.
+    """
+
+    def __init__(self, profile: Profile) -> None:
+        self.profile = profile
+        self.state = GO
+        self.segment = 0
+        self._hold_s = hold_seconds(profile)
+        self._begun: list[int | None] = [None] * len(profile.segments)
+        self._until_ns = 0
+
+    def do(self, what: str, now_ns: int, *, recording: bool) -> str | None:
+        """Carry out the operator's "next", "cancel" or "resume"; returns the mark to write, if there is one.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be done now, or is none of them.
+        """
+        match what:
+            case "next":
+                return self.arrive(now_ns)
+            case "cancel":
+                return self.cancel(now_ns)
+            case "resume" if not recording:
+                raise ValueError("the recording that the guide belongs to is finished; begin again")
+            case "resume":
+                self.resume()
+                return None
+        raise ValueError(f'`do` is "{what}", not one of: begin, next, cancel, resume')
+
+    @property
+    def under_way(self) -> bool:
+        """Whether it waits for the operator or holds."""
+        return self.state in (GO, HOLD)
+
+    def arrive(self, now_ns: int) -> str:
+        """Take it that the operator has arrived, and hold.
+
+        Returns
+        -------
+        str
+            The mark to write.
+
+        Raises
+        ------
+        ValueError
+            If nobody is on the way.
+        """
+        self.advance(now_ns)
+        if self.state == HOLD:
+            raise ValueError(
+                f"segment {self.segment + 1} is under way for another {self._left_s(now_ns):.0f} s; wait, or cancel"
+            )
+        self._refuse_unless_under_way()
+        self.state = HOLD
+        self._begun[self.segment] = now_ns
+        self._until_ns = now_ns + round(self._hold_s[self.segment] * 1e9)
+        return f"segment {self.segment + 1}"
+
+    def advance(self, now_ns: int) -> None:
+        """Go on to the next segment if the present one has had its time."""
+        if self.state == HOLD and now_ns >= self._until_ns:
+            self._go_on()
+
+    def cancel(self, now_ns: int) -> str | None:
+        """Stop guiding.
+
+        Returns
+        -------
+        str or None
+            The mark to write: that the segment under way has ended before its time. Without it the table would be
+            taken to rest there still.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing to cancel.
+        """
+        self.advance(now_ns)
+        self._refuse_unless_under_way()
+        was, self.state = self.state, CANCELLED
+        if was == GO:
+            return None
+        # it has not been done, so whoever resumes does it again
+        self._begun[self.segment] = None
+        return f"segment {self.segment + 1} ends"
+
+    def resume(self) -> None:
+        """Go on after a cancellation, with the first segment that has not been done.
+
+        Raises
+        ------
+        ValueError
+            If it was not cancelled.
+        """
+        if self.state != CANCELLED:
+            raise ValueError(f"the guide is not cancelled but in state {self.state}; there is nothing to resume")
+        self.state = GO
+        self._go_on()
+
+    def recording_ended(self, now_ns: int) -> None:
+        """Take note that what it guides is recorded no more: what was under way is cancelled, what is done stays so."""
+        self.advance(now_ns)
+        if self.under_way:
+            self.state = CANCELLED
+
+    def _go_on(self) -> None:
+        left = [k for k, begun in enumerate(self._begun) if begun is None]
+        self.state = GO if left else DONE
+        self.segment = left[0] if left else len(self._begun) - 1
+
+    def _refuse_unless_under_way(self) -> None:
+        if not self.under_way:
+            next_step = "resume it" if self.state == CANCELLED else "begin again in a new recording"
+            raise ValueError(f"the guide is {self.state}; {next_step}")
+
+    def _left_s(self, now_ns: int) -> float:
+        return max(0.0, (self._until_ns - now_ns) / 1e9)
+
+    def snapshot(self, now_ns: int, take_ns: int | None) -> dict[str, Any]:
+        """What viewers see.
+
+        Parameters
+        ----------
+        now_ns : int
+            Monotonic clock.
+        take_ns : int or None
+            When the take began, on the same clock, if it has.
+        """
+        self.advance(now_ns)
+        return {
+            "state": self.state,
+            "segment": self.segment,
+            "count": len(self._begun),
+            "left_s": self._left_s(now_ns) if self.state == HOLD else None,
+            "begun": [None if t is None or take_ns is None else max(0.0, (t - take_ns) / 1e9) for t in self._begun],
+        }
+
+
+def begun(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
+    """Guide through the profile of an acquisition.
+
+    Parameters
+    ----------
+    motion : object
+        What its reference needs, if anything.
+    filter_name : str
+        Its filter.
+    present : Guide or None
+        The present guide.
+    recording : bool
+        Whether something is being recorded, which then began before this guide.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to be guided through, or not now; the message says what next.
+    """
+    if not isinstance(motion, Profile):
+        raise ValueError("there is no profile to be guided through: load one as the reference first")
+    if present is not None and present.under_way:
+        raise ValueError("the guide is under way; cancel it first")
+    if present is not None and recording:
+        raise ValueError("this recording has been guided already; finish it first: r. Then begin again")
+    if filter_name != "none" and motion.align != "marks":
+        raise ValueError(
+            f'the profile has align = "{motion.align}", so the filter would follow its clock and not you; write'
+            ' align = "marks" into its file, and load it again'
+        )
+    return Guide(motion)
+
+
+def hold_seconds(profile: Profile) -> list[float]:
+    """How long each segment takes from the operator's word on, s: a dwell rests so long, a motion has its ramps too."""
+    starts = [*profile.starts.tolist(), profile.duration]
+    return [
+        segment.seconds if isinstance(segment, Dwell) else starts[k + 1] - starts[k]
+        for k, segment in enumerate(profile.segments)
+    ]
+
+
+def described(profile: Profile, name: str) -> dict[str, Any]:
+    """A profile for viewers.
+
+    Parameters
+    ----------
+    profile : Profile
+        What is to be done.
+    name : str
+        Of its file.
+
+    Returns
+    -------
+    dict
+        `name`, `align` and `segments`; each has `kind`, `text` (what to do, in words), `seconds` (from the operator's
+        word on), and `angles_deg`, `axis`, `rate_dps`, `amplitude_deg`, `hz` where they apply, else None.
+    """
+    segments = [
+        _described(segment) | {"seconds": seconds}
+        for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
+    ]
+    return {"name": name, "align": profile.align, "segments": segments}
+
+
+def _described(segment: Segment) -> dict[str, Any]:
+    nothing = dict.fromkeys(("angles_deg", "axis", "rate_dps", "amplitude_deg", "hz"))
+    match segment:
+        case Dwell(angles):
+            outer, middle, inner = (round(math.degrees(a), 6) for a in angles)
+            text = f"go to outer {outer:g}°, middle {middle:g}°, inner {inner:g}°"
+            return nothing | {"kind": "dwell", "angles_deg": [outer, middle, inner], "text": text}
+        case Rate(axis, rate):
+            dps = round(math.degrees(rate), 6)
+            text = f"turn {axis} at {dps:+g} deg/s"
+            return nothing | {"kind": "rate", "axis": axis, "rate_dps": dps, "text": text}
+        case Sine(axis, amplitude, hz):
+            degrees = round(math.degrees(amplitude), 6)
+            text = f"swing {axis} by ±{degrees:g}° at {hz:g} Hz"
+            return nothing | {"kind": "sine", "axis": axis, "amplitude_deg": degrees, "hz": hz, "text": text}
+        case Sampled():
+            return nothing | {"kind": "sampled", "text": "run the recorded motion"}

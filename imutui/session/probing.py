@@ -1,0 +1,59 @@
+"""What answers at a port, for a list of ports: the first steps of the opening dialogue and no more."""
+
+import os
+import re
+from typing import Any
+
+from imutui.instrument.port import Port, PortError, resolve
+from imutui.session import connect
+from imutui.session.connect import InstrumentError
+
+_POWER_UP_BAUD = 38400
+
+
+def probe(port: str) -> dict[str, Any]:
+    """Open a port, stop what streams, ping, ask for version and serial number; see `client.probe`."""
+    try:
+        with Port(port, _POWER_UP_BAUD) as line:
+            connect.find_speed(line, _POWER_UP_BAUD)
+            identity = connect.identify(line)
+            found = not_answered(port, None) | {
+                "answers": True,
+                "instrument": _model(identity.version),
+                "serial_number": identity.serial_number,
+                "firmware": identity.version,
+                "baud": line.baud,
+            }
+            try:
+                connect.check_model(line, identity)
+            except InstrumentError as error:
+                return found | {"error": str(error)}
+            return found
+    except (PortError, InstrumentError) as error:
+        return not_answered(port, str(error))
+
+
+def not_answered(port: str, error: str | None) -> dict[str, Any]:
+    """Record of a port where nothing answered, and why."""
+    return {
+        "port": port,
+        "answers": False,
+        "instrument": "",
+        "serial_number": "",
+        "firmware": "",
+        "baud": None,
+        "error": error,
+    }
+
+
+def same_port(one: str, other: str) -> bool:
+    """Whether two names mean the same line."""
+    if "://" in one or "://" in other:
+        return one == other
+    return os.path.realpath(resolve(one)) == os.path.realpath(resolve(other))
+
+
+def _model(version: str) -> str:
+    """Model in a version text such as "IMU400CD-200 1.07"; that of the unit we know if it names none."""
+    named = re.match(r"[A-Z]{2,}[ -]?\d+[A-Z]*(-\d+)?", version.strip(), re.IGNORECASE)
+    return named[0] if named else "IMU400CD-200"

@@ -1,0 +1,65 @@
+"""A recording in parts: when a file is full, and what the next one is called.
+
+No packet is lost at the joint, and none is in two files. The filter begins anew with each file, so that a replay of any
+one of them repeats its live result without the others.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+_MB = 1_000_000
+_LEAST_S = 1.0
+
+
+@dataclass(slots=True)
+class Parts:
+    """The files of one recording.
+
+    Attributes
+    ----------
+    first : Path
+        The first file.
+    minutes, mb : float
+        After how much a file is full; 0 for never.
+    number : int
+        Of the present file, from 1.
+    began_ns : int or None
+        When the first packet of the first file was sampled, monotonic.
+    done : list of dict
+        Of each finished file: `log` and `converged`, which is true where no filter ran.
+    """
+
+    first: Path
+    minutes: float
+    mb: float
+    number: int = 1
+    began_ns: int | None = None
+    done: list[dict[str, Any]] = field(default_factory=list)
+
+    def full(self, seconds: float, size: int) -> bool:
+        """Whether the present file has had its time or size; never before it is a second long.
+
+        Parameters
+        ----------
+        seconds : float
+            Of the file, by a clock that nobody sets.
+        size : int
+            Bytes of it on the disk.
+        """
+        if seconds < _LEAST_S:
+            return False
+        return 0.0 < self.minutes * 60.0 <= seconds or 0.0 < self.mb * _MB <= size
+
+    def next_path(self) -> Path:
+        """Name of the next file, which does not exist yet: that of the first, and which part it is."""
+        stem = f"{self.first.stem}_p{self.number + 1}"
+        path, number = self.first.with_name(f"{stem}{self.first.suffix}"), 2
+        while path.exists():
+            path, number = self.first.with_name(f"{stem}_{number}{self.first.suffix}"), number + 1
+        return path
+
+    def finished(self, result: dict[str, Any]) -> dict[str, Any]:
+        """Take the result of the present file; returned with all parts so far where there are several."""
+        self.done.append({"log": result["log"], "converged": bool(result.get("converged", True))})
+        return result if len(self.done) < 2 else result | {"parts": list(self.done)}

@@ -1,0 +1,42 @@
+"""Pictures of the screen: SVG files of their own name, beside the recordings."""
+
+import itertools
+import time
+from pathlib import Path
+
+
+def save(svg: str, folder: Path, page: str) -> Path:
+    """Write a picture under a name that no file has yet; in the working folder if `folder` takes none.
+
+    Parameters
+    ----------
+    svg : str
+        The picture.
+    folder : Path
+        Where recordings go; made if absent.
+    page : str
+        Which page it shows, for its name.
+
+    Raises
+    ------
+    OSError
+        If neither folder takes a file.
+    """
+    stem = "_".join(part for part in ("imutui", page, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())) if part)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return _write(svg, folder, stem)
+    except OSError:
+        return _write(svg, Path.cwd(), stem)
+
+
+def _write(svg: str, folder: Path, stem: str) -> Path:
+    for number in itertools.count(1):
+        path = folder / (f"{stem}.svg" if number == 1 else f"{stem}_{number}.svg")
+        try:
+            with path.open("x", encoding="utf-8") as stream:
+                stream.write(svg)
+        except FileExistsError:
+            continue
+        return path
+    raise AssertionError

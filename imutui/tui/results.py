@@ -1,0 +1,215 @@
+"""Results of jobs as text for a page. Pure functions."""
+
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from textual.content import Content
+
+from imutui.report import sentences
+from imutui.tui import text, words
+
+_LIMITS = {"deg/s": 1.0, "mg": 12.0}
+_KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
+_GAPS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a job came to.
+
+    Attributes
+    ----------
+    kind : str
+        "trace", "replay", "info", "check" or "recover".
+    title : str
+        What it is of.
+    log : Path
+        Beside which files are written.
+    document : object
+        JSON-ready.
+    text : callable
+        Its text at a width.
+    effects, experiment : str
+        TOML of a trace's effects, and of the motion that would separate its causes; empty if there is none.
+    included : tuple of str
+        Names of the effects.
+    """
+
+    kind: str
+    title: str
+    log: Path
+    document: Any
+    text: Callable[[int], str]
+    effects: str = ""
+    experiment: str = ""
+    included: tuple[str, ...] = ()
+
+
+def styled(body: str) -> Content:
+    """Text with its headings bold: lines after an empty one that are no sentences, and what is in capitals."""
+    lines = body.split("\n")
+    made = []
+    for number, line in enumerate(lines):
+        first = number == 0 or not lines[number - 1]
+        heading = first and line and not line[0].isspace() and not line.startswith(sentences.CHANNELS)
+        loud = line.lstrip().startswith(("NOT ", "ALARM", "CANNOT"))
+        made.append(Content.styled(line, "bold" if heading or loud else ""))
+    return Content("\n").join(made)
+
+
+def traced(result: Any) -> Callable[[int], str]:
+    """Text of a trace at a width, with what is wrong with its files first."""
+
+    def at(width: int) -> str:
+        damage = "".join(f"{sentence}\n" for sentence in result.damage)
+        return damage + sentences.text(result.document, result.source, width)
+
+    return at
+
+
+def replayed(d: Mapping[str, Any]) -> str:
+    """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost."""
+    verdict = "converged" if d["converged"] else "NOT converged"
+    rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
+    size = f"{text.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
+    lines = [
+        f"{verdict}: {d['log']}",
+        f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
+        *([f"unfinished or damaged: {d['damage']}"] if "damage" in d else []),
+        "",
+        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {'Table 1':>8} {'of limit':>9}   converged",
+    ]
+    for kind, key, unit in (("gyro", "gyro_bias_dps", "deg/s"), ("accel", "accel_bias_mg", "mg")):
+        for i, axis in enumerate("xyz"):
+            value, sd = d["final"][key][i], d["sd"][key][i]
+            lines.append(_bias(f"{axis} {kind}", value, sd, unit, d["converged_s"][f"{kind}_bias"][i]))
+    return "\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)])
+
+
+def _bias(name: str, value: float | None, sd: float | None, unit: str, since: float | None) -> str:
+    if value is None or sd is None:
+        return f"{name:<8} {text.NOTHING:>9} {text.NOTHING:>8} {unit:<6}  not observable with this reference"
+    decimals, limit = text.BIAS_DECIMALS[unit], _LIMITS[unit]
+    when = f"at {since:.1f} s" if since is not None else "not yet"
+    share = f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
+    return (
+        f"{name:<8} {text.number(value, 9, decimals)} {text.number(3.0 * sd, 8, decimals)} {unit:<6}"
+        f"  {f'±{limit:g}':>8} {share:>9}   {when}"
+    )
+
+
+def _filtered(d: Mapping[str, Any]) -> list[str]:
+    nis, noise = d["nis"], d["noise"]
+    lines = ["Filter"]
+    if nis["mean"] is not None:
+        low, high = nis["band95"]
+        band = f", band {low:.3f} to {high:.3f}" if nis["is_test"] else ""
+        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}{band}: {words.nis_meaning(nis)}")
+    if noise["gyro_arw_deg_sqrt_h"][0] is not None:
+        lines.append(f"  noise of this log: gyro {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
+        lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")
+    lines += [f"  effect {e['name']}: {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd, SI)" for e in d.get("effects", [])]
+    if d.get("times_real_time"):
+        lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
+    return lines
+
+
+def _data(d: Mapping[str, Any]) -> list[str]:
+    gaps = d["gaps"]
+    lines = [
+        "Data",
+        f"  {text.plural(d['lost_packets'], 'packet')} lost, {text.plural(d['bad_checksums'], 'bad checksum')},"
+        f" {text.plural(len(gaps), 'gap')}, {text.plural(d['rejected'], 'outlier')} left out",
+    ]
+    longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_GAPS]
+    lines += [f"  gap of {gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest]
+    if len(gaps) > _GAPS:
+        lines.append(f"  and {len(gaps) - _GAPS} shorter gaps")
+    return lines
+
+
+def _warnings(d: Mapping[str, Any]) -> list[str]:
+    told = [f"ALARM: {alarm}" for alarm in d["alarms"]]
+    told += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d.get("confounded", [])]
+    return ["", *told] if told else []
+
+
+def _triple(values: list[float]) -> str:
+    return " ".join(f"{value:7.3f}" for value in values)
+
+
+def checked(d: Mapping[str, Any]) -> str:
+    """A check's result: whether it is sound; what is not, where, and what to do."""
+    findings = d["findings"]
+    lines = [
+        f"sound: {d['log']}" if d["fine"] else f"NOT sound, {text.plural(len(findings), 'finding')}: {d['log']}",
+        f"{d['state']}, {text.size(d['bytes'])}, {text.plural(d['messages'], 'message')},"
+        f" {text.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s",
+    ]
+    for finding in findings:
+        lines += ["", finding["what"], f"  {finding['where']}", f"  {finding['next']}"]
+    if d["notes"]:
+        lines += ["", "Worth a word", *(f"  {note}" for note in d["notes"])]
+    topics = [f"  {topic:<24} {count:>9}" for topic, count in d["topics"].items()]
+    return "\n".join([*lines, "", "Messages", *topics, "", f"SHA-256 {d['log_sha256']}"])
+
+
+def recovered(d: Mapping[str, Any]) -> str:
+    """A recovery's result: the new file, what is in it, what was lost."""
+    whole = "nothing is lost but an unfinished end" if d["complete"] else "NOT all could be kept"
+    lines = [
+        f"written: {d['output']}",
+        f"from {d['log']}",
+        f"{text.plural(d['samples'], 'sample')}, {text.plural(d['messages'], 'message')}, {d['duration_s']:.1f} s:"
+        f" {whole}",
+    ]
+    if d["sentences"]:
+        lines += ["", "Lost", *(f"  {sentence}" for sentence in d["sentences"])]
+    return "\n".join(lines)
+
+
+_OF_THE_FILE = ("version", "log")
+
+
+def informed(d: Mapping[str, Any]) -> str:
+    """All that is in a log."""
+    return f"{d['log']}\n\n" + plainly({key: value for key, value in d.items() if key not in _OF_THE_FILE})
+
+
+def wrapped(body: str, width: int) -> str:
+    """Lines of at most so many characters, the rest of each below it and as far in."""
+    out = []
+    for line in body.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        out += textwrap.wrap(line, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
+    return "\n".join(out)
+
+
+def plainly(document: Any, indent: str = "") -> str:
+    """Any document as "name: value" lines, tables indented."""
+    lines: list[str] = []
+    for key, value in document.items():
+        name = str(key).replace("_", " ")
+        if isinstance(value, Mapping) and value:
+            lines += [f"{indent}{name}", plainly(value, indent + "  ")]
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            lines.append(f"{indent}{name}")
+            lines += [f"{indent}  " + ", ".join(f"{k} {_scalar(v)}" for k, v in entry.items()) for entry in value]
+        elif isinstance(value, list) and value and isinstance(value[0], str):
+            lines += [f"{indent}{name}", *(f"{indent}  {entry}" for entry in value)]
+        elif value not in (None, "", [], {}):
+            lines.append(f"{indent}{name}: {_scalar(value)}")
+    return "\n".join(lines)
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return " ".join(_scalar(v) for v in value)
+    if value is None:
+        return text.NOTHING
+    return {"True": "yes", "False": "no"}.get(str(value), str(value))

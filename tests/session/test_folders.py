@@ -1,0 +1,68 @@
+"""Where acquisitions are looked for: shells of one user on one machine need not have the same environment."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from imutui.session import wire
+from imutui.session.wire import Taken
+
+
+@pytest.fixture
+def other(home: Path) -> Path:
+    """A second runtime folder, as another shell may have it."""
+    made = home / "other"
+    made.mkdir(mode=0o700)
+    return made
+
+
+def runtime(patch: pytest.MonkeyPatch, folder: Path | None) -> None:
+    """Be in a shell with this XDG_RUNTIME_DIR, or with none."""
+    if folder is None:
+        patch.delenv("XDG_RUNTIME_DIR", raising=False)
+    else:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+
+
+@pytest.mark.parametrize(("ours", "theirs"), [("run", None), (None, "run"), ("run", "other"), ("other", "run")])
+def test_a_name_taken_in_one_environment_is_seen_in_every_other(
+    home: Path, other: Path, monkeypatch: pytest.MonkeyPatch, ours: str | None, theirs: str | None
+) -> None:
+    """With XDG_RUNTIME_DIR, without it, and with another one: one list of names, one socket, no name twice."""
+    runtime(monkeypatch, home / ours if ours else None)
+    descriptor = wire.lock("table")
+    here = wire.socket_path("table")
+    try:
+        runtime(monkeypatch, home / theirs if theirs else None)
+        assert wire.names() == ["table"]
+        assert wire.socket_path("table") == here
+        assert here.parent != wire.folder()
+        with pytest.raises(Taken):
+            wire.lock("table")
+    finally:
+        os.close(descriptor)
+    assert wire.names() == []
+    assert wire.socket_path("table").parent == wire.folder()
+
+
+def test_links_to_folders_that_went_away_are_cleared(home: Path, other: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A runtime folder ends with the log-in; its link goes when the next name is taken."""
+    runtime(monkeypatch, other)
+    os.close(wire.lock("first"))
+    for left in (other / "imutui").iterdir():
+        left.unlink()
+    (other / "imutui").rmdir()
+    runtime(monkeypatch, home / "run")
+    os.close(wire.lock("second"))
+    assert wire.folders() == [home / "run" / "imutui", home / "cache" / "imutui" / "run"]
+    assert [link.resolve() for link in (home / "cache" / "imutui" / "run").iterdir()] == [home / "run" / "imutui"]
+
+
+def test_a_cache_that_cannot_be_written_costs_only_the_link(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a runtime folder of its own, an acquisition needs no cache."""
+    (home / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home / "file"))
+    descriptor = wire.lock("alone")
+    assert wire.names() == ["alone"]
+    os.close(descriptor)
