@@ -15,7 +15,6 @@ import json
 import os
 import pty
 import select
-import shutil
 import statistics
 import struct
 import subprocess
@@ -158,24 +157,18 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
 
 
 def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | None:
-    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd.
+    """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd."""
+    from ssh_link import Link, missing
 
-    A key and a daemon of our own, on a port of our own, for this user and this run only. Counted are bytes on the
-    client's socket, by a relay between both.
-    """
-    from screen_ssh import Server
-
-    sshd = shutil.which("sshd") or "/usr/sbin/sshd"
-    if shutil.which("ssh") is None or not Path(sshd).exists():
+    if missing():
         return None
-    with tempfile.TemporaryDirectory() as folder, Server(Path(folder), sshd) as server:
-        result = Path(folder) / "result.json"
-        remote = f"env {' '.join(f'{k}={v}' for k, v in ENVIRONMENT.items())} XDG_RUNTIME_DIR={os.environ.get('XDG_RUNTIME_DIR', '')} {sys.executable} {CHILD} screen {mode} {seconds} {result} {NAME}"
-        in_terminal(server.command(remote), size)
+    with Link() as link:
+        result = link.folder / "result.json"
+        in_terminal(link.command([sys.executable, CHILD, "screen", mode, str(seconds), str(result), NAME]), size)
         if not result.exists():
             return None
         found = json.loads(result.read_text())
-        return server.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
+        return link.bytes_between(found["from"], found["to"]) / found["seconds"] / 1e3
 
 
 def first_paint(command: list[str], sign: bytes, repeat: int) -> list[float]:

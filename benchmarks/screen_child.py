@@ -18,9 +18,11 @@ from textual.app import App, ComposeResult
 from textual.widget import Widget
 
 from imutui.session import client as session
+from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
+from imutui.tui.feed import Feed
 from imutui.tui.link import View
-from imutui.tui.pace import Pace
+from imutui.tui.look import Look
 from imutui.tui.painter import Painter
 from imutui.tui.screens import SCREENS, LivePage
 from imutui.tui.series import Series
@@ -28,7 +30,7 @@ from imutui.tui.terminal import measured
 from imutui.tui.widgets.plot import Plot
 
 FPS, RATE_HZ, POINTS = 10.0, 133.0, 665
-SPAN_S = POINTS / RATE_HZ
+SPAN_S = 5.0
 WARM_UP_S = 4.0
 PANELS = (("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3)), ("accel, mg", ("ax", "ay", "az"), slice(3, 6)))
 MEANS = np.array([0.35, -0.47, -0.27, -6.1, -0.4, 1001.0, 25.0])
@@ -74,8 +76,8 @@ class Panels(App[None]):
     CSS = "Plot, PlotextPlot { height: 1fr; }"
 
     def __init__(self, mode: str, peer: bool, seconds: float, result: Path) -> None:
-        super().__init__()
         self._mode, self._peer, self._seconds, self._result = mode, peer, seconds, result
+        super().__init__()
         self._painter = Painter()
         self._series = Series(7)
         self._noise = np.random.default_rng(1).standard_normal((8192, 7))
@@ -156,28 +158,29 @@ class PeerPage(LivePage):
                 panel.replot_with(view.series)
 
 
+class Whole(ImutuiApp):
+    """The application, which leaves when its account is closed."""
+
+    CSS_PATH = Path(application.__file__).with_name("app.tcss")
+    account: Account
+
+    def on_feed_arrived(self, message: Feed.Arrived) -> None:
+        """Draw as the application does, and count."""
+        super().on_feed_arrived(message)
+        message.prevent_default()  # Textual would call the application's own handler as well
+        if isinstance(self.page, LivePage):
+            self.page._span = SPAN_S
+        self.account.frame(self._pulse.take_age())
+
+
 def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str) -> None:
     """The application on a running acquisition, its live page in front."""
     if peer:
         PeerPage.marker, mode = mode, "scroll"
-        SCREENS["live"] = PeerPage
-        ImutuiApp.MODES = dict(SCREENS)
-    app = ImutuiApp(session.attach(name), pace=Pace(mode, FPS))
-    account: Account | None = None
-    arrived = app.on_feed_arrived
-
-    def frame(message: Any) -> None:
-        nonlocal account
-        arrived(message)
-        if account is None:
-            account = Account(seconds, result, lambda: app.exit(0))
-            for page in app.screen_stack:
-                if isinstance(page, LivePage):
-                    page._span = 5.0
-        account.frame(app._pulse.take_age())
-
-    app.on_feed_arrived = frame  # type: ignore[method-assign]
-    if peer:  # its driver and its updates are Textual's own
+        Whole.MODES = dict(SCREENS) | {"live": PeerPage}
+    app = Whole(session.attach(name), look=Look(plot=mode, fps=FPS))
+    app.account = Account(seconds, result, lambda: app.exit(0))
+    if peer:  # its updates are Textual's own
         app._painter.exact = lambda update: update  # type: ignore[method-assign]
     app.run()
 

@@ -3,9 +3,11 @@
 A key such as `paths.logs` is `[paths] logs = …` in a file and `IMUTUI_PATHS_LOGS` in the environment.
 """
 
+import difflib
+import math
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,32 @@ DEFAULTS: dict[str, Value] = {
     "screen.theme": "",
 }
 
+ALLOWED: dict[str, tuple[Value, ...]] = {
+    "instrument.accel_sign": (-1, 1),
+    "acquisition.sampling": ("stream", "polled"),
+    "filter.name": ("spkf", "spkf-paper", "ekf", "none"),
+    "filter.measurements": ("exact", "drawn"),
+    "filter.noise": ("table1", "log"),
+    "screen.plot": ("auto", "scroll", "sweep", "numbers"),
+    "screen.glyphs": ("auto", "braille", "block", "ascii"),
+}
+"""Settings that are one of a few values."""
+
+LEAST: dict[str, float] = {
+    "acquisition.rotate_minutes": 0.0,
+    "acquisition.rotate_mb": 0.0,
+    "site.gravity_mps2": 0.0,
+    "filter.seed": 0,
+    "screen.fps": 0.0,
+}
+"""Numbers that have a smallest value; what else they may be is known where they are used."""
+
+
+FILE = "imutui.toml"
+_PREFIX = "IMUTUI_"
+_VARIABLES = {_PREFIX + key.upper().replace(".", "_"): key for key in DEFAULTS}
+_SECTIONS = tuple({_PREFIX + key.split(".")[0].upper() + "_" for key in DEFAULTS})
+
 
 class ConfigError(Exception):
     """A setting is not what it should be; the message says which, where, and what it may be."""
@@ -62,6 +90,14 @@ class Setting:
     source: str
 
 
+@dataclass(frozen=True, slots=True)
+class File:
+    """A place where settings are looked for, and whether there was a file."""
+
+    path: Path
+    read: bool
+
+
 class Config:
     """Effective settings.
 
@@ -71,11 +107,14 @@ class Config:
         Key to `Setting`.
     warnings : list of str
         Unknown keys in files: said, not refused, since the file may serve another version.
+    files : tuple of File
+        Where settings were looked for, the one that wins last.
     """
 
-    def __init__(self, settings: dict[str, Setting], warnings: list[str]) -> None:
+    def __init__(self, settings: dict[str, Setting], warnings: list[str], files: tuple[File, ...] = ()) -> None:
         self.settings = settings
         self.warnings = warnings
+        self.files = files
 
     def text(self, key: str) -> str:
         """Value of a text setting."""
@@ -101,7 +140,7 @@ class Config:
         for key, value in flags.items():
             if value is not None:
                 settings[key] = Setting(_fit(key, value, "command line"), "command line")
-        return Config(settings, self.warnings)
+        return Config(settings, self.warnings, self.files)
 
 
 def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None) -> Config:
@@ -121,17 +160,22 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
     """
     settings = {key: Setting(value, "default") for key, value in DEFAULTS.items()}
     warnings: list[str] = []
-    for path in (Path(platformdirs.user_config_dir("imutui")) / "imutui.toml", (folder or Path()) / "imutui.toml"):
-        for key, value in _file(path).items():
+    files: list[File] = []
+    for path in (Path(platformdirs.user_config_dir("imutui")) / FILE, (folder or Path.cwd()) / FILE):
+        values = _file(path)
+        files.append(File(path, values is not None))
+        for key, value in (values or {}).items():
             if key in DEFAULTS:
                 settings[key] = Setting(_fit(key, value, str(path)), str(path))
             else:
-                warnings.append(f"{path}: unknown setting `{key}`")
-    for key in DEFAULTS:
-        name = "IMUTUI_" + key.upper().replace(".", "_")
+                warnings.append(f"{path}: unknown setting `{key}`{_meant(key)}")
+    for name in environment:
+        if name.startswith(_SECTIONS) and name not in _VARIABLES:
+            warnings.append(f"environment: unknown setting {name}{_meant_variable(name)}")
+    for name, key in _VARIABLES.items():
         if name in environment:
             settings[key] = Setting(_fit(key, environment[name], name), name)
-    return Config(settings, warnings)
+    return Config(settings, warnings, tuple(files))
 
 
 def parse_pairs(pairs: list[str]) -> dict[str, Value]:
@@ -151,28 +195,67 @@ def parse_pairs(pairs: list[str]) -> dict[str, Value]:
     return out
 
 
-def _file(path: Path) -> dict[str, Any]:
+def _file(path: Path) -> dict[str, Any] | None:
+    """Keys and values of a file; None if there is none."""
     try:
         with path.open("rb") as stream:
             tree = tomllib.load(stream)
     except FileNotFoundError:
-        return {}
+        return None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
-    return {
-        f"{section}.{key}": value
-        for section, values in tree.items()
-        for key, value in (values.items() if isinstance(values, dict) else [("", values)])
-    }
+    out: dict[str, Any] = {}
+    for section, values in tree.items():
+        if isinstance(values, dict):
+            out |= {f"{section}.{key}": value for key, value in values.items()}
+        else:
+            out[section] = values
+    return out
 
 
 def _fit(key: str, value: Any, source: str) -> Value:
     if key not in DEFAULTS:
-        raise ConfigError(f"{source}: unknown setting `{key}`; known: {', '.join(DEFAULTS)}")
+        raise ConfigError(f"{source}: unknown setting `{key}`{_meant(key)}; known: {', '.join(DEFAULTS)}")
     kind = type(DEFAULTS[key])
     try:
-        return kind(value)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f'{source}: `{key}` is "{value}", not a {kind.__name__}') from error
+        fitted = _as(kind, value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConfigError(f'{source}: `{key}` is "{value}", not {_KINDS[kind]}') from error
+    if key in ALLOWED and fitted not in ALLOWED[key]:
+        raise ConfigError(f'{source}: `{key}` is "{value}", not one of: {", ".join(map(str, ALLOWED[key]))}')
+    if key in LEAST and float(fitted) < LEAST[key]:
+        raise ConfigError(f'{source}: `{key}` is "{value}"; it must be {LEAST[key]:g} or more')
+    return fitted
+
+
+_KINDS = {str: "a text", int: "a whole number", float: "a number"}
+
+
+def _as(kind: type, value: Any) -> Value:
+    """A value as a text, a whole number or a number; ValueError if it is none."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(value)
+    if kind is str:
+        return str(value)  # a table's number is a name too
+    if kind is int and isinstance(value, str | int):
+        return int(value)
+    number = float(value)
+    if not math.isfinite(number) or (kind is int and not number.is_integer()):
+        raise ValueError(value)
+    return int(number) if kind is int else number
+
+
+def _meant(key: str) -> str:
+    """What an unknown key may have been meant for."""
+    return _nearest(key, DEFAULTS)
+
+
+def _meant_variable(name: str) -> str:
+    return _nearest(name, _VARIABLES)
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(word, list(known), 1, 0.8)
+    return f"; did you mean `{near[0]}`?" if near else ""

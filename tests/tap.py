@@ -1,4 +1,4 @@
-"""What a virtual instrument sent, from the file that `imutui virtual --tap` wrote: the other end's truth for a recording."""
+"""What a virtual instrument sent, from the file that `imutui virtual --tap` wrote: the truth about a recording."""
 
 import struct
 from pathlib import Path

@@ -10,11 +10,29 @@ from typing import Annotated
 
 import typer
 
-from imutui.cli import attach, config, demo, import_, mark, profile, record, replay, status, stop, trace, virtual
+from imutui.cli import (
+    attach,
+    check,
+    config,
+    demo,
+    devices,
+    import_,
+    info,
+    mark,
+    profile,
+    record,
+    recover,
+    replay,
+    status,
+    stop,
+    trace,
+    virtual,
+)
 from imutui.cli.outcome import handled
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo.command,
+    "devices": devices.command,
     "record": record.command,
     "attach": attach.command,
     "status": status.command,
@@ -22,6 +40,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "stop": stop.command,
     "virtual": virtual.command,
     "import": import_.command,
+    "info": info.command,
+    "check": check.command,
+    "recover": recover.command,
     "replay": replay.command,
     "trace": trace.command,
     "profile": profile.command,

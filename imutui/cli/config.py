@@ -1,18 +1,22 @@
 """`imutui config`."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imutui.cli.options import Json
 
+if TYPE_CHECKING:
+    from imutui.config import Config, Value
+
 
 def command(
     show: Annotated[bool, typer.Option("--show", help="Print every setting (the default).")] = True, json: Json = False
 ) -> None:
-    """Print each effective setting with its source.
+    """Print each effective setting with its source, and where files are looked for.
 
     Flags win over the environment (IMUTUI_PATHS_LOGS for paths.logs), ./imutui.toml, the user's file, and defaults.
+    What is printed can be pasted into such a file.
 
     Example: imutui config --show
     """
@@ -24,7 +28,32 @@ def command(
     for warning in loaded.warnings:
         say(f"imutui: {warning}")
     if json:
-        print(dumps({key: {"value": s.value, "source": s.source} for key, s in loaded.settings.items()}))
+        settings = {key: {"value": s.value, "source": s.source} for key, s in loaded.settings.items()}
+        files = [{"path": str(file.path), "read": file.read} for file in loaded.files]
+        print(dumps(settings | {"files": files}))
     elif show:
-        for key, s in loaded.settings.items():
-            print(f"{key} = {s.value!r:30}  # {s.source}")
+        print(_text(loaded))
+
+
+def _text(loaded: "Config") -> str:
+    """Settings as TOML, in columns, each with its source and what else it may be."""
+    from imutui.config import ALLOWED
+
+    lines = ["# looked for, the last one wins; then the environment, then flags:"]
+    lines += [f"#   {file.path} ({'read' if file.read else 'not there'})" for file in loaded.files]
+    shown = {key: _toml(setting.value) for key, setting in loaded.settings.items()}
+    wide, wider = max(map(len, shown)), max(map(len, shown.values()))
+    section = ""
+    for key, value in shown.items():
+        if key.split(".")[0] != section:
+            section = key.split(".")[0]
+            lines.append("")
+        choice = f"; one of {', '.join(map(str, ALLOWED[key]))}" if key in ALLOWED else ""
+        lines.append(f"{key:<{wide}} = {value:<{min(wider, 24)}}  # {loaded.settings[key].source}{choice}")
+    return "\n".join(lines)
+
+
+def _toml(value: "Value") -> str:
+    import json
+
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

@@ -113,7 +113,8 @@ def _tell(log: Path, document: dict[str, Any]) -> None:
     from imutui.cli.outcome import say
 
     if "damage" in document:
-        say(f"imutui: {log}: {document['damage']}. Read up to {document['duration_s']:.1f} s; all before that is used.")
+        upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
+        say(f"imutui: {log}: {document['damage']}. {upto} `imutui recover` makes a whole file of what can be read.")
     for alarm in document["alarms"]:
         say(f"imutui: alarm: {alarm}")
     for sentence in document["confounded"]:

@@ -169,7 +169,9 @@ def _lost(found: Scan, kept: Kept) -> list[str]:
     told = damage.sentences(found, _start(found))
     messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)
     if messages:
-        told.append(f"{plural(messages, 'message')} are lost, {plural(samples or 0, 'sample')} among them.")
+        counted = found.index is not None and found.index.statistics is not None
+        sure = "" if counted else "By their numbers at least "
+        told.append(f"{sure}{plural(messages, 'message')} are lost, {plural(samples or 0, 'sample')} among them.")
     if kept.homeless:
         told.append(f"{plural(kept.homeless, 'message')} were left out: nothing says any more what they are.")
     if kept.assumed:

@@ -147,8 +147,10 @@ def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     stream.seek(found.bytes - tail)
     end = stream.read(tail)
     opcode, length, start, _, checksum = _FOOTER.unpack_from(end)
-    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or length != _FOOTER.size - _HEADER.size:
+    if not end.endswith(MAGIC):
         return False
+    if opcode != Opcode.FOOTER or length != _FOOTER.size - _HEADER.size:
+        raise McapError("no footer")
     if start == 0:
         found.why = "it has no summary"
         return False

@@ -77,7 +77,6 @@ class Engine:
         self.marks: deque[Mark] = deque(maxlen=_MARKS)
         self.guide: guide.Guide | None = None
         self.room, self.growth = Room(), Growth()
-        self.last_packet_ns = self.started_ns
         self.timebase = Timebase(_utc_minus_monotonic_ns())
         self.ended = threading.Event()
         self.streaming = threading.Event()
@@ -98,6 +97,11 @@ class Engine:
         self._zeroing: Future[str] | None = None
         self._disk_error: OSError | None = None
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
+
+    @property
+    def last_packet_ns(self) -> int:
+        """When the last packet was read, whether or not it has been used yet, monotonic."""
+        return self._reader.heard_ns
 
     @property
     def zeroing(self) -> bool:
@@ -331,7 +335,6 @@ class Engine:
         elif self._is_full(arrival.host_ns):
             self._rotate()
         stamp = self._clock.stamp(packet.ticks, arrival.host_ns, contiguous=arrival.contiguous)
-        self.last_packet_ns = arrival.host_ns
         self._seen = arrival.bad_checksums, arrival.discarded_bytes
         self.take.tally.bad_checksums = self._seen[0] - self._base[0]
         self.take.tally.discarded_bytes = self._seen[1] - self._base[1]
@@ -358,7 +361,7 @@ class Engine:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
         before = self.live.rates_dps()
         self._clock.interrupt()
-        self.last_packet_ns = time.monotonic_ns()
+        self.live.interrupt()
         self._new_take(None, self.info)
         done, self._zeroing = self._zeroing, None
         failed = item.seconds is None

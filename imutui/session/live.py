@@ -29,9 +29,23 @@ class LiveView:
         self._values = np.zeros((_CAPACITY, 7))
         self._counts = np.zeros(7, int)
         self.count = 0
+        self._stretch = 0
+        self._interrupted = False
+
+    def interrupt(self) -> None:
+        """Take note that the next packets do not belong with those before: statistics begin anew with them."""
+        self._interrupted = True
+
+    def _recent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times and values that statistics are made of: the last 10 s, as far as they belong together."""
+        t, values = self._last(self.count - self._stretch)
+        recent = t >= (t[-1] if t.size else 0.0) - STATISTICS_S
+        return t[recent], values[recent]
 
     def add(self, t: float, packet: Packet) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
+        if self._interrupted:
+            self._stretch, self._interrupted = self.count, False
         slot = self.count % _CAPACITY
         self._t[slot] = t
         values = self._values[slot]
@@ -48,10 +62,9 @@ class LiveView:
 
     def channels(self) -> list[dict[str, Any]]:
         """Newest counts and value of each channel, and mean, sd, least and largest over the last 10 s."""
-        if not self.count:
+        _, recent = self._recent()
+        if not len(recent):
             return []
-        t, values = self._last(_CAPACITY)
-        recent = values[t >= t[-1] - STATISTICS_S]
         mean = recent.mean(axis=0)
         sd = recent.std(axis=0, ddof=1) if len(recent) > 1 else np.full(7, np.nan)
         low, high = recent.min(axis=0), recent.max(axis=0)
@@ -59,7 +72,7 @@ class LiveView:
             {
                 "name": name,
                 "counts": int(self._counts[i]),
-                "value": float(values[-1, i]),
+                "value": float(recent[-1, i]),
                 "unit": unit,
                 "mean": float(mean[i]),
                 "sd": float(sd[i]) if np.isfinite(sd[i]) else None,
@@ -71,14 +84,13 @@ class LiveView:
 
     def rates_dps(self) -> np.ndarray | None:
         """Mean of the rate sensors over the last 10 s, deg/s, shape (3,); None without packets."""
-        t, values = self._last(_CAPACITY)
-        return np.asarray(values[t >= t[-1] - STATISTICS_S, :3].mean(axis=0)) if t.size else None
+        _, recent = self._recent()
+        return np.asarray(recent[:, :3].mean(axis=0)) if len(recent) else None
 
     def rate_hz(self) -> float | None:
         """Packets a second over the last 10 s."""
-        t, _ = self._last(_CAPACITY)
-        recent = t[t >= t[-1] - STATISTICS_S] if t.size else t
-        return float((recent.size - 1) / (recent[-1] - recent[0])) if recent.size > 2 else None
+        t, _ = self._recent()
+        return float((t.size - 1) / (t[-1] - t[0])) if t.size > 2 else None
 
     def series(self, since: int) -> dict[str, Any]:
         """Packets from number `since` on, at most the last 30 s."""

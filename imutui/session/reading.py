@@ -72,10 +72,16 @@ class Reader:
         Requests a second; None to have the unit stream.
     hand_on : callable
         Takes what there is to hand on; called in the reader's thread.
+
+    Attributes
+    ----------
+    heard_ns : int
+        When the last packet was read, or the last pause of packets was over, monotonic.
     """
 
     def __init__(self, port: Port, poll_hz: float | None, hand_on: Callable[[Item], None]) -> None:
         self.stopping = threading.Event()
+        self.heard_ns = time.monotonic_ns()
         self._port = port
         self._poll_hz = poll_hz
         self._hand_on = hand_on
@@ -166,6 +172,7 @@ class Reader:
         return None, time.monotonic_ns()
 
     def _arrived(self, packet: Packet, host_ns: int, decoder: Decoder, *, contiguous: bool) -> None:
+        self.heard_ns = host_ns
         bad = self._bad_checksums + decoder.bad_checksums
         discarded = self._discarded_bytes + decoder.discarded_bytes
         self._hand_on(Arrival(packet, host_ns, contiguous, bad, discarded))
@@ -188,5 +195,6 @@ class Reader:
         # a unit that still averages is deaf; and nobody says whether it remembers its mode
         while not self.stopping.is_set() and not connect.set_scaled(self._port):
             connect.stop_stream(self._port)
+        self.heard_ns = time.monotonic_ns()
         if seconds is not None:
             self._hand_on(Zeroed(argument, seconds))

@@ -27,7 +27,7 @@ class Parts:
     began_ns : int or None
         When the first packet of the first file was sampled, monotonic.
     done : list of dict
-        Of each finished file: `log` and `converged`.
+        Of each finished file: `log` and `converged`, which is true where no filter ran.
     """
 
     first: Path
@@ -61,5 +61,5 @@ class Parts:
 
     def finished(self, result: dict[str, Any]) -> dict[str, Any]:
         """Take the result of the present file; returned with all parts so far where there are several."""
-        self.done.append({"log": result["log"], "converged": bool(result.get("converged", False))})
+        self.done.append({"log": result["log"], "converged": bool(result.get("converged", True))})
         return result if len(self.done) < 2 else result | {"parts": list(self.done)}

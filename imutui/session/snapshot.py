@@ -54,12 +54,16 @@ class Acquisition(Protocol):
     live: LiveView
     timebase: Timebase
     started_ns: int
-    last_packet_ns: int
     motion: Profile | Trajectory | None
     guide: Guide | None
     parts: Parts | None
     room: Room
     growth: Growth
+
+    @property
+    def last_packet_ns(self) -> int:
+        """When the last packet was read, monotonic."""
+        ...
 
     @property
     def zeroing(self) -> bool:
@@ -193,6 +197,9 @@ def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
         "state": None,
         "state_sd": None,
         "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
+        "failure": take.failure,
+        "rejected": estimator.rejected,
+        "confounded": estimator.confounded(),
     }
     if latest is not None:
         axes, g_unit = take.info.axes(), take.info.g_unit

@@ -1,7 +1,7 @@
 """The socket between an acquisition and its viewers: JSON lines, one reply a request.
 
-It lies in XDG_RUNTIME_DIR, else in a folder under the user's cache that nobody else may enter. A shell on the machine and
-one over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers look in all.
+It lies in XDG_RUNTIME_DIR, else in a folder under the cache that nobody else may enter. A shell on the machine and one
+over SSH need not agree on XDG_RUNTIME_DIR, so the cache keeps a link to each folder in use: viewers look in all.
 """
 
 import contextlib

@@ -22,6 +22,7 @@ from imutui.session import client as session
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.tui import glyphs, palette, pictures, words
+from imutui.tui import recording as report
 from imutui.tui.attempt import Attempt
 from imutui.tui.background import in_thread
 from imutui.tui.feed import Feed
@@ -115,13 +116,14 @@ class ImutuiApp(App[int]):
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
-        self._finished = ""
+        self._finished: list[tuple[str, str]] = []
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
         self.theme = self.look.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
+        self.app_resume_signal.subscribe(self, self._repaint)
         if self._first_client is not None:
             self._look_at(self._first_client)
             return
@@ -140,8 +142,13 @@ class ImutuiApp(App[int]):
         return next((screen for screen in reversed(self.screen_stack) if isinstance(screen, Page)), None)
 
     def _redraw(self) -> None:
-        if self.page is not None and self.page.is_mounted:
-            self.page.show(self._link.view())
+        if self.page is not None:
+            self._show(self.page)
+
+    def _show(self, page: Page) -> None:
+        # while the application ends, pages lose their widgets before data stop coming
+        if page.is_mounted and self.is_running:
+            page.show(self._link.view())
 
     def _say(self, said: str, level: str = "none") -> None:
         self._link.say(said, level)
@@ -156,6 +163,14 @@ class ImutuiApp(App[int]):
     def _display(self, screen: Screen[Any], renderable: Any) -> None:
         """Send only the cells that changed."""
         super()._display(screen, self._painter.exact(renderable))
+
+    def _repaint(self, _: object) -> None:
+        """Back from the shell: nothing of what was drawn is there any more."""
+        self._painter.forget()
+        for screen in self.screen_stack:
+            screen.refresh(layout=True)
+            for widget in screen.walk_children():
+                widget.refresh()
 
     def action_plot_mode(self) -> None:
         """Let plots scroll, or sweep, or be away, or let that be chosen."""
@@ -290,8 +305,7 @@ class ImutuiApp(App[int]):
         """A page has come to the front."""
         if isinstance(message.page, RecordPage):
             message.page.finished(self._finished)
-        if message.page.is_mounted:
-            message.page.show(self._link.view())
+        self._show(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
         """A page has something to say."""
@@ -400,13 +414,14 @@ class ImutuiApp(App[int]):
             if recording is None:
                 wish = page.wish() if page is not None else None
                 path = await in_thread(lambda: client.record(wish))
-                self._tell_record_page("")
+                self._tell_record_page([])
                 self._say(f"recording to {path}", "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
-                self._tell_record_page(words.finished(recording, result))
-                self._say(self._finished, "good")
+                self._tell_record_page(report.finished(recording, result))
+                shown = isinstance(self.page, RecordPage)
+                self._say("the file is finished" if shown else words.finished(recording, result), "good")
         except ValueError as error:
             self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
@@ -415,7 +430,7 @@ class ImutuiApp(App[int]):
     def _record_page(self) -> RecordPage | None:
         return next((page for page in self._pages() if isinstance(page, RecordPage)), None)
 
-    def _tell_record_page(self, finished: str) -> None:
+    def _tell_record_page(self, finished: list[tuple[str, str]]) -> None:
         """What was written last stays on the Record page, which need not exist yet."""
         self._finished = finished
         page = self._record_page()
@@ -428,9 +443,7 @@ class ImutuiApp(App[int]):
 
     def _connected(self, purpose: str) -> bool:
         if self._link.client is None:
-            self._say(
-                f"nothing to {purpose}: no acquisition is connected. 1 connects; there, v starts the demo", "wait"
-            )
+            self._say(f"nothing to {purpose}: not connected. 1 connects; there, v starts the demo", "wait")
         return self._link.client is not None
 
     def action_mark(self) -> None:
@@ -561,7 +574,7 @@ class ImutuiApp(App[int]):
             self._release()
             self._link.over()
         done = [words.finished(recording, result)] if recording else []
-        self._tell_record_page("".join(done))
+        self._tell_record_page(report.finished(recording, result) if recording else [])
         self._say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,15 @@ from textual.message import Message
 
 from imutui.session.client import Client
 from imutui.tui.feed import Feed
+from imutui.tui.history import History
 from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
+from imutui.tui.verdict import Hold, Verdict, judge, stale
 
 Snapshot = dict[str, Any]
 _CHANNELS = 7
+_TEMPERATURE = 6
 _BIASES = 6
-_BIAS_ROWS = 1 << 15
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
 NOTHING = ("none", "")
 
@@ -31,8 +33,10 @@ class View:
         The newest snapshot: recording, link, alarms; never frozen.
     shown : dict or None
         The snapshot of tables and plots; an old one while the view is frozen.
-    series, biases : Series
-        Packets, and estimated biases, of the plots.
+    series : Series
+        Packets of the plots.
+    biases : History
+        Estimated biases and their certainty over the run.
     frozen : bool
         Whether the view stands still.
     notice : tuple of str
@@ -41,15 +45,24 @@ class View:
         How much is drawn, and how often.
     debug : str
         What drawing costs.
+    verdict : Verdict or None
+        On the filter, now; never frozen.
+    shown_verdict : Verdict or None
+        On the filter of `shown`.
+    slope_k_per_min : float or None
+        Of the temperature of `shown`.
     """
 
     now: Snapshot | None
     shown: Snapshot | None
     series: Series
-    biases: Series
+    biases: History
     frozen: bool
     notice: tuple[str, str]
-    pacing: Pacing = Pacing()
+    verdict: Verdict | None = None
+    shown_verdict: Verdict | None = None
+    slope_k_per_min: float | None = None
+    pacing: Pacing = field(default_factory=Pacing)
     debug: str = ""
 
 
@@ -65,8 +78,12 @@ class Link:
 
     def _clear(self) -> None:
         self.newest: Snapshot | None = None
+        self._looked = False
         self._series = Series(_CHANNELS)
-        self._biases = Series(_BIASES, _BIAS_ROWS)
+        self._biases = History(_BIASES)
+        self._hold = Hold()
+        self._verdict: Verdict | None = None
+        self._slope: float | None = None
         self._frozen: View | None = None
 
     def attach(self, client: Client, post: Callable[[Message], bool]) -> None:
@@ -110,23 +127,30 @@ class Link:
         series = snapshot["series"]
         if series["t"]:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
+        self._slope = self._series.slope_per_minute(_TEMPERATURE)
         self._take_biases(snapshot)
+        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot))
+        # the acquisition's clock, which goes on when the filter's does not
+        self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
 
     def _take_biases(self, snapshot: Snapshot) -> None:
-        estimates = snapshot.get("filter")
-        if not estimates or estimates.get("t") is None or estimates.get("waiting"):
+        estimates = snapshot.get("filter") or {}
+        biases = estimates.get("biases") or []
+        begun = estimates.get("t") is not None and not estimates.get("waiting") and len(biases) == _BIASES
+        first = not self._looked
+        self._looked = True
+        if not begun:
             return
-        values = [np.nan if bias["value"] is None else bias["value"] for bias in estimates["biases"]]
-        t = np.array([float(estimates["t"])])
-        if len(values) == _BIASES and not np.array_equal(self._biases.last(0.0)[0], t):
-            self._biases.extend(t, np.array([values], float))
+        t = float(estimates["t"])
+        if t < self._biases.newest:
+            self._hold = Hold()  # another run
+        self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
+        if first:
+            self._biases.attached_late = True
 
     def freeze(self, frozen: bool) -> None:
         """Let the view stand still, or follow again. Data are taken either way."""
-        if frozen:
-            self._frozen = View(self.newest, self.newest, self._series.frozen(), self._biases.frozen(), True, NOTHING)
-        else:
-            self._frozen = None
+        self._frozen = self._view(self._series.frozen(), self._biases.frozen(), frozen=True) if frozen else None
 
     @property
     def frozen(self) -> bool:
@@ -136,10 +160,30 @@ class Link:
     def view(self) -> View:
         """What to show now."""
         if self._frozen is None:
-            view = View(self.newest, self.newest, self._series, self._biases, False, NOTHING)
+            view = self._view(self._series, self._biases, frozen=False)
         else:
             view = self._frozen
-        return replace(view, now=self.newest, notice=self._notice(), pacing=self._pacing, debug=self._debug)
+        return replace(
+            view,
+            now=self.newest,
+            notice=self._notice(),
+            verdict=self._verdict,
+            pacing=self._pacing,
+            debug=self._debug,
+        )
+
+    def _view(self, series: Series, biases: History, *, frozen: bool) -> View:
+        return View(
+            self.newest,
+            self.newest,
+            series,
+            biases,
+            frozen,
+            self._notice(),
+            verdict=self._verdict,
+            shown_verdict=self._verdict,
+            slope_k_per_min=self._slope,
+        )
 
     def say(self, text: str, level: str = "none") -> None:
         """Have something said at the bottom of the page for a while."""
@@ -152,3 +196,7 @@ class Link:
 
     def _notice(self) -> tuple[str, str]:
         return self._said if time.monotonic() < self._said_until else NOTHING
+
+
+def _numbers(biases: list[dict[str, Any]], key: str) -> np.ndarray:
+    return np.array([np.nan if bias[key] is None else bias[key] for bias in biases], float)

@@ -1,5 +1,6 @@
 """What the connect page offers and says. Pure functions."""
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ ABOUT = (
 SAMPLINGS = {"stream": "every packet, averaged over each period", "polled": "one packet asked for each period"}
 FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
 REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
-MODE = "scaled: deg/s and g by the unit's own calibration. Voltage mode measures nothing."
+MODE = "scaled: deg/s and g from the unit; voltage mode is not used"
 WAITING = """\
 Waiting for {target}: {seconds:.0f} s of at most 30 s.
 
@@ -34,8 +35,8 @@ the mean as its new zero: command z with argument 30.
 
 What is stored is in the instrument, perhaps for good, and every later
 reading is shifted by it. No data come meanwhile; the filter begins anew."""
-NOT_PROBED = "p asks what answers"
 _NAME = 36
+_ANSWER = 38
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +75,19 @@ def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
 def label(choice: Choice, answers: dict[str, str]) -> str:
     """A line of the list; what was heard on a port stands in place of its description."""
     answer = answers.get(choice.value) if choice.asks else None
-    return choice.label if answer is None else f"{text.port_name(choice.value, _NAME):{_NAME}}  {answer}"
+    if answer is None:
+        return choice.label
+    return f"{text.port_name(choice.value, _NAME):{_NAME}}  {text.clipped(answer, _ANSWER)}"
 
 
 def answered(found: dict[str, Any]) -> str:
-    """What answers on a port that was probed, in a few words; the errors say it themselves."""
-    if not found["answers"]:
-        return str(found.get("error") or "silent")
-    who = found.get("firmware") or found.get("instrument") or "answers a ping"
-    return f"{who} #{found['serial_number']}" if found.get("serial_number") else str(who)
+    """What answers on a port that was probed, in a few words: who, or the first clause of why not."""
+    who = str(found.get("firmware") or found.get("instrument") or "answers a ping")
+    who = f"{who} #{found['serial_number']}" if found.get("serial_number") else who
+    if found["answers"]:
+        return f"{who}, not usable" if found.get("error") else who
+    why = str(found.get("error") or "silent").removeprefix(str(found.get("port", "")))
+    return re.split(r"[.:;] ", why.removeprefix(":").strip().removeprefix("is "))[0]
 
 
 def likely(found: list[Choice]) -> Choice:
@@ -103,8 +108,8 @@ def lead(found: list[Choice]) -> Content:
     if best.value != VIRTUAL_PORT:
         return Content.assemble(ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:"))
     built_in = "only built-in ports" if len(found) > 1 else "no serial port"
-    nothing = f"Nothing is connected: this machine has {built_in}. Plug an adapter in and it appears."
-    return Content.assemble(ABOUT, "\n", nothing, "\n", *_demo("To see it work now:"))
+    nothing = f"Nothing is connected: this machine has {built_in}.\nPlug an adapter in and it appears below."
+    return Content.assemble(ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:"))
 
 
 def _demo(before: str) -> tuple[str | tuple[str, str], ...]:
@@ -136,5 +141,8 @@ def connected(now: Snapshot) -> Content:
 def next_step(now: Snapshot) -> str:
     """What to do on from here."""
     if now.get("recording"):
-        return "It is recording. 4 Filter shows how far the biases are; r finishes the file; 6 Logs opens it."
+        return (
+            "It is recording. Next: 4 Filter shows how far the biases are;\n"
+            "r finishes the file; 6 Logs opens and traces it."
+        )
     return "Next: 2 Live shows the readings, r records them, 4 Filter shows the biases."

@@ -27,6 +27,10 @@ class Painter:
     def __init__(self) -> None:
         self._lines: dict[int, dict[int, Strip]] = {}
 
+    def forget(self) -> None:
+        """Something else has written on the terminal."""
+        self._lines.clear()
+
     def exact(self, update: T) -> "T | CompositorUpdate":
         """An update that sends no cell which the terminal holds already.
 

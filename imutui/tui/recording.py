@@ -105,7 +105,7 @@ def line(now: Snapshot) -> tuple[str, str]:
 def losses(now: Snapshot) -> tuple[str, str]:
     """Level and words of what did not arrive."""
     lost, bad, skipped = now["lost_packets"], now["bad_checksums"], now["discarded_bytes"]
-    said = f"lost {lost}, checksum errors {bad}, resynchronised {text.plural(skipped, 'byte')}"
+    said = f"lost {lost}, checksum errors {bad}, resynchronised {skipped} B"
     return ("wait", f"{said}: check the cable") if lost or bad else ("none", said)
 
 
@@ -152,5 +152,21 @@ def _number(name: str, entered: str) -> float:
 def will_write(now: Snapshot) -> str:
     """Where a file would go."""
     number = now.get("serial_number") or "serial"
-    folder = now.get("logs")
-    return f"{PurePath(folder) if folder else 'the logs folder'}/imu400cd_{number}_UTC_note.mcap"
+    return str(PurePath(now.get("logs") or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
+
+
+def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """What was written: names and values of up to three lines."""
+    found, before = result or {}, take or {}
+    samples = found.get("samples", before.get("samples"))
+    much = text.plural(samples, "sample") if isinstance(samples, int) else "samples"
+    seconds = found.get("duration_s", before.get("seconds"))
+    rows = [
+        ("wrote", str(found.get("log") or before.get("path") or "the file")),
+        ("holds", f"{much} in {text.clock(seconds)}"),
+    ]
+    biases = words.final_biases(found)
+    if not biases:
+        return rows
+    done = {True: "", False: " (not converged)"}.get(bool(found.get("converged", True)), "")
+    return [*rows, ("biases", f"{biases}{done}")]

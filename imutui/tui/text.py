@@ -78,6 +78,11 @@ def shorten(text: str, width: int) -> str:
     return text[:head] + "…" + text[len(text) - (width - 1 - head) :]
 
 
+def clipped(text: str, width: int) -> str:
+    """At most `width` characters, the end left out."""
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
 def port_name(port: str | None, width: int = 40) -> str:
     """Port without the folders that say nothing."""
     if not port:

@@ -1,99 +1,13 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from imutui.session.client import SessionError
 from imutui.tui import text
 
-GYRO_TOLERANCE_DPS = 0.05
-ACCEL_TOLERANCE_MG = 0.6
 WARM_UP_S = 15 * 60.0
 SETTLED_K_PER_MIN = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """A word and a sentence; the level ("good", "wait", "bad", "none") only colours them."""
-
-    level: str
-    word: str
-    sentence: str
-
-
-def tolerance(unit: str) -> float:
-    """Standard deviation below which a bias counts as converged."""
-    return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
-
-
-def filter_verdict(estimates: dict[str, Any] | None) -> Verdict:
-    """How far the filter is, in one sentence."""
-    if estimates is None:
-        return Verdict("none", "OFF", "no filter in this acquisition: readings are taken, nothing is estimated")
-    if estimates.get("waiting"):
-        return Verdict("wait", "WAITING", str(estimates["waiting"]))
-    said = _convergence(estimates["biases"])
-    alarms = estimates.get("alarms") or []
-    if alarms:
-        return Verdict("bad", "ALARM", f"{text.plural(len(alarms), 'alarm')}, see below; {said[1]}")
-    return Verdict("good", "GOOD", said[1]) if said[0] else Verdict("wait", "WAITING", said[1])
-
-
-def _convergence(biases: list[dict[str, Any]]) -> tuple[bool, str]:
-    seen = [bias for bias in biases if bias["observable"]]
-    pending = [bias for bias in seen if bias["converged_s"] is None]
-    hidden = [bias["name"] for bias in biases if not bias["observable"]]
-    of = f"{len(seen) - len(pending)} of {len(seen)} {'observable ' if hidden else ''}biases converged"
-    if pending:
-        return False, f"{of}; waiting for {_waited(pending)}"
-    if not seen:
-        return False, "no bias is observable in this setup"
-    rest = f"; not observable here: {', '.join(hidden)}" if hidden else ""
-    return True, f"{of}{rest}" if hidden else f"all {len(seen)} biases converged"
-
-
-def _waited(pending: list[dict[str, Any]]) -> str:
-    worst = max(pending, key=lambda bias: (bias["sd3"] or float("inf")) / tolerance(bias["unit"]))
-    need, unit, sd3 = 3.0 * tolerance(worst["unit"]), worst["unit"], worst["sd3"]
-    if sd3 is None:
-        return f"{worst['name']}: no estimate yet"
-    if sd3 > need:
-        return f"{worst['name']}: 3 sd {text.plain(sd3, 3)} {unit}, needs {need:g}"
-    return f"{worst['name']} to stay below 3 sd {need:g} {unit}"
-
-
-def filter_badge(estimates: dict[str, Any] | None) -> str:
-    """The verdict in a few characters, for the header."""
-    if estimates is None:
-        return "no filter"
-    if estimates.get("waiting"):
-        return "filter waiting"
-    seen = [bias for bias in estimates["biases"] if bias["observable"]]
-    done = sum(bias["converged_s"] is not None for bias in seen)
-    alarm = "ALARM, " if estimates.get("alarms") else ""
-    return f"filter {alarm}{done} of {len(seen)} converged"
-
-
-def nis_meaning(nis: dict[str, Any]) -> str:
-    """What the normalised innovation squared says."""
-    if not nis["is_test"]:
-        return f"no test: {nis['why']}"
-    mean, (low, high) = nis["mean"], nis["band95"]
-    if mean is None:
-        return "no samples yet"
-    if mean > high:
-        return "above its band: innovations larger than the filter expects, something is missing in its model"
-    if mean < low:
-        return "below its band: innovations smaller than the filter expects, its noise is set too high"
-    return "inside its band: innovations are as large as the filter expects"
-
-
-def warmth(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """Warming, steady or unsteady, and minutes since start: what they mean for the biases."""
-    if seconds is None:
-        return ""
-    return f"{warm_word(seconds, slope_k_per_min)} {text.minutes(seconds)}"
 
 
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
@@ -104,7 +18,7 @@ def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
 
 
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
-    """The same in a line: word, minutes on, slope of the temperature, and what to wait for."""
+    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
     if seconds is None:
         return ""
     word = warm_word(seconds, slope_k_per_min)
@@ -145,11 +59,15 @@ def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) ->
     samples = result.get("samples", recording.get("samples"))
     much = f", {text.plural(samples, 'sample')}" if isinstance(samples, int) else ""
     lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
+    biases = final_biases(result)
+    return "\n".join([*lines, *([biases] if biases else [])])
+
+
+def final_biases(result: dict[str, Any]) -> str:
+    """The six biases of a result; empty if it has none."""
     final = result.get("final") or {}
     biases = [_triple(final.get(key), *form) for key, form in _FINAL_BIASES.items()]
-    if all(biases):
-        lines.append(", ".join(biases))
-    return "\n".join(lines)
+    return ", ".join(biases) if all(biases) else ""
 
 
 _FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}

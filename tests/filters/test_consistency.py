@@ -218,3 +218,71 @@ def test_tolerances_are_the_resolutions_of_table_1() -> None:
     """0.6 mg and 0.05 deg/s."""
     assert np.allclose(consistency.TOLERANCE[:3] / STANDARD_GRAVITY, 0.6e-3)
     assert np.allclose(np.rad2deg(consistency.TOLERANCE[3:]), 0.05)
+
+
+def remainders(drift: np.ndarray, seconds: int = 120, seeds: int = 60) -> np.ndarray:
+    """Ratios of six channels after so many seconds with a drift of so much a second, shape (seeds, 6)."""
+    found = []
+    for seed in range(seeds):
+        clean = Clean(7000 + seed)
+        for second in range(seconds):
+            # the filter's mean follows the drift as a mean does
+            clean.sum += drift * second
+            clean.run(1, drift * second)
+        remainder = clean.gauge.remainder()
+        assert remainder.windows == consistency.REMAINDER_WINDOWS
+        assert remainder.ratio is not None
+        found.append(remainder.ratio)
+    return np.array(found)
+
+
+def test_the_remainder_is_one_where_nothing_is_wrong() -> None:
+    """Six windows of 10 s of white noise about the mean of ten minutes: rms over seeds within 10 % of 1."""
+    ratios = remainders(np.zeros(6), seconds=600, seeds=15)
+    assert np.sqrt(np.mean(ratios**2)) == pytest.approx(1.0, abs=0.1)
+    # beyond 2.5 is chi-square of six beyond 37.5: once in a million
+    assert ratios.max() < 2.5
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_the_remainder_shows_a_drift_that_no_sample_shows(axis: int) -> None:
+    """An eighth of the noise of one second a second on one channel: beyond 2 there, and about 1 elsewhere."""
+    drift = np.zeros(6)
+    drift[axis] = SIGMA[axis] / 40.0
+    ratios = remainders(drift, seeds=10)
+    assert np.all(ratios[:, axis] > 2.0)
+    assert np.sqrt(np.mean(np.delete(ratios, axis, axis=1) ** 2)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_remainder_of_the_filter_itself_is_one_without_and_more_with_a_temperature_effect() -> None:
+    """Two minutes at 4 Hz through the filter: clean, about 1; warming up by what Table 1's unit does, beyond 2."""
+    dt, rate, force = 0.25, *LEVEL.rates_and_forces()
+    for warm, low, high in ((0.0, 0.5, 1.3), (1.0, 2.0, np.inf)):
+        squares = []
+        for seed in range(8):
+            rng = np.random.default_rng(90 + seed)
+            t = np.arange(480) * dt
+            noise = rng.standard_normal((480, 6)) * SIGMA / np.sqrt(dt)
+            # 0.25 deg/s and 5 mg in the first minutes
+            effect = np.outer(warm * (1.0 - np.exp(-t / 60.0)), [0.05] * 3 + [0.25 * np.pi / 180.0] * 3)
+            estimator = Estimator(Settings(dt), every=np.inf)
+            readings = noise + effect
+            list(runner.rows(estimator, t, rate + readings[:, 3:], force + readings[:, :3], last=True))
+            remainder = estimator.gauge.remainder()
+            assert remainder.windows == consistency.REMAINDER_WINDOWS
+            squares.append(remainder.ratio**2)
+        rms = np.sqrt(np.mean(squares, axis=0))
+        assert np.all((low < rms) & (rms < high)), rms
+
+
+def test_the_remainder_is_told_from_windows_that_do_not_overlap() -> None:
+    """One after 10 s, another every 10 s, six at most; none where nothing is known of a perfect unit."""
+    clean = Clean(3)
+    counts = []
+    for _ in range(90):
+        clean.run(1)
+        counts.append(clean.gauge.remainder().windows)
+    assert counts == [min(6, second // 10) for second in range(1, 91)]
+    blind = Clean(3)
+    blind.run(60, known=False)
+    assert blind.gauge.remainder() == consistency.Remainder(None, 0)

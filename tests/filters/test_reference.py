@@ -194,6 +194,18 @@ def test_plain_marks_take_the_dwells_in_order() -> None:
     assert np.array_equal(rows(marks, t), told, equal_nan=True)
 
 
+def test_a_dwell_that_is_said_to_end_is_used_no_more() -> None:
+    """From "segment 2 ends" on nothing is known until the next mark; the same segment may begin once more."""
+    t = np.arange(0.0, 60.0, 0.25)
+    whole = rows([(3.0, "segment 1"), (20.0, "segment 2"), (40.0, "segment 2")], t)
+    cut = rows([(3.0, "segment 1"), (20.0, "segment 2"), (24.0, "segment 2 ends"), (40.0, "segment 2")], t)
+    ended = (t >= 24.0) & (t < 40.0)
+    assert np.array_equal(cut[~ended], whole[~ended], equal_nan=True)
+    assert np.isfinite(whole[ended, reference.RATE]).any()
+    assert np.isnan(cut[ended, reference.RATE]).all()
+    assert (cut[ended, reference.VARIANCES] < 0.0).all()
+
+
 def test_a_gyro_that_is_not_quiet_keeps_rows_back() -> None:
     """Three times the bias limit and five sd of noise on any axis, either sign, is a table that moves."""
     t = np.arange(5.0, 6.0, 0.05)

@@ -93,3 +93,25 @@ def test_a_packet_that_waited_for_the_next_gets_its_own_arrival() -> None:
     assert arrival_before(10**9, 9494, 0) == 10**9 - 7500260
     assert arrival_before(10**9, 5, 65531 + 0) == 10**9 - 10 * 790
     assert arrival_before(10**9, 77, 77) == 10**9
+
+
+def test_a_stretch_after_an_interruption_loses_nothing_and_keeps_the_tick() -> None:
+    """Packets that were not asked for, for 2 s or for 3 min, are not lost; stamps are right from the first on."""
+    for seconds in (2.0, 180.0):
+        instants, ticks, arrivals = stream(3000)
+        instants[1500:] += seconds * 1e9
+        arrivals[1500:] += seconds * 1e9
+        ticks[1500:] = (ticks[1500:] - 12345) % 65536
+        clock = Clock(LINE_NS)
+        before = run(clock, ticks[:1500], arrivals[:1500])
+        tick_ns = clock.tick_ns
+        clock.interrupt()
+        after = run(clock, ticks[1500:], arrivals[1500:], np.arange(1500) > 0)
+        assert sum(s.lost for s in before + after) == 0
+        assert clock.tick_ns == pytest.approx(tick_ns, rel=1e-4)
+        error = np.array([s.monotonic_ns for s in after]) - instants[1500:]
+        assert np.max(np.abs(error)) < 1.5e6
+        # without the word that it was on purpose, it is a hole
+        clock = Clock(LINE_NS)
+        run(clock, ticks[:1500], arrivals[:1500])
+        assert clock.stamp(int(ticks[1500]), int(arrivals[1500]), contiguous=False).lost > 100

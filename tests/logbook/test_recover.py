@@ -268,7 +268,20 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
 
 def test_a_recorder_that_was_killed_leaves_a_log_that_recovers(home: Path) -> None:
     """kill -9 of a real acquisition: its file is held while it lives; after that all it wrote is recovered."""
-    command = [sys.executable, "-m", "imutui", "record", "--port", "virtual", "--rate", "133", "-o", "a.mcap", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "imutui",
+        "record",
+        "--port",
+        "virtual",
+        "--rate",
+        "133",
+        "-o",
+        "a.mcap",
+        "--filter",
+        "none",
+    ]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as follower:
         path = home / "a.mcap"
         wait_until(lambda: path.exists() and (summary.read(path).samples or 0) > 300)

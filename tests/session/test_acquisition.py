@@ -7,9 +7,11 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,30 @@ from imutui.logbook.results import TIMINGS
 from imutui.session import client, wire
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.plan import Plan, RecordingWish
+
+PROFILE = """
+align = "marks"
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 6.0
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 90.0]
+seconds = 60.0
+"""
+EFFECTS = """
+version = 1
+[[effect]]
+effect = "thermal_lin"
+channels = ["gy"]
+include_as = "A"
+[[effect.state]]
+name = "k"
+unit = "deg/s/K"
+mean = 0.02
+sd = 0.01
+"""
 
 
 @contextmanager
@@ -296,4 +322,276 @@ def test_a_viewer_that_waits_piece_by_piece_leaves_nothing_behind(home: Path) ->
         with pytest.raises(TimeoutError):
             connection.wait(0.01)
     wait_until(lambda: (len(list((process / "task").iterdir())), len(list((process / "fd").iterdir()))) <= before)
+    connection.stop()
+
+
+def summary(log: reader.Log) -> dict[str, Any]:
+    """What was written into the file as it was finished: the live result, but for the file's own hash."""
+    return dict(json.loads(log.attachments["summary.json"]))
+
+
+def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: Path) -> None:
+    """Joined, the files hold what the unit sent, count for count; each replays to its own live result."""
+    asked = plan(home, rate_hz=133.0, duration_s=9.0, rotate_minutes=2.5 / 60.0, note="long")
+    asked = replace(asked, virtual=("--tap", str(home / "sent")))
+    live = client.start(asked).wait(120.0)
+    assert live is not None
+    paths = [Path(part["log"]) for part in live["parts"]]
+    assert paths[-1] == Path(live["log"])
+    assert [path.stem.removeprefix(paths[0].stem) for path in paths] == ["", "_p2", "_p3", "_p4"]
+    logs = [reader.read(path, raw=True) for path in paths]
+    joined = [packet for log in logs for packet in log.raw]
+    assert [(*p.counts, p.temperature, p.ticks) for p in joined] == packets_of(home / "sent")[: len(joined)]
+    steps = np.diff([p.ticks for p in joined]) % 65536
+    assert np.ptp(steps) <= 1, "the unit's own counter goes through the joints as it does elsewhere"
+    # the duration counts from the first file's first packet
+    assert len(joined) == pytest.approx(9.0 * 133.3, rel=0.02)
+    for log, path in zip(logs, paths, strict=True):
+        assert log.finished
+        assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
+        again = replayed(path, code=1)
+        assert without_timings(again) | {"log_sha256": None} == without_timings(summary(log))
+        assert again["lost_packets"] == again["bad_checksums"] == 0
+    assert "continued in" in logs[0].events[-1].text
+    assert f"continues {paths[0].name}" in " ".join(event.text for event in logs[1].events)
+
+
+def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path) -> None:
+    """Exit 0 without a filter; the result names all files, and each says who, where and with which table."""
+    flags = ("--operator", "ana", "--place", "cellar", "--table", "AC-120", "--rotate-minutes", "0.025")
+    record = ("record", "--port", "virtual", "--filter", "none", "--rate", "20", "--duration", "4", "--json")
+    done = imutui(*record, *flags, "-o", "a.mcap")
+    result = json.loads(done.stdout)
+    assert [Path(part["log"]).name for part in result["parts"]] == ["a.mcap", "a_p2.mcap", "a_p3.mcap"]
+    assert "recorded in 3 files" in done.stderr
+    for part in result["parts"]:
+        info = reader.read(Path(part["log"])).info
+        assert (info.operator, info.place, info.table) == ("ana", "cellar", "AC-120")
+    assert "`rotate_minutes` is -1" in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
+
+
+def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_next(home: Path) -> None:
+    """Operator, place, table and rotation by size; the next recording has them too, but not its note."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0, place="cellar", filter="none"))
+    wish = RecordingWish(note="first", operator="ana", table="AC-120", rotate_mb=0.03)
+    first = Path(connection.record(wish))
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["part"] == 3)
+    state = connection.snapshot(2**62)
+    assert (state["operator"], state["place"], state["table"], state["note"]) == ("ana", "cellar", "AC-120", "first")
+    assert (state["rotate_minutes"], state["rotate_mb"]) == (0.0, 0.03)
+    assert state["free_bytes"] > 0
+    parts = [Path(part["log"]) for part in connection.stop_recording()["parts"]]
+    assert parts[0] == first
+    second = Path(connection.record(RecordingWish(rotate_mb=0.0)))
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 1)
+    connection.stop()
+    for path in (*parts, second):
+        info = reader.read(path).info
+        assert (info.operator, info.place, info.table) == ("ana", "cellar", "AC-120")
+    assert {path.name for path in parts} == {path.name for path in (home / "logs").glob("*first*")}
+    # but for the last, each has its size, give or take what came within a second
+    assert all(path.stat().st_size > 30_000 for path in parts[:-1])
+    assert reader.read(second).info.note == ""
+
+
+def test_a_folder_that_cannot_be_made_costs_the_recording_and_nothing_else(home: Path) -> None:
+    """The wish is refused in words; the acquisition and its filter go on."""
+    (home / "logs").touch()
+    connection = client.start(plan(home, record=False, rate_hz=20.0))
+    with pytest.raises(SessionError, match="Choose another folder"):
+        connection.record(RecordingWish(operator="ana"))
+    state = connection.snapshot(2**62)
+    assert (state["state"], state["recording"], state["filter"]["alarms"]) == ("running", None, [])
+    assert state["operator"] != "ana"
+    connection.stop()
+
+
+@pytest.mark.parametrize("sampling", ["stream", "polled"])
+def test_zeroed_rate_sensors_read_zero_and_nothing_counts_as_lost(home: Path, sampling: str) -> None:
+    """Not while recording; snapshots go on meanwhile, means are zero within their noise, and a recording follows."""
+    connection = client.start(plan(home, rate_hz=20.0, sampling=sampling))
+    with pytest.raises(SessionError, match="finish the recording first: r"):
+        connection.zero(10)
+    connection.stop_recording()
+    with pytest.raises(SessionError, match="one byte"):
+        connection.zero(256)
+    before = connection.snapshot(2**62)
+    said: list[str] = []
+    thread = threading.Thread(target=lambda: said.append(connection.zero(150)))
+    thread.start()
+    wait_until(lambda: bool(connection.snapshot(2**62)["zeroing"]))
+    for refused in (connection.record, lambda: connection.configure(reference="level"), lambda: connection.zero(1)):
+        with pytest.raises(SessionError, match="wait until it is done"):
+            refused()
+    thread.join()
+    assert "zeroed its rate sensors" in said[0]
+    wait_until(lambda: connection.snapshot(2**62)["packets"] > (150 if sampling == "polled" else 600))
+    state = connection.snapshot(2**62)
+    means = np.array([[c["mean"] for c in s["channels"][:3]] for s in (before, state)])
+    sds = np.array([c["sd"] for c in state["channels"][:3]]) / np.sqrt(150)
+    # 1500 samples were averaged, and at least 150 since
+    assert np.all(np.abs(means[1]) < 5.0 * sds)
+    assert np.max(np.abs(means[0])) > 0.2, "before they were not"
+    assert state["lost_packets"] == state["bad_checksums"] == state["discarded_bytes"] == 0
+    assert any("zeroed" in event["text"] for event in state["events"])
+    assert not any("no packets" in event["text"] for event in state["events"]), state["events"]
+    path = connection.record()
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 60)
+    live = connection.stop_recording()
+    assert live["log"] == path
+    assert without_timings(live) == without_timings(replayed(path, code=1))
+    assert live["gaps"] == []
+    connection.stop()
+
+
+def test_an_acquisition_that_ends_does_not_wait_for_the_unit_to_zero(home: Path) -> None:
+    """Who waits for the zeroing is told that it ended."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0))
+    told: list[str] = []
+
+    def zero() -> None:
+        with pytest.raises(SessionError) as caught:
+            connection.zero(255)
+        told.append(str(caught.value))
+
+    thread = threading.Thread(target=zero)
+    thread.start()
+    wait_until(lambda: bool(connection.snapshot(2**62)["zeroing"]))
+    connection.stop()
+    thread.join()
+    assert "ended" in told[0]
+
+
+def test_the_filter_takes_another_reference_and_effects_between_recordings(home: Path) -> None:
+    """Refused while recording and where the filter could not run; else all is in the next file, and it replays."""
+    connection = client.start(plan(home, rate_hz=20.0))
+    with pytest.raises(SessionError, match="finish the recording first: r"):
+        connection.configure(reference="gravity")
+    connection.stop_recording()
+    before = connection.snapshot(2**62)
+    for changes, words in (
+        ({"reference": "profile"}, "motion"),
+        ({"reference": "sideways"}, "not one of"),
+        ({"reference_file": ("t.toml", PROFILE.replace("marks", "gyro"))}, "align by"),
+        ({"reference_file": ("t.toml", "segment = 3")}, "t.toml is no table profile"),
+        ({"effects": "version = 7"}, "version"),
+        ({"effects": EFFECTS.replace("thermal_lin", "gremlins")}, "gremlins"),
+        ({"rate_hz": 5.0}, "cannot be changed while connected"),
+    ):
+        with pytest.raises(SessionError, match=words):
+            connection.configure(**changes)
+    after = connection.snapshot(2**62)
+    assert (after["reference"], after["effects"]) == (before["reference"], before["effects"])
+    assert after["packets"] >= before["packets"], "and the filter did not begin anew"
+    connection.configure(reference_file=("tumble.TOML", PROFILE), effects=EFFECTS)
+    state = connection.snapshot(2**62)
+    assert state["reference"] == {"name": "profile", "file": "tumble.TOML", "profile": True}
+    assert state["effects"] == ["gy thermal_lin"]
+    path = connection.record()
+    connection.mark("segment 1")
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 80)
+    (effect,) = connection.snapshot(2**62)["filter"]["effects"]
+    assert (effect["label"], effect["unit"]) == ("gy thermal_lin k", "deg/s/K")
+    live = connection.stop_recording()
+    assert live["reference"] == "profile"
+    assert len(live["effects"]) == 1
+    assert without_timings(live) == without_timings(replayed(path, code=1))
+    connection.configure(reference="level", effects="")
+    state = connection.snapshot(2**62)
+    assert state["reference"] == {"name": "level", "file": "", "profile": False}
+    assert state["effects"] == []
+    assert connection.profile() is None
+    connection.stop()
+
+
+def test_effects_need_the_filter_that_takes_them(home: Path) -> None:
+    """With another, or with none, they are refused with the way out."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0, filter="none"))
+    with pytest.raises(SessionError, match=r'"spkf" only.*--effects'):
+        connection.configure(effects=EFFECTS)
+    assert connection.snapshot(2**62)["effects"] == []
+    connection.stop()
+
+
+def test_the_guide_leads_through_a_profile_and_every_viewer_sees_it(home: Path) -> None:
+    """It records, marks segments for the filter, holds, is cancelled and resumed; the marks in the file tell it all."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0))
+    with pytest.raises(SessionError, match="load one as the reference first"):
+        connection.guide("begin")
+    with pytest.raises(SessionError, match="begin one first"):
+        connection.guide("next")
+    connection.configure(reference_file=("tumble.toml", PROFILE))
+    profile = connection.profile()
+    assert profile is not None
+    assert [one["text"] for one in profile["segments"]] == [
+        "go to outer 0°, middle 0°, inner 0°",
+        "go to outer 0°, middle 0°, inner 90°",
+    ]
+    connection.guide("begin")
+    other = client.attach()
+    assert other.snapshot(2**62)["guide"]["state"] == "go"
+    path = other.snapshot(2**62)["recording"]["path"]
+    connection.guide("next")
+    state = other.snapshot(2**62)["guide"]
+    assert (state["state"], state["segment"], state["count"]) == ("hold", 0, 2)
+    with pytest.raises(SessionError, match="wait, or cancel"):
+        other.guide("next")
+    connection.mark("door closed")
+    wait_until(lambda: connection.snapshot(2**62)["guide"]["segment"] == 1)
+    other.guide("next")
+    other.guide("cancel")
+    other.guide("resume")
+    assert connection.snapshot(2**62)["guide"]["segment"] == 1
+    marks = connection.snapshot(2**62)["marks"]
+    assert [mark["text"] for mark in marks] == ["segment 1", "door closed", "segment 2", "segment 2 ends"]
+    assert all(mark["t"] >= 0.0 for mark in marks)
+    live = connection.stop_recording()
+    assert connection.snapshot(2**62)["guide"]["state"] == "cancelled"
+    with pytest.raises(SessionError, match="begin again"):
+        connection.guide("resume")
+    connection.stop()
+    log = reader.read(Path(path))
+    # what was said beside begins no segment
+    assert [(e.name, e.text) for e in log.events if e.name != "acquisition"] == [
+        ("mark", "segment 1"),
+        ("remark", "door closed"),
+        ("mark", "segment 2"),
+        ("mark", "segment 2 ends"),
+    ]
+    assert without_timings(live) == without_timings(replayed(path, code=1))
+
+
+def test_a_port_that_an_acquisition_has_is_not_probed(home: Path) -> None:
+    """It says who has it, and no packet is lost."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0))
+    port = connection.snapshot(2**62)["port"]
+    found = client.probe(port)
+    assert not found["answers"]
+    assert 'in use by the acquisition "default"' in found["error"]
+    assert connection.snapshot(2**62)["lost_packets"] == 0
+    connection.stop()
+
+
+def test_status_tells_room_parts_reference_and_guide(home: Path) -> None:
+    """In lines for people, and as JSON."""
+    connection = client.start(plan(home, rate_hz=20.0, rotate_minutes=1.5 / 60.0))
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["part"] > 1)
+    text = imutui("status").stdout
+    for words in (
+        "free ",
+        " GB",
+        "of the recording",
+        "another file after 0.025 minutes",
+        "reference level, no effects",
+    ):
+        assert words in text
+    connection.stop_recording()
+    connection.configure(reference_file=("tumble.toml", PROFILE))
+    connection.guide("begin")
+    text = imutui("status").stdout
+    assert "reference profile from tumble.toml" in text
+    assert "guide: waiting for the operator at segment 1 of 2" in text
+    assert json.loads(imutui("status", "--json").stdout)[0]["guide"]["state"] == "go"
+    events = [event["text"] for event in connection.snapshot(2**62)["events"]]
+    assert any("stays in one file" in event for event in events)
     connection.stop()

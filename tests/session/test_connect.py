@@ -7,7 +7,7 @@ import pytest
 from imutui.instrument.crossbow import Mode
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
-from imutui.session import connect
+from imutui.session import client, connect
 from imutui.session.connect import InstrumentError
 
 
@@ -22,6 +22,13 @@ class Still:
 def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
     """A virtual unit on a pseudo-terminal."""
     made = VirtualUnit(Still(), options)
+    with served(made) as path:
+        yield path, made
+
+
+@contextmanager
+def served(made: VirtualUnit) -> Iterator[str]:
+    """Port of a virtual unit on a pseudo-terminal."""
     ready: list[str] = []
     up, stop = threading.Event(), threading.Event()
 
@@ -37,7 +44,7 @@ def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
     thread.start()
     try:
         assert up.wait(10.0)
-        yield ready[0], made
+        yield ready[0]
     finally:
         stop.set()
         thread.join()
@@ -87,3 +94,43 @@ def test_another_model_is_refused_by_name(version: str) -> None:
         pytest.raises(InstrumentError, match=version.split()[0]),
     ):
         connect.open_dialogue(port, 38400, say=lambda text: None)
+
+
+@pytest.mark.usefixtures("home")
+def test_a_probe_tells_what_answers_and_leaves_the_unit_for_the_next_host() -> None:
+    """Model, serial number, firmware and speed; whatever it did before it is polled afterwards, and can be used."""
+    with unit(UnitOptions(version="IMU400CD-200 1.07")) as (path, made):
+        with Port(path, 38400) as port:
+            connect.open_dialogue(port, 57600, say=lambda text: None)
+            port.write(b"C")
+            port.read(100)
+        found = client.probe(path)
+        assert found == {
+            "port": path, "answers": True, "instrument": "IMU400CD-200", "serial_number": "9911750",
+            "firmware": "IMU400CD-200 1.07", "baud": 57600, "error": None,
+        }  # fmt: skip
+        assert not made.streaming
+        with Port(path, 38400) as port:
+            assert connect.open_dialogue(port, 57600, say=lambda text: None).serial_number == "9911750"
+
+
+@pytest.mark.usefixtures("home")
+def test_a_probe_of_another_model_says_which_and_why_not() -> None:
+    """It answers, but cannot be used."""
+    with unit(UnitOptions(version="AHRS400CC-100 v2")) as (path, _):
+        found = client.probe(path)
+    assert found["answers"]
+    assert found["instrument"] == "AHRS400CC-100"
+    assert "not an IMU400CD-200" in found["error"]
+
+
+@pytest.mark.usefixtures("home")
+def test_a_probe_of_a_port_that_cannot_be_opened_says_why() -> None:
+    """Absent, or in use: in words, and nothing is raised."""
+    absent = client.probe("/dev/ttyNONE9")
+    assert not absent["answers"]
+    assert "no such port" in absent["error"]
+    with unit(UnitOptions()) as (path, _), Port(path, 38400):
+        busy = client.probe(path)
+    assert not busy["answers"]
+    assert "in use" in busy["error"]

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,9 +56,25 @@ def estimates(**changes: Any) -> dict[str, Any]:
 
 
 class FakeClient:
-    """Has the methods of `imutui.session.client.Client`; its clock is the host's, sped up by nothing."""
+    """Has the methods of `imutui.session.client.Client`.
 
-    def __init__(self, name: str = "default", kind: str = "simulated", history_s: float = 20.0) -> None:
+    Parameters
+    ----------
+    name, kind : str
+        Of the acquisition; where its readings come from.
+    history_s : float
+        How long it has been running.
+    clock : callable
+        Seconds; the host's unless a test has one that it sets, for a screen that is always the same.
+    """
+
+    def __init__(
+        self,
+        name: str = "default",
+        kind: str = "simulated",
+        history_s: float = 20.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.name = name
         self.pid = 4711
         self.asked: list[str] = []
@@ -70,7 +87,8 @@ class FakeClient:
         self.marks: list[dict[str, Any]] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
         self.wish: RecordingWish | None = None
         self.table_profile: dict[str, Any] | None = None
-        self._born = time.monotonic() - history_s
+        self._clock = clock
+        self._born = clock() - history_s
         self._sent = 0
         self._noise = np.random.default_rng(1).standard_normal((4096, 7))
         self._lock = threading.Lock()
@@ -84,23 +102,25 @@ class FakeClient:
             return {**self._snapshot(since), **self.changes}
 
     def _snapshot(self, since: int) -> dict[str, Any]:
-        seconds = time.monotonic() - self._born
+        seconds = self._clock() - self._born
         count = int(seconds * RATE_HZ)
         numbers = np.arange(max(since, count - 4000, 0), count)
         values = MEANS + SDS * self._noise[numbers % 4096]
+        newest = MEANS + SDS * self._noise[max(count - 1, 0) % 4096]
         return {
             "name": self.name, "pid": self.pid, "state": "running", "error": None, "instrument": "IMU400CD-200",
             "serial_number": "9911750", "firmware": "IMU400CD 1.2", "kind": "simulated",
             "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "baud": 38400, "rate_hz": 20.0,
             "sampling": "stream", "measured_hz": 20.001, "packet_hz": 133.31, "packets": count, "lost_packets": 0,
-            "bad_checksums": 0, "discarded_bytes": 0, "silent_s": 0.005, "since_start_s": 192.0 + seconds,
+            "bad_checksums": 0, "discarded_bytes": 0, "silent_s": 0.005,
+            "zeroing": False, "since_start_s": 192.0 + seconds,
             "utc": "2026-11-21T10:43:07Z",
             "recording": self._recording(seconds) if self.recording else None,
             "channels": [
-                {"name": n, "counts": int(38 * (i + 1)), "value": float(values[-1][i]) if count else None, "unit": u,
+                {"name": n, "counts": int(38 * (i + 1)), "value": float(newest[i]) if count else None, "unit": u,
                  "mean": float(MEANS[i]), "sd": float(SDS[i]), "min": float(MEANS[i] - 3 * SDS[i]),
                  "max": float(MEANS[i] + 3 * SDS[i])}
-                for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True)) if len(values)
+                for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True))
             ],
             "statistics_s": 10.0, "filter": estimates(t=seconds),
             "free_bytes": 52_000_000_000, "operator": "ana", "place": "lab 2", "table": "AC-120", "note": "",

@@ -1,16 +1,17 @@
 """The application at 80×24, driven by keys."""
 
-from pathlib import Path
+import re
+import time
 
 import pytest
-from fake import PATH, FakeClient, estimates
+from fake import PATH, FakeClient
 from pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
-from imutui.session.plan import Plan
-from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
+from imutui.tui.pace import Load
 from imutui.tui.screens import PAGES
+from imutui.tui.widgets.plot import Plot
 
 FILE = PATH.rsplit("/", 1)[1]
 
@@ -26,37 +27,13 @@ async def test_live_has_every_vital_text_at_80x24() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "IMU400CD-200 #9911750", "SIMULATED", "● REC 0:1", "10:43:07 UTC", " gx  ", " T  ")
         for text in (
-            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "last 30 s", "autoscale",
-            "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming 3 min", FILE, "123 kB", "flush 0.4 s ago",
-            "q quit", "? help", "r record", "filter 5 of 6 converged", "0.3461", "1000.981",
+            "deg/s", " mg ", "°C", "counts", "mean", "sd", "min", "max", "gyro, deg/s", "accel, mg", " az  ",
+            "last 30 s, scroll, autoscale",
+            "asked 20 measured 20.00 Hz", "lost 0", "bad sums 0", "warming  on for 3 min  T ", FILE, "123 kB",
+            "flush 0.4 s ago", "K/min  steady from 15 min, below 0.1 K/min", "q quit", "? help", "r record",
+            "filter ▲ AMBER 5 of 6", "0.3461", "1000.981",
         ):  # fmt: skip
             assert text in screen, text
-
-
-async def test_filter_has_every_vital_text_at_80x24() -> None:
-    """Verdict, six biases with certainty and limit, NIS in words, navigation with 3 sd, alarms."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=["gz bias moves more than noise allows"])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        screen = await shows(pilot, "ALARM", "waiting for z gyro", "! gz bias moves more than noise allows")
-        for text in (
-            "x gyro     0.3461 ±0.0291 deg/s", "z accel", "±12", "since 9.8 s", "not yet", "-0.0011", "mean 0.24 of 9",
-            "no test: the reference is fed exact", "velocity N", "±0.008 m/s", "roll", "lat -23.211323°", "641.20",
-            "sd below 0.05 deg/s and 0.6 mg", "reference level", "± is 3 sd", "q quit",
-        ):  # fmt: skip
-            assert text in screen, text
-
-
-async def test_alarms_that_do_not_fit_are_counted() -> None:
-    """A small terminal shows the first alarms and says how many there are beyond."""
-    client = FakeClient()
-    client.changes["filter"] = estimates(alarms=[f"alarm number {i}" for i in range(9)])
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("4")
-        await shows(pilot, "! alarm number 0", "more alarms")
 
 
 async def test_a_measured_unit_is_not_called_simulated() -> None:
@@ -80,11 +57,90 @@ async def test_every_line_of_every_page_fits(size: tuple[int, int]) -> None:
             assert max(widget.region.bottom for widget in pilot.app.screen.query("#page > *")) <= size[1]
 
 
-async def test_a_tall_terminal_shows_both_plots() -> None:
-    """Height adds the accelerometers, width adds events; the other plot's key is gone."""
-    async with _app(FakeClient()).run_test(size=(120, 40)) as pilot:
-        screen = await shows(pilot, "gyro, deg/s", "accel, mg", "events, UTC", "started at 20 Hz")
-        assert "g accel" not in screen
+@pytest.mark.parametrize("size", [SMALLEST, (120, 40), (200, 60)])
+async def test_more_room_adds_and_moves_nothing(size: tuple[int, int]) -> None:
+    """Both plots at any size, each lane with its range; width adds events; the lines above the plots stay."""
+    async with _app(FakeClient()).run_test(size=size) as pilot:
+        lines = (await shows(pilot, "gyro, deg/s", "accel, mg", "now")).splitlines()
+        assert lines[2].startswith("      counts     value")
+        assert lines[9].startswith(" T  ")
+        assert lines[10].startswith("── gyro, deg/s")
+        assert lines[-4].startswith(" asked 20")
+        assert ("started at 20 Hz" in "\n".join(lines[2:10])) is (size[0] >= 112)
+        for name in ("gx", "gy", "gz", "ax", "ay", "az"):
+            assert any(line.startswith(f" {name} ") for line in lines[10:]), name
+        if size == SMALLEST:
+            assert re.match(r" gx +-?\d\.\d +\d\.\d│", lines[11])
+
+
+async def test_one_plot_may_have_all_the_room() -> None:
+    """G shows the gyro alone, then the accelerometers alone, then both again."""
+    async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "gyro, deg/s", "accel, mg")
+        for there, away in (("gyro, deg/s", "accel, mg"), ("accel, mg", "gyro, deg/s")):
+            await pilot.press("g")
+            await until(pilot, lambda away=away: away not in text_of(pilot.app))  # type: ignore[arg-type, misc]
+            lines = (await shows(pilot, there)).splitlines()
+            assert sum("┤" in line for line in lines) == 6
+        await pilot.press("g")
+        await shows(pilot, "gyro, deg/s", "accel, mg")
+
+
+async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:
+    """The title says how time runs; without plots, the numbers stay; frozen, the way of drawing may still change."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        await pilot.press("s")
+        await shows(pilot, "last 30 s, sweep, autoscale", "22.5 s", "⠶")
+        await pilot.press("s")
+        screen = await shows(pilot, "no plot: numbers only", "0.3461")
+        assert "⠶" not in screen
+        await pilot.press("space")
+        await shows(pilot, "FROZEN, no plot")
+        await pilot.press("s")
+        await shows(pilot, "FROZEN, last 30 s, scroll", "⠶")
+
+
+async def test_a_slow_link_is_said_in_words() -> None:
+    """What is drawn less because of the terminal says so in the plots' titles."""
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        for second in range(0, 12, 3):
+            app._pulse.pace.judge(time.monotonic() + second, Load(stuck_s=2.0))
+            if second == 0:
+                await shows(pilot, "last 30 s, sweep: link is slow, autoscale")
+        await shows(pilot, "no plot: link is slow", "1000.981")
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (120, 40)])
+async def test_the_debug_line_shows_what_drawing_costs(size: tuple[int, int]) -> None:
+    """Ctrl+B shows frames, bytes, processor, age and queue in one line on every page, and hides it again."""
+    async with _app(FakeClient()).run_test(size=size) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("ctrl+b")
+        screen = await shows(pilot, " fps", "kB/s sent", "CPU", "ms old", "queue  0", "scroll (auto)", "accel, mg")
+        assert len(screen.splitlines()) == size[1]
+        await pilot.press("4")
+        await shows(pilot, "kB/s sent", "NIS")
+        await pilot.press("ctrl+b")
+        await until(pilot, lambda: "kB/s" not in text_of(pilot.app))  # type: ignore[arg-type]
+
+
+async def test_only_the_page_in_front_draws() -> None:
+    """While another page is on, the plots of the live page stand still; back on it they are up to date."""
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "scroll, autoscale")
+        plot = app.screen.query(Plot).first()
+        await pilot.press("4")
+        await shows(pilot, "NIS")
+        before, polls = list(plot._strips), app._first_client.polls  # type: ignore[union-attr]
+        await until(pilot, lambda: app._first_client.polls > polls + 3)  # type: ignore[union-attr]
+        assert plot._strips == before
+        await pilot.press("2")
+        await until(pilot, lambda: plot._strips != before)
 
 
 async def test_a_small_terminal_says_what_it_needs() -> None:
@@ -103,24 +159,32 @@ async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "SIMULATED", "● REC", "5 of 6 converged", "⣿")
+        screen = await shows(pilot, "SIMULATED", "● REC", "AMBER 5 of 6", "⠶")
         assert "lost 0" in screen
         await pilot.press("4")
-        await shows(pilot, "WAITING", "not yet")
+        await shows(pilot, "AMBER", "not yet")
         await pilot.press("q")
         await shows(pilot, "recording continues")
 
 
 async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With IMUTUI_SCREEN_GLYPHS=ascii, pages and dialogs have no other sign."""
+    """With IMUTUI_SCREEN_GLYPHS=ascii, no page and no dialog has another sign."""
     monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", "ascii")
     client = FakeClient()
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
         assert (await shows(pilot, "* REC", "gyro, deg/s")).isascii()
-        for keys, text in ((["3"], "+-0.0291"), (["q"], "continues")):
-            await pilot.press(*keys)
-            assert (await shows(pilot, text)).isascii()
+        for keys, text in (
+            ("4", "+-0.0291"),
+            ("3", "RECORDING"),
+            ("5", "5 Table"),
+            ("6", "6 Logs"),
+            ("1", "Connected"),
+        ):
+            await pilot.press(keys)
+            assert (await shows(pilot, text)).isascii(), text_of(pilot.app)  # type: ignore[arg-type]
+        await pilot.press("q")
+        assert (await shows(pilot, "continues")).isascii()
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
@@ -186,18 +250,18 @@ async def test_space_freezes_the_view_and_not_the_data() -> None:
         await until(pilot, lambda: "FROZEN" not in text_of(pilot.app))  # type: ignore[arg-type]
 
 
-async def test_span_lock_and_other_plot() -> None:
-    """Plus and minus change the span, a locks the scale, g shows the accelerometers."""
+async def test_span_and_lock() -> None:
+    """Plus and minus change the span, a locks the scale."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "last 30 s, autoscale")
+        await shows(pilot, "last 30 s, scroll, autoscale")
         await pilot.press("plus")
         await shows(pilot, "last 60 s")
         await pilot.press("minus", "minus", "minus")
         await shows(pilot, "last 5 s")
         await pilot.press("a")
         await shows(pilot, "scale locked")
-        await pilot.press("a", "g")
-        await shows(pilot, "accel, mg", "autoscale")
+        await pilot.press("a")
+        await shows(pilot, "last 5 s, scroll, autoscale")
 
 
 async def test_quitting_while_recording_says_what_goes_on() -> None:
@@ -304,7 +368,7 @@ async def test_unknown_numbers_are_dashes() -> None:
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", " gx          –", "no filter")
+        await shows(pilot, "measured – Hz", " gx          –", "filter – OFF")
         await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 
@@ -327,106 +391,6 @@ async def test_the_palette_has_every_action_with_its_key() -> None:
         await shows(pilot, "SIMULATED")
         commands = {command.title: command.help for command in app.get_system_commands(app.screen)}
         keys = set(commands.values())
-        assert {f"key {key}" for key in ("1", "2", "3", "r", "m", "d", "?", "q", "space", "a", "g", "+/-")} <= keys
-
-
-@pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
-    """A machine without ports, where every start succeeds; returns the plans that were started."""
-    plans: list[Plan] = []
-
-    def start(plan: Plan) -> FakeClient:
-        plans.append(plan)
-        return FakeClient()
-
-    monkeypatch.setattr(application.session, "running", list)
-    monkeypatch.setattr(application.session, "ports", list)
-    monkeypatch.setattr(application.session, "start", start)
-    return plans
-
-
-async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path: Path) -> None:
-    """On a machine without a port, one key leads to live numbers."""
-    app = ImutuiApp(logs=str(tmp_path))
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "no serial port", "press Enter to try the virtual instrument", "virtual, 133 Hz, stream")
-        await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
-    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
-
-
-async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
-    """Tab goes through port, rate and sampling; Enter connects."""
-    async with _app(None).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "virtual, 133 Hz")
-        await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "down")
-        await shows(pilot, "(x) polled", "x, 0.5 Hz, polled")
-        await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
-    assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
-
-
-async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
-    """Signs and mounting are the configuration's; its rate stands in the form."""
-    app = ImutuiApp(defaults=Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1))
-    async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "virtual, 50 Hz")
-        await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
-    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
-
-
-async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
-    """The range is named beside the field, and Enter refuses."""
-    async with _app(None).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "virtual, 133 Hz")
-        await pilot.press("tab", "tab", "end", "4")
-        await shows(pilot, "outside 0.1 to 133 Hz")
-        await pilot.press("enter")
-        await shows(pilot, "The rate is outside 0.1 to 133 Hz")
-    assert machine == []
-
-
-async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The paragraph stays with the form, what was asked for is in the form, and the exit code is the error's."""
-    reason = "/dev/ttyUSB7 is not there. Ports of this machine: none. Plug the adapter in, then press Enter."
-
-    def fail(plan: Plan) -> FakeClient:
-        raise SessionError(reason, 4)
-
-    monkeypatch.setattr(application.session, "start", fail)
-    app = ImutuiApp(plan=Plan("/dev/ttyUSB7", 20.0))
-    async with app.run_test(size=SMALLEST) as pilot:
-        screen = await shows(pilot, "Could not connect.", "press Enter.")
-        assert " ".join(screen.split()).find(reason) > 0
-        assert "ttyUSB7, 20 Hz, stream" in screen
-        await pilot.press("ctrl+q")
-        await until(pilot, lambda: app._exit)
-    assert app.return_value == 4
-
-
-async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Enter looks at it again and starts nothing."""
-    monkeypatch.setattr(application.session, "running", lambda: ["default"])
-    monkeypatch.setattr(application.session, "attach", FakeClient)
-    async with _app(None).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, 'running acquisition "default"')
-        await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
-    assert machine == []
-
-
-async def test_the_connected_page_stops_only_after_asking() -> None:
-    """Another instrument needs the first one stopped; a recording is finished, and named."""
-    client = FakeClient()
-    client.recording = True
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "● REC")
-        await pilot.press("1")
-        await shows(pilot, "Connected to /dev/serial", "stop this acquisition")
-        await pilot.press("enter")
-        await shows(pilot, "Stop this acquisition?", FILE)
-        assert client.asked == []
-        await pilot.press("s")
-        await shows(pilot, "other port", f"finished {PATH}")
-    assert client.asked == ["stop"]
+        assert {
+            f"key {key}" for key in (*"123456", "r", "m", "d", "y", "P", "?", "q", "Ctrl-z", "space", "a", "g", "+/-")
+        } <= keys

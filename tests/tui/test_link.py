@@ -10,8 +10,9 @@ from textual.message import Message
 
 from imutui.session.client import SessionError
 from imutui.tui.attempt import Attempt
-from imutui.tui.feed import Feed, poll_rate_hz
+from imutui.tui.feed import Feed
 from imutui.tui.link import Link
+from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
 
 
@@ -106,9 +107,18 @@ def test_a_lost_acquisition_is_told_once() -> None:
     assert [m.error for m in inbox.messages if isinstance(m, Feed.Lost)] == ["the acquisition has ended"]
 
 
-def test_a_remote_terminal_is_fed_less() -> None:
-    """Half the updates over SSH."""
-    assert (poll_rate_hz({}), poll_rate_hz({"SSH_CONNECTION": "x"})) == (10.0, 5.0)
+def test_the_pace_reaches_the_feed_and_the_view() -> None:
+    """What is decided about drawing holds for an acquisition that is looked at now or later."""
+    link = Link()
+    link.pace(Pacing("sweep", 4.0), "4 fps")
+    client, inbox = FakeClient(), Inbox()
+    link.attach(client, inbox.post)  # type: ignore[arg-type]
+    assert link._feed is not None
+    assert link._feed.rate_hz == 4.0
+    link.pace(Pacing("numbers", 2.0, note="link is slow"))
+    assert link._feed.rate_hz == 2.0
+    assert (link.view().pacing.mode, link.view().debug) == ("numbers", "")
+    link.leave()
 
 
 def test_freezing_keeps_the_view_and_not_the_data() -> None:

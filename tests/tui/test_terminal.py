@@ -3,6 +3,7 @@
 import os
 import pty
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -92,5 +93,65 @@ def test_the_linux_console_gets_blocks_and_sixteen_colours() -> None:
         assert not any("\u2800" < sign < "\u2900" for sign in screen)
         assert b"38;2;" not in terminal.raw
         assert b"38;5;" not in terminal.raw
+    finally:
+        terminal.close()
+
+
+def _ends_within(process: "subprocess.Popen[bytes]", seconds: float) -> bool:
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def _processor_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_the_ui_leaves_with_its_terminal() -> None:
+    """A terminal that is gone is noticed by itself, without a signal; nothing is left that reads its end for ever."""
+    terminal = Terminal()
+    try:
+        terminal.read_until("asked 20 measured")
+        before = _processor_s(terminal.process.pid)
+        os.close(terminal._slave)
+        os.close(terminal._master)
+        while terminal.process.poll() is None and _processor_s(terminal.process.pid) - before < 3.0:
+            _ends_within(terminal.process, 0.1)
+        assert terminal.process.poll() is not None, "it spins"
+    finally:
+        terminal._master, terminal._slave = os.open(os.devnull, os.O_RDWR), os.open(os.devnull, os.O_RDWR)
+        terminal.close()
+
+
+def test_a_hangup_signal_ends_the_ui_in_order() -> None:
+    """SIGHUP is no crash: the terminal is left as it was."""
+    terminal = Terminal()
+    try:
+        terminal.read_until("asked 20 measured")
+        terminal.process.send_signal(signal.SIGHUP)
+        terminal.read_until("", 1.0)
+        assert _ends_within(terminal.process, 20.0)
+        assert terminal.process.returncode == 0
+        assert terminal.modes_now() == terminal.modes
+    finally:
+        terminal.close()
+
+
+def test_a_frozen_terminal_neither_stops_the_ui_nor_is_sent_old_frames() -> None:
+    """While nobody reads, frames are left out; read again, the terminal gets a new one, less of it, and is told why."""
+    terminal = Terminal()
+    try:
+        terminal.read_until("scroll, autoscale")
+        terminal.press(b"\x1b[?2026;2$y")
+        asleep = time.monotonic()
+        while time.monotonic() - asleep < 4.0:  # this is the time that a person has stopped the output
+            select.select([], [], [], 0.5)
+        terminal.read_until("link is slow")
+        terminal.press(b"d")
+        terminal.read_until("Come back: imutui attach")
+        assert terminal.process.wait(10.0) == 0
     finally:
         terminal.close()

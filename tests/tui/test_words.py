@@ -1,59 +1,11 @@
 """States said in words."""
 
 import pytest
-from fake import bias, estimates
 
 from imutui.session.client import SessionError
 from imutui.tui import offers, words
 from imutui.tui.offers import Choice
 from imutui.tui.screens.live import first_span
-from imutui.tui.widgets.biases import gauge
-
-
-def test_the_verdict_says_what_is_waited_for() -> None:
-    """Name, number, unit and need of the bias that is farthest from converged."""
-    verdict = words.filter_verdict(estimates())
-    assert verdict.word == "WAITING"
-    assert verdict.sentence == "5 of 6 biases converged; waiting for z gyro: 3 sd 0.21 deg/s, needs 0.15"
-
-
-def test_converged_is_good() -> None:
-    """Nothing is waited for once every bias is converged."""
-    verdict = words.filter_verdict(estimates(biases=[bias(f"{axis} gyro", 0.1, 0.02) for axis in "xyz"]))
-    assert (verdict.word, verdict.sentence) == ("GOOD", "all 3 biases converged")
-
-
-def test_what_cannot_be_observed_is_not_waited_for() -> None:
-    """An unobservable bias is named, and does not hold the verdict back."""
-    rows = [bias("x gyro", 0.1, 0.02), bias("x accel", None, None, observable=False, converged_s=None)]
-    verdict = words.filter_verdict(estimates(biases=rows))
-    assert (verdict.word, verdict.sentence) == (
-        "GOOD",
-        "1 of 1 observable biases converged; not observable here: x accel",
-    )
-
-
-def test_alarms_come_first() -> None:
-    """A converged filter with an alarm is not good."""
-    assert words.filter_verdict(estimates(alarms=["innovations too large"])).word == "ALARM"
-    assert "ALARM" in words.filter_badge(estimates(alarms=["innovations too large"]))
-
-
-def test_waiting_says_for_what() -> None:
-    """The filter's own reason is passed on; no filter is said as well."""
-    assert words.filter_verdict(estimates(waiting="finding level, 6 s more")).sentence == "finding level, 6 s more"
-    assert words.filter_verdict(None).word == "OFF"
-
-
-@pytest.mark.parametrize(("mean", "word"), [(12.0, "above"), (5.0, "below"), (9.0, "inside"), (None, "no samples")])
-def test_nis_is_judged_by_its_band(mean: float | None, word: str) -> None:
-    """If NIS is a test, its place relative to the band is said."""
-    assert words.nis_meaning({"mean": mean, "band95": [8.9, 9.1], "is_test": True, "why": ""}).startswith(word)
-
-
-def test_nis_that_is_no_test_is_not_judged() -> None:
-    """With an exact reference a tiny NIS means nothing, and the reason is given."""
-    assert words.nis_meaning(estimates()["nis"]).startswith("no test: the reference is fed exact")
 
 
 def test_silence_is_judged_by_the_packet_rate() -> None:
@@ -66,9 +18,10 @@ def test_silence_is_judged_by_the_packet_rate() -> None:
 
 def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
     """A quarter of an hour, and then only while the temperature moves."""
-    assert words.warmth(180.0, 0.42) == "warming 3 min, +0.42 K/min"
-    assert words.warmth(3600.0, 0.01) == "warm 1 h 00 min, +0.01 K/min"
-    assert words.warmth(3600.0, -0.5).startswith("T unsteady")
+    assert words.warm_up(180.0, 0.42) == ("warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min")
+    assert words.warm_up(3600.0, 0.01) == "steady  on for 1 h 00 min  T +0.01 K/min  biases will hold"
+    assert words.warm_up(3600.0, -0.5).startswith("unsteady  on for 1 h 00 min  T -0.50 K/min  wait until")
+    assert words.warm_up(None, None) == ""
 
 
 def test_a_finished_file_is_named_with_its_biases() -> None:
@@ -78,14 +31,6 @@ def test_a_finished_file_is_named_with_its_biases() -> None:
     assert said == (
         "finished /logs/x.mcap, 246 samples\ngyro bias 0.1000 – -0.2000 deg/s, accel bias 1.00 2.00 3.00 mg"
     )
-
-
-def test_the_gauge_shows_side_size_and_excess() -> None:
-    """A bar grows from the middle to the value's side; beyond the limit it is marked."""
-    assert gauge(0.4, 1.0) == "▕·····│██···▏"
-    assert gauge(-12.0, 12.0) == "▕█████│·····▏"
-    assert gauge(13.0, 12.0) == "▕·····│████▲▏"
-    assert gauge(None, 1.0) == "▕·····│·····▏"
 
 
 def test_an_acquisition_that_does_not_answer_may_still_run() -> None:

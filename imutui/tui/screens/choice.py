@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
@@ -58,12 +59,14 @@ class ChoiceDialog(ModalScreen[str | None]):
         if self._careful:
             self.query_one(OptionList).highlighted = len(self._answers)
 
-    def on_key(self, event: object) -> None:
-        """A letter chooses at once."""
-        character = getattr(event, "character", None)
+    def on_key(self, event: events.Key) -> None:
+        """A letter chooses at once, and is no key of the page below any more."""
         for answer in self._answers:
-            if character == answer.key:
+            if event.character == answer.key:
+                event.stop()
+                event.prevent_default()
                 self.dismiss(answer.name)
+                return
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Enter or a click chooses."""

@@ -35,7 +35,7 @@ _CHOSEN = {"sampling": offers.SAMPLINGS, "filter": offers.FILTERS, "reference": 
 class _Ports(OptionList):
     """The list, whose Enter connects."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect", key_display="enter")]
 
 
 class ConnectPage(Page):
@@ -67,8 +67,8 @@ class ConnectPage(Page):
     ConnectPage Notice { dock: bottom; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "connect", "connect"),
-        Binding("tab", "next_field", "next field"),
+        Binding("enter", "connect", "connect", key_display="enter"),
+        Binding("tab", "next_field", "next field", key_display="tab"),
         Binding("p", "probe", "probe", tooltip="Ask on the chosen port which instrument is there"),
         Binding("a", "probe_all", "probe all", show=False, tooltip="Ask on every serial port"),
         Binding("v", "demo", "demo", tooltip="Start a virtual instrument, record it and show it"),
@@ -311,10 +311,11 @@ class ConnectPage(Page):
             self._heard(port, "asking ...")
             try:
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
-                self._heard(port, offers.answered(found))
             except (session.SessionError, OSError) as error:
-                self._heard(port, str(error))
-            self.post_message(self.Say(f"{text.port_name(port)}: {self._answers[port]}"))
+                found = {"port": port, "answers": False, "error": str(error)}
+            self._heard(port, offers.answered(found))
+            said = found.get("error") or f"{text.port_name(port)}: {self._answers[port]}"
+            self.post_message(self.Say(said, "good" if found["answers"] and not found.get("error") else "wait"))
 
     def _heard(self, port: str, answer: str) -> None:
         self._answers[port] = answer
@@ -360,7 +361,7 @@ class ConnectPage(Page):
         """Have the rate sensors zeroed, after asking."""
         now = self.view.now if self.view is not None else None
         if now is not None and now.get("recording"):
-            said = "not while recording: zeroing shifts every reading from then on. r finishes the file"
+            said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
             self.post_message(self.Say(said, "wait"))
         else:
             self.app.push_screen(zero_dialog(), self._zero)

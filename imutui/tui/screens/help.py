@@ -12,46 +12,85 @@ from textual.widgets import Static
 from imutui.tui.glyphs import choose
 
 HELP = """\
-imutui reads an IMU on a turn table, records it, and estimates its biases.
+FIRST STEPS
+  No instrument at hand: 1, then v. A virtual instrument starts, and is
+  recorded. With one: 1, choose its port, Enter; then r records.
+  4 Filter   wait for 6 of 6 biases converged and the word GREEN. In the
+             demo that takes half a minute
+  r          finishes the file; 3 Record says where it is
+  6 Logs     choose the file, t traces it: which physical effect moves what
+             the bias does not explain, and how large it is. Two minutes of
+             the demo are enough for that; half an hour is good for a unit
 
-The acquisition runs in a process of its own that owns the port and the
-file. This screen only looks at it: closing the terminal, a lost SSH link
-or Ctrl+Z never costs a sample. `imutui attach` brings the screen back.
+WHAT RUNS WHERE
+  The acquisition is a process of its own that owns the port and the file.
+  This screen only looks at it: a closed terminal, a lost SSH link or
+  Ctrl+Z never costs a sample. `imutui attach` brings the screen back, and
+  a second one may look at the same acquisition.
 
 PAGES
-  1  Connect   choose port, rate and sampling
+  1  Connect   choose port, rate, sampling, filter; stop; zero the unit
   2  Live      what the instrument reads: table and plots
-  3  Filter    biases, how sure they are, and what the filter waits for
+  3  Record    what is being written, and who, where, which table
+  4  Filter    biases, how sure they are, and what the filter waits for
+  5  Table     a table profile, step by step: go to, wait, mark
+  6  Logs      recordings: info, check, recover, replay, trace
 
-KEYS
-  r        start a recording; r again finishes the file. The filter starts
+KEYS ON EVERY PAGE
+  1 to 6   the pages
+  r        start a recording; r again finishes the file. The filter begins
            anew with the file, so that a replay gives the same estimates
   m        put a mark with a text into the recording
-  space    freeze the view; data go on being taken and recorded
-  + -      longer or shorter plots
-  a        lock the plots' scales, or let them follow the data
-  g        the other plot: gyro or accel (tall terminals show both on Live)
+  y        copy the numbers of the page as text, to the terminal's clipboard
+  P        save a picture of the screen (SVG) in the folder of the logs
   d        detach: leave the screen, the acquisition goes on
   q        quit; asks whether the acquisition goes on. Ctrl+C asks as well
-  Esc      back, cancel
-  Ctrl+P   all actions by name, themes, screenshot
-  Ctrl+Z   suspend this screen; `fg` brings it back
+  Ctrl+P   all actions by name, with their keys; themes
+  Ctrl+Z   back to the shell for a while; `fg` brings the screen back
+  Esc      back, cancel, leave a field
+
+ON THE CONNECT PAGE
+  Enter    connect;  Tab next field;  left and right choose in a line
+  p  a     ask which instrument is on the chosen port, or on all. That sends
+           bytes, so it is never done unasked
+  v        the demo
+  z        zero the rate sensors; s stop. Both ask first
 
 ON THE LIVE PAGE
-  counts   what the instrument sent
-  value    the same in deg/s, mg and °C
+  space    freeze the view; data go on being taken and recorded
+  + -      longer or shorter plots;  a lock their scales;  g which plots
+  s        scroll, sweep (cheap on a slow link), or numbers only
+  counts   what the instrument sent;  value  the same in deg/s, mg and °C
   mean, sd over the last 10 s; min and max show single spikes
   plots    every lane has its own scale. A spike is never hidden: each dot
            column spans the lowest to the highest of its samples
-  lost     packets missing, by the instrument's own counter
-  bad sums packets that arrived damaged and were dropped
+  Ctrl+B   a line with what drawing costs: frames, bytes, processor time
+
+ON THE RECORD PAGE
+  e        type operator, place, table, note, rotation; Esc is done. They
+           go into the file that r begins next
+  rotation the file is finished and the next one begun, none lost between
+  losses   packets missing by the instrument's own counter; packets that
+           arrived damaged and were dropped; bytes skipped to find the next
+  disk     all is flushed every second; LATE means that it is not
 
 ON THE FILTER PAGE
+  GREEN    all biases that can be seen have converged, nothing is unexplained
+  AMBER    wait, or look: the text says at what. RED: do what it says
+  w        why: every rule of the badge with what it found, all alarms
+  up down  choose a bias; Enter enlarges its plot, a changes its scale
+  t        trace this recording: look for what the model does not explain
+  e        load found effects into the filter
   ±3 sd    the true bias is within, if the filter's model is right
   bar      zero in the middle; the ends are the data sheet's limit
-  not observable   this setup cannot tell this bias from something else
+  in 10 s  how far the estimate moved, in its own sd too if that is much
+  unobservable   this setup cannot tell this bias from something else
+  unexplained    means over 10 s of what the estimate leaves, over what
+           noise allows: 1 is noise, above 2 something is there
   NIS      how surprising the measurements are. A number near its degrees
            of freedom is right, if it is a test at all; the page says so
+  gates    measurements left out because they were impossible
+  A bias is what a still unit reads too much: corrected = reading − bias
 
 MOUSE
   Never needed. Hold Shift and drag to select text of the terminal.

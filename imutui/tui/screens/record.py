@@ -66,7 +66,9 @@ class RecordPage(Page):
                 for name in row:
                     kind = "number" if name in recording.NUMBERS else ""
                     yield Label(recording.FIELDS[name], classes=kind)
-                    yield Input(id=f"wish-{name}", compact=True, classes=kind, placeholder="never" if kind else "")
+                    yield Input(
+                        id=f"wish-{name}", compact=True, classes=kind, placeholder="never" if kind else "not set"
+                    )
         yield Static(id="wish-wrong")
 
     def show(self, view: View) -> None:
@@ -85,14 +87,14 @@ class RecordPage(Page):
 
     def _say_form(self) -> None:
         now = self.view.now if self.view is not None else None
-        title = "for the next file" if (now or {}).get("recording") else "goes into the file"
+        title = "the recording after this gets" if (now or {}).get("recording") else "the next recording gets"
         key = "Esc done" if isinstance(self.focused, Input) else "e edits"
         width = self.query_one("#wish").content_size.width or 78
         head = self.query_one(TakeState).rule(title, width, key)
         self.query_one("#wish-head", Static).update(head)
 
-    def finished(self, said: str) -> None:
-        """What was written last; empty while something is being written."""
+    def finished(self, said: list[tuple[str, str]]) -> None:
+        """Show what was written last; empty while something is being written."""
         state = self.query_one(TakeState)
         state.finished = said
         state.refresh()

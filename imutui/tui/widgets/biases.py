@@ -6,66 +6,82 @@ from textual.content import Content
 
 from imutui.tui import text
 from imutui.tui.link import View
+from imutui.tui.verdict import MOVES_SD, moved_sd
+from imutui.tui.widgets.gauge import gauge
 from imutui.tui.widgets.lines import Lines
 
-_CELLS = 11
-_NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
-
-
-def gauge(value: float | None, limit: float) -> str:
-    """Bar from zero in the middle towards the value; ends are the limits, a value beyond them puts ▲ there."""
-    middle = _CELLS // 2
-    cells = ["·"] * _CELLS
-    cells[middle] = "│"
-    if value is not None:
-        reach = round(abs(value) / limit * middle)
-        step = 1 if value > 0 else -1
-        for i in range(1, min(reach, middle) + 1):
-            cells[middle + step * i] = "█"
-        if abs(value) > limit:
-            cells[middle + step * middle] = "▲"
-    return f"▕{''.join(cells)}▏"
+NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
+_HEAD = (
+    ("  bias", 13),
+    ("value", 5),
+    (" ± 3 sd", 16),
+    ("zero ±Table 1 limit", 21),
+    ("in 10 s", 13),
+    ("converged at", 12),
+)
 
 
 def convergence(bias: dict[str, Any]) -> str:
     """Since when a bias is converged, in words."""
     if not bias["observable"]:
-        return "not observable"
-    if bias["converged_s"] is None:
+        return "unobservable"
+    since = bias["converged_s"]
+    if since is None:
         return "not yet"
-    return f"since {bias['converged_s']:.1f} s"
+    return f"{since:.1f} s" if since < 600.0 else text.clock(since)
 
 
 class BiasTable(Lines):
-    """Seven lines: a head and six biases."""
+    """Seven lines: a head and six biases, one of them selected."""
 
     DEFAULT_CSS = "BiasTable { width: 80; height: 7; }"
+
+    selected = 0
+    alone = False
+    """Whether only the selected bias is shown."""
+
+    def select(self, index: int, *, alone: bool) -> None:
+        """Point at a bias."""
+        self.selected, self.alone = index, alone
+        if self.view is not None:
+            self.show(self.view)
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and biases; dashes while nothing is known."""
         estimates = (view.shown or {}).get("filter") or {}
         biases = estimates.get("biases") or []
-        head = "             bias  ±3 sd         zero ± Table 1 limit      in 10 s   converged"
+        head = "".join(self._cell(title, cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
-        if not biases:
-            return lines + [self.line((f" {name:<8}", "bold"), f"{text.NOTHING:>8}") for name in _NAMES]
-        return lines + [self._row(bias) for bias in biases]
+        rows = [self._row(i, bias) for i, bias in enumerate(biases)] or [self._empty(i) for i in range(len(NAMES))]
+        return lines + (rows[self.selected : self.selected + 1] if self.alone else rows)
 
-    def _row(self, bias: dict[str, Any]) -> Content:
-        unit, limit, value = bias["unit"], bias["limit"], bias["value"]
+    def _cell(self, said: str, width: int) -> str:
+        """Text of a column: signs that the terminal lacks may stand as two."""
+        return self.glyphs.text(said).ljust(width)
+
+    def _label(self, index: int, name: str) -> tuple[str, str]:
+        chosen = index == self.selected
+        return (f"{'>' if chosen else ' '}{name:<8}", "bold reverse" if chosen else "bold")
+
+    def _empty(self, index: int) -> Content:
+        return self.line(self._label(index, NAMES[index]), f"{text.NOTHING:>9}")
+
+    def _row(self, index: int, bias: dict[str, Any]) -> Content:
+        unit, limit, value, sd3 = bias["unit"], bias["limit"], bias["value"], bias["sd3"]
         decimals = text.BIAS_DECIMALS[unit]
-        sd3 = bias["sd3"]
         outside = value is not None and abs(value) > limit
         pending = bias["observable"] and bias["converged_s"] is None
+        moved = moved_sd(bias)
+        in_sd = f"{abs(moved):.1f} sd" if moved is not None and abs(moved) >= MOVES_SD else ""
         return self.line(
-            (f" {bias['name']:<8}", "bold"),
+            self._label(index, bias["name"]),
             (text.aligned(value, 9, decimals, 4), "bold"),
-            f" ±{text.NOTHING if sd3 is None else f'{sd3:.{decimals}f}':<7}{unit:<6}",
-            (gauge(value, limit), "bold $text-error" if outside else "$text-primary"),
-            f" ±{limit:<4g}",
-            text.aligned(bias["change_10s"], 10, decimals, 4, sign=True),
-            "   ",
-            (convergence(bias), _style(pending, bias["observable"])),
+            self._cell(f" ±{text.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
+            (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
+            self._cell(f" ±{limit:g}", 5),
+            text.aligned(bias["change_10s"], 8, decimals, 4, sign=True),
+            f"{in_sd:>7} ",
+            (f"{convergence(bias):<12}", _style(pending, bias["observable"])),
         )
 
 

@@ -1,43 +1,65 @@
-"""The filter in words: verdict, NIS and its meaning, navigation states, alarms."""
+"""The filter in lines: NIS and its meaning, what is unexplained, navigation states, loaded effects, alarms."""
 
+import math
+import textwrap
 from typing import Any
 
 from textual.content import Content
 
-from imutui.tui import text, words
+from imutui.tui import text, verdict
 from imutui.tui.link import View
-from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
+from imutui.tui.verdict import NOTICED
+from imutui.tui.widgets.lines import Lines
+
+_LABEL = 13
 
 
-class VerdictLine(Lines):
-    """How far the filter is."""
-
-    DEFAULT_CSS = "VerdictLine { height: 2; padding: 0 1; }"
-
-    def lines(self, view: View, width: int) -> list[Content]:
-        """A word and a sentence; nothing before the first snapshot."""
-        if view.shown is None:
-            return [self.line(("No acquisition: 1 connects to one.", "dim"))]
-        verdict = words.filter_verdict(view.shown.get("filter"))
-        return [self.line((f"{verdict.word}  ", LEVEL_STYLES[verdict.level]), verdict.sentence)]
+def _filter(view: View) -> dict[str, Any]:
+    return (view.shown or {}).get("filter") or {}
 
 
-class NisLines(Lines):
-    """Normalised innovation squared."""
+class NisLine(Lines):
+    """Normalised innovation squared, and updates that were left out."""
 
-    DEFAULT_CSS = "NisLines { height: 3; padding: 0 1; }"
+    DEFAULT_CSS = "NisLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Numbers, then meaning."""
-        estimates = (view.shown or {}).get("filter")
+        """Mean, meaning, the first one, and how many updates the gates left out."""
+        estimates = _filter(view)
         if not estimates:
             return []
         nis = estimates["nis"]
-        low, high = nis["band95"] or (None, None)
-        # The band only means something for a test: shown otherwise, it invites the wrong conclusion.
-        band = f"   95 % band {text.plain(low, 3)} to {text.plain(high, 3)}" if nis["is_test"] else ""
-        numbers = f" mean {text.plain(nis['mean'], 3)} of {nis['dof']}{band}   first {text.plain(nis['first'], 3)}"
-        return [self.line(("NIS", "bold"), numbers), self.line((words.nis_meaning(nis), "dim"))]
+        # the band only means something for a test: shown otherwise, it invites the wrong conclusion
+        left = self.line(
+            (" NIS".ljust(_LABEL), "bold"),
+            f"{text.number(nis['mean'], 0, 2)} of {nis['dof']:g}  ",
+            (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
+        )
+        first = f"  first {text.plain(nis['first'], 3)}"
+        rejected = estimates.get("rejected")
+        gates = "" if rejected is None else f"  gates {rejected}"
+        return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]
+
+
+class UnexplainedLine(Lines):
+    """What the model leaves unexplained, in units of what noise allows."""
+
+    DEFAULT_CSS = "UnexplainedLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """The worst channel, and the key that looks for the cause."""
+        estimates = _filter(view)
+        if not estimates:
+            return []
+        worst = verdict.worst_remainder(estimates.get("remainder") or [])
+        said, loud = "known after 30 s of estimates", False
+        if worst is not None:
+            said = f"{worst['channel']} 10 s means {worst['ratio']:.1f} × what noise allows"
+            loud = worst["ratio"] > NOTICED
+        left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
+        recording = (view.now or {}).get("recording") is not None
+        key = "t traces this recording " if recording else "r records, then t traces "
+        return [self.spread(left, self.line((key, "dim")), width)]
 
 
 class NavigationLines(Lines):
@@ -47,7 +69,7 @@ class NavigationLines(Lines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         """A head and three rows."""
-        estimates = (view.shown or {}).get("filter") or {}
+        estimates = _filter(view)
         head = self.rule(self._title(estimates), width, "± is 3 sd")
         state, sd = estimates.get("state"), estimates.get("state_sd")
         return [head, *(self._row(i, state, sd) for i in range(3))] if state and sd else [head]
@@ -59,47 +81,97 @@ class NavigationLines(Lines):
         return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
 
     def _row(self, i: int, state: dict[str, Any], sd: dict[str, Any]) -> Content:
-        position_decimals, position_unit = ((6, "°"), (6, "°"), (2, ""))[i]
-        position = text.number(state["position_deg_m"][i], 11, position_decimals)
+        degree = self.glyphs.text("°")
+        decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
-            (f" {('velocity N', 'E', 'D')[i]:>10}", "bold"),
-            f"{text.number(state['velocity_mps'][i], 8, 3)} ±{_three(sd['velocity_mps'][i], 3):<6}m/s",
-            (f" {('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
-            f"{text.number(state['rpy_deg'][i], 9, 3)} ±{_three(sd['rpy_deg'][i], 3):<6}°",
-            (f" {('lat', 'lon', 'h')[i]:>4}", "bold"),
-            f"{position}{position_unit or ' '} ±{_three(sd['position_m'][i], 1)} m",
+            (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
+            f"{text.number(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 9)}m/s",
+            (f"{('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
+            f"{text.number(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 9)}deg",
+            (f"{('lat', 'lon', 'h')[i]:>4}", "bold"),
+            f"{text.number(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
+            f"{self._certain(sd['position_m'][i], 1, 0)} m",
         )
 
+    def _certain(self, sd: float | None, decimals: int, width: int) -> str:
+        """Three standard deviations in a column."""
+        three = None if sd is None else 3.0 * sd
+        return self.glyphs.text(f" ±{text.number(three, 0, decimals)}").ljust(width)
 
-def _three(sd: float | None, decimals: int) -> str:
-    return text.NOTHING if sd is None else f"{3.0 * sd:.{decimals}f}"
+
+def effect_text(effect: dict[str, Any]) -> str:
+    """Label, value ± 3 sd, unit; as many decimals as the certainty is worth."""
+    value, sd, unit = effect["value"], effect["sd"], effect["unit"]
+    if value is None or not sd:
+        return f"{effect['label']} {text.plain(value)} {unit}".rstrip()
+    decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
+    return f"{effect['label']} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()
 
 
-class AlarmLines(Lines):
-    """Alarms of the filter."""
+def side_by_side(said: list[str], width: int, rows: int) -> list[str]:
+    """Entries beside each other in at most `rows` lines; the last line says how many have no room."""
+    lines: list[str] = []
+    for i, one in enumerate(said):
+        rest = f"   w: {len(said) - i} more"
+        last = len(lines) >= rows
+        joined = f"{lines[-1]}   {one}" if lines else one
+        if lines and len(joined) + (len(rest) if last and i < len(said) - 1 else 0) <= width:
+            lines[-1] = joined
+        elif not last:
+            lines.append(one)
+        else:
+            lines[-1] += rest
+            break
+    return lines
 
-    DEFAULT_CSS = "AlarmLines { height: 1fr; padding: 0 1; }"
+
+class GrowingLines(Lines):
+    """Lines that take no more room than they need, none if there are none; a tall terminal has room for more."""
+
+    few, many = 1, 3
+
+    @property
+    def rows(self) -> int:
+        """The most lines there is room for."""
+        return self.many if self.screen.has_class("-tall") else self.few
+
+    def show(self, view: View) -> None:
+        """Take a view; other lines change the page's layout."""
+        before = self._made
+        super().show(view)
+        self.display = self._made is not None and bool(self._made.plain)
+        if before is None or self._made is None or before.plain != self._made.plain:
+            self.refresh(layout=True)
+
+
+class EffectLines(GrowingLines):
+    """Effects that joined the filter; no line without effects."""
+
+    DEFAULT_CSS = "EffectLines { height: auto; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One alarm a line, as many as fit, and how many do not."""
-        estimates = (view.shown or {}).get("filter")
-        if not estimates:
-            return []
-        alarms = [self.line(("! ", "bold $text-error"), str(alarm)) for alarm in estimates["alarms"]]
-        room = max(self.content_size.height, 1)
-        if len(alarms) > room:
-            rest = len(alarms) - room + 1
-            alarms[room - 1 :] = [self.line((f"! and {text.plural(rest, 'more alarm')}", "bold $text-error"))]
-        return alarms or [self.line(("no alarms", "dim"))]
+        """Values with certainty, side by side."""
+        said = [self.glyphs.text(effect_text(effect)) for effect in _filter(view).get("effects") or []]
+        heads = [" effects", *[""] * self.rows]
+        rows = side_by_side(said, width - _LABEL - 1, self.rows)
+        return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
 
 
-class ToleranceLine(Lines):
-    """What counts as converged."""
+class AlarmLines(GrowingLines):
+    """Alarms beside the one that the badge says."""
 
-    DEFAULT_CSS = "ToleranceLine { height: 1; padding: 0 1; }"
+    DEFAULT_CSS = "AlarmLines { height: auto; }"
+    few, many = 2, 6
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One line."""
-        gyro, accel = words.GYRO_TOLERANCE_DPS, words.ACCEL_TOLERANCE_MG
-        said = f"converged: sd below {gyro:g} deg/s and {accel:g} mg.  corrected reading = reading − bias"
-        return [self.line((said, "dim"))]
+        """Alarms one after the other, wrapped; how many lines are missing."""
+        said = view.shown_verdict.reason if view.shown_verdict is not None else ""
+        wrapped = [
+            line
+            for alarm in _filter(view).get("alarms") or []
+            if str(alarm) not in said
+            for line in textwrap.wrap(str(alarm), width, initial_indent=" ! ", subsequent_indent="   ")
+        ]
+        if len(wrapped) > self.rows:
+            wrapped = [*wrapped[: self.rows - 1], f"{wrapped[self.rows - 1][: width - 14]} … w: more"]
+        return [self.line((line, "$text-error")) for line in wrapped]

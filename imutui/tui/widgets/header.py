@@ -3,10 +3,12 @@
 from textual.content import Content
 
 from imutui import __version__
-from imutui.tui import text, words
+from imutui.tui import text
 from imutui.tui.glyphs import Glyphs
 from imutui.tui.link import Snapshot, View
-from imutui.tui.widgets.lines import Lines
+from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
+
+_PORT_ROOM = 14
 
 
 class StatusHeader(Lines):
@@ -30,17 +32,17 @@ class StatusHeader(Lines):
     def lines(self, view: View, width: int) -> list[Content]:
         """Identity and time; pages, filter and recording."""
         now = view.now
-        return [
-            self._first(now, width),
-            self.spread(self._tabs(), self.line(*self._filter(now), " "), width),
-        ]
+        tabs = self._tabs()
+        return [self._first(now, width), self.spread(tabs, self._filter(view, width - tabs.cell_length - 2), width)]
 
     def _first(self, now: Snapshot | None, width: int) -> Content:
         right = self.line("  ", *self._recording(now), "  ", self._time(now), " ")
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length
-            left = left.append(self.glyphs.text(text.port_name(now.get("port"), max(room, 0))))
+            port = text.port_name(now.get("port"), max(room, 0))
+            # a name without its middle is no name when little is left of it
+            left = left.append(self.glyphs.text(port if room >= _PORT_ROOM or "…" not in port else ""))
         return self.spread(left, right, width)
 
     def _identity(self, now: Snapshot | None) -> Content:
@@ -68,8 +70,13 @@ class StatusHeader(Lines):
             parts.append(Content.assemble(" ", (f"{key} {title}", style)))
         return Content(" ").join(parts)
 
-    def _filter(self, now: Snapshot | None) -> tuple[str, ...]:
-        return (words.filter_badge(now.get("filter")),) if now is not None else ()
+    def _filter(self, view: View, room: int) -> Content:
+        """The filter's badge, cut where it does not fit: the tabs stay whole."""
+        verdict = view.verdict
+        if verdict is None:
+            return self.line(" ")
+        said = verdict.short if len(verdict.short) <= room else verdict.short.removeprefix("filter ")
+        return self.line((said[: max(room, 0)], LEVEL_STYLES[verdict.level]), " ")
 
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:

@@ -24,8 +24,10 @@ class OneOf(Widget, can_focus=True):
     OneOf:focus { background: $block-cursor-blurred-background; text-style: bold; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left,k,h", "step(-1)", "other", show=False),
-        Binding("right,j,l,space", "step(1)", "other", show=False),
+        Binding("up,k", "app.focus_previous", show=False),
+        Binding("down,j", "app.focus_next", show=False),
+        Binding("left,h", "step(-1)", "other", show=False),
+        Binding("right,l,space", "step(1)", "other", show=False),
     ]
     value: reactive[str] = reactive("")
 

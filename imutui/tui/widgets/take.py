@@ -16,8 +16,8 @@ class TakeState(Lines):
 
     def __init__(self) -> None:
         super().__init__()
-        self.finished = ""
-        """What was written last."""
+        self.finished: list[tuple[str, str]] = []
+        """What was written last: names and values."""
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Eight lines."""
@@ -28,7 +28,8 @@ class TakeState(Lines):
         if now is None:
             return [badge]
         take = now.get("recording")
-        return [badge, *(self._idle(now, width) if take is None else self._file(now, take, width)), *self._link(now)]
+        rows = self._idle(now, width) if take is None else self._file(now, take, width)
+        return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now))]
 
     def _row(self, name: str, said: str, level: str = "none") -> Content:
         return self.line((f"{name:{_NAME}}", "dim"), (said, "" if level == "none" else LEVEL_STYLES[level]))
@@ -48,9 +49,9 @@ class TakeState(Lines):
         free = now.get("free_bytes")
         space = "" if free is None else f"; {text.size(free)} free"
         if self.finished:
-            first, *rest = self.finished.splitlines()
-            said = [self.line((first, LEVEL_STYLES["good"])), *(self.line(more) for more in rest)]
-            return [*said, self.line("6 Logs opens it: info, check, replay, trace. r records again.")][:4]
+            rows = [self._row(name, text.shorten(said, width - _NAME)) for name, said in self.finished]
+            rows += [self._row("next", "6 Logs opens it: info, check, replay, trace; r records again", "good")]
+            return [*rows, *[Content("")] * (4 - len(rows))]
         return [
             self._row("r writes", text.shorten(recording.will_write(now), width - _NAME)),
             self._row("", f"every packet, from then on, flushed to disk each second{space}"),

@@ -1,0 +1,27 @@
+"""`imutui check`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imutui.cli.options import Json
+
+
+def command(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")], json: Json = False
+) -> None:
+    """Look logs through: is the file whole, and do its parts agree.
+
+    Checksums, index, every message; times, numbers, packets lost, samples against packets, gaps, limits, metadata,
+    reference. Each finding says what, where, and what to do next.
+
+    Exit code 0: fine, 1: findings, 3: unreadable.
+
+    Example: imutui check logs/*.mcap
+    """
+    from imutui.cli.several import over
+    from imutui.jobs.check import check
+    from imutui.report.logs import check_text
+
+    over(logs, check, check_text, json=json, fine=lambda document: bool(document["fine"]))

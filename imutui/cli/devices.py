@@ -1,0 +1,98 @@
+"""`imutui devices`."""
+
+from typing import Annotated, Any
+
+import typer
+
+from imutui.cli.options import Json
+
+
+def command(
+    ports: Annotated[
+        list[str] | None, typer.Argument(metavar="[PORT...]", help="Ports to probe, listed by the system or not.")
+    ] = None,
+    probe: Annotated[bool, typer.Option("--probe", help="Ask each port who is there; stops a stream.")] = False,
+    json: Json = False,
+) -> None:
+    """List serial ports by their stable id, and which acquisitions have one.
+
+    With --probe each is asked: ping, version, serial number. A port that an acquisition has is left alone.
+
+    Exit code 0, or 1 if a port that was asked does not answer.
+
+    Example: imutui devices --probe
+    """
+    from imutui.cli.outcome import FINDINGS, FINE
+    from imutui.session import client
+
+    running = _running()
+    known = [{"port": name, "description": text} for name, text in client.ports()]
+    found = [p for p in known if not ports or p["port"] in ports]
+    found += [{"port": name, "description": ""} for name in ports or () if name not in [p["port"] for p in found]]
+    if probe or ports:
+        for entry in found:
+            entry.update(_probed(entry["port"]))
+    if json:
+        from imutui.logbook.results import dumps
+
+        print(dumps({"version": 1, "ports": found, "acquisitions": running}))
+    else:
+        _tell(found, running)
+    raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)
+
+
+def _probed(port: str) -> dict[str, Any]:
+    import sys
+
+    from imutui.session import client
+
+    if sys.stderr.isatty():
+        print(f"\r\x1b[Kasking {port}", end="", file=sys.stderr, flush=True)
+    try:
+        return client.probe(port)
+    finally:
+        if sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _running() -> list[dict[str, Any]]:
+    """Acquisitions of this user: name, port, instrument, state; those on their way up by name only."""
+    from imutui.session import client
+
+    out: list[dict[str, Any]] = []
+    for name in client.running():
+        try:
+            found = client.attach(name)
+            state = found.snapshot(since=2**62)
+            found.close()
+        except client.SessionError:
+            out.append({"name": name, "state": "connecting"})
+            continue
+        keys = ("name", "port", "instrument", "serial_number", "kind", "state")
+        out.append({**{key: state[key] for key in keys}, "recording": state["recording"] is not None})
+    return out
+
+
+def _tell(found: list[dict[str, Any]], running: list[dict[str, Any]]) -> None:
+    if not found:
+        print("no serial port on this machine. Plug the adapter in; `imutui demo` needs none.")
+    for entry in found:
+        about = f"  {entry['description']}" if entry["description"] else ""
+        print(f"{entry['port']}{about}")
+        if "answers" in entry:
+            print(f"    {_answer(entry)}")
+    for a in running:
+        if "port" not in a:
+            print(f'acquisition "{a["name"]}" is connecting to its instrument')
+            continue
+        what = "recording" if a["recording"] else "not recording"
+        unit = f"{a['instrument']} #{a['serial_number']}" if a["serial_number"] else a["instrument"]
+        print(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
+
+
+def _answer(entry: dict[str, Any]) -> str:
+    if not entry["answers"]:
+        return f"no answer: {entry['error']}"
+    number = f" #{entry['serial_number']}" if entry["serial_number"] else ""
+    told = f"{entry['instrument']}{number}, says {entry['firmware'] or 'nothing of its version'}, {entry['baud']} baud"
+    return f"{told}. {entry['error']}" if entry["error"] else told

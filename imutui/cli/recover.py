@@ -1,0 +1,39 @@
+"""`imutui recover`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imutui.cli.options import Force, Json
+
+
+def command(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log that is unfinished or damaged.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to make.")],
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Make a finished, indexed log of an unfinished or damaged one.
+
+    Every whole record is kept, also behind damage, and nothing is doubled. The new file is read back before this says
+    that it is done; the source is never touched. What was lost is told here and in the new file.
+
+    Exit code 0: all that was written is there, 1: parts were lost, 3: nothing can be read.
+
+    Example: imutui recover logs/broken.mcap -o logs/fixed.mcap
+    """
+    from imutui.cli.outcome import FINDINGS, FINE, refuse_existing
+    from imutui.cli.several import progress, width
+    from imutui.jobs.recover import recover
+    from imutui.logbook.results import dumps
+    from imutui.report.logs import recover_text
+
+    if not (output.exists() and log.exists() and output.samefile(log)):
+        refuse_existing(output, force)
+    try:
+        document = recover(log, output, force, progress)
+    finally:
+        progress(1.0, "")
+    print(dumps(document) if json else recover_text(document, width()))
+    raise typer.Exit(FINE if document["complete"] else FINDINGS)

@@ -1,0 +1,73 @@
+"""One job over logs named on the command line, one after the other: one log's trouble is not the others'."""
+
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from imutui.cli.outcome import FINDINGS, FINE, in_words, say
+
+_WIDEST = 100
+
+Job = Callable[[Path, Callable[[float, str], None]], dict[str, Any]]
+
+
+def over(
+    logs: list[Path],
+    job: Job,
+    text: Callable[[Mapping[str, Any], int], str],
+    *,
+    json: bool,
+    fine: Callable[[Mapping[str, Any]], bool] = lambda document: True,
+) -> None:
+    """Print what a job finds in each log and end with the worst exit code.
+
+    Parameters
+    ----------
+    logs : list of Path
+        At least one.
+    job : callable
+        Takes a path and a callable for its progress; returns a document.
+    text : callable
+        Makes text of a document, so many columns wide.
+    json : bool
+        Print the documents instead: one, or a list of several.
+    fine : callable
+        Whether a document tells of nothing wrong.
+    """
+    documents: list[dict[str, Any]] = []
+    code = FINE
+    for log in logs:
+        try:
+            document = job(log, progress)
+        except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
+            wrong, words = in_words(error)
+            progress(1.0, "")
+            say(f"imutui: {words}")
+            code = max(code, wrong)
+            continue
+        progress(1.0, "")
+        code = max(code, FINE if fine(document) else FINDINGS)
+        if not json:
+            print(("\n" if documents else "") + text(document, width()))
+        documents.append(document)
+    if json and (documents or len(logs) > 1):
+        from imutui.logbook.results import dumps
+
+        print(dumps(documents if len(logs) > 1 else documents[0]))
+    raise typer.Exit(code)
+
+
+def progress(share: float, what: str) -> None:
+    """Show how far a job is, on a terminal only."""
+    if sys.stderr.isatty():
+        text = f"{share * 100:3.0f} %  {what}" if share < 1.0 else ""
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def width() -> int:
+    """Columns for sentences: those of the terminal, but no more than read well."""
+    return min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)

@@ -1,0 +1,227 @@
+"""Rules of `check` on times, and on what the unit sent: gaps, rate, losses, counter, samples, limits."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from imutui.instrument.scaling import Scaling
+from imutui.jobs import damage
+from imutui.jobs.damage import plural
+from imutui.jobs.looked import Finding, Looked
+from imutui.logbook import schemas
+
+_LONG_GAP = 2.5
+_RATE_OFF = 0.02
+_STAMP_SLACK_NS = 20_000_000
+_EARLIEST_NS = 946_684_800_000_000_000  # 2000: before that it is no UTC but some other clock
+_LIMITS = (-32768, 32767)
+_CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+_EVERY_HZ = 133.0
+_LOOP_HZ = 400.0 / 3.0
+_FEW, _SHARE = 2, 0.1
+
+
+def _times(log: Looked) -> Iterator[Finding]:
+    """Rules of time that a log is written by: UTC, never backwards, no jump against the monotonic clock."""
+    for topic, heads in log.audit.messages.items():
+        stamps = heads["log_ns"]
+        if stamps[0] < _EARLIEST_NS:
+            what = f"{topic}: the log time is not UTC: it begins before the year 2000."
+            yield Finding("log_time", what, "from the first message on", _CLOCK)
+        back = np.flatnonzero(np.diff(stamps) < 0)
+        if back.size:
+            what = f"{topic}: log time goes back in {plural(int(back.size), 'place')}."
+            yield Finding("log_time", what, f"first {log.at(int(stamps[back[0]]))}", _CLOCK)
+    yield from _sample_times(log)
+    if log.raw is not None and log.raw.size:
+        offset = log.raw["log_ns"] - log.audit.packets["host_monotonic_ns"]
+        steps = np.flatnonzero(np.diff(offset))
+        if steps.size and log.audit.session:
+            k = int(steps[0])
+            what = f"Log time jumps by {(offset[k + 1] - offset[k]) / 1e9:+.6f} s against the monotonic clock."
+            yield Finding("log_time", what, log.at(int(log.raw["log_ns"][k + 1])), _CLOCK)
+
+
+_CLOCK = "The times are not to be trusted there; replay a part without it (--start, --end)."
+
+
+def _sample_times(log: Looked) -> Iterator[Finding]:
+    """Stamps of the samples: in order, finite, and those of their messages."""
+    a = log.audit
+    back = np.flatnonzero(np.diff(a.samples) <= 0)
+    if back.size:
+        what = f"Sample time does not increase in {plural(int(back.size), 'place')}; a replay refuses the log."
+        yield Finding("stamps", what, f"first {log.at(int(a.samples[back[0]]))}", log.recover())
+    bad = np.flatnonzero(~(np.isfinite(a.gyro).all(axis=1) & np.isfinite(a.accel).all(axis=1)))
+    if bad.size:
+        what = f"{plural(int(bad.size), 'sample')} are not numbers; a replay refuses the log."
+        where = f"first {log.at(int(a.samples[bad[0]]))}"
+        yield Finding("stamps", what, where, "Remove them in the program that wrote the file.")
+    heads = a.messages.get(a.imu_topic or "")
+    if heads is None or not a.session or heads.size != a.samples.size:
+        return
+    if (heads["publish_ns"] != a.samples).any():
+        k = int(np.argmax(heads["publish_ns"] != a.samples))
+        what = "A sample's stamp is not its message's publish time."
+        yield Finding("stamps", what, f"first {log.at(int(a.samples[k]))}", _CLOCK)
+    early = heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS
+    if early.any():
+        what = f"{plural(int(early.sum()), 'sample')} are stamped later than they arrived."
+        yield Finding("stamps", what, f"first {log.at(int(a.samples[int(np.argmax(early))]))}", _CLOCK)
+
+
+def _gaps(log: Looked) -> Iterator[Finding]:
+    """Gaps between samples, and the rate."""
+    if log.t.size < 3:
+        return
+    steps = np.diff(log.t)
+    info = log.audit.info
+    period = 1.0 / info.rate_hz if info is not None else float(np.median(steps))
+    long = np.flatnonzero(steps > _LONG_GAP * period)
+    # bursts of a host's stamps are no gaps in the samples
+    if (long.size and long.size <= max(1.0, 0.001 * steps.size)) or (
+        long.size and info is not None and log.raw is not None
+    ):
+        longest = int(long[np.argmax(steps[long])])
+        what = f"{plural(int(long.size), 'gap')} between samples, the longest {steps[longest]:.3f} s."
+        where = f"first at {log.t[long[0]]:.3f} s, longest at {log.t[longest]:.3f} s"
+        yield Finding("gaps", what, where, "The filter predicts through gaps; trace leaves them out.")
+    if info is None or info.sampling == "imported":
+        return
+    measured = (log.t.size - 1) / log.t[-1]
+    if not long.size and abs(measured / min(info.rate_hz, _LOOP_HZ) - 1.0) > _RATE_OFF:
+        what = f"{info.rate_hz:g} Hz were asked for, {measured:.3f} Hz came."
+        yield Finding("rate", what, "over the whole log", "Ask for a rate that the unit and its line speed can give.")
+
+
+def _line(log: Looked) -> Iterator[Finding]:
+    """What was lost on the line, by the recorder's count and by the packets themselves."""
+    told = {key: _integer(log.audit.diagnostics.get(key)) for key in ("lost_packets", "bad_checksums")}
+    lost, where = _lost_packets(log)
+    counted = told["lost_packets"]
+    if lost or counted:
+        much = plural(max(lost, counted), "packet")
+        what = f"{much} were lost on the line."
+        differ = abs(lost - counted) > max(_FEW, _SHARE * counted)
+        if log.raw is not None and not log.polled and differ and not damage.lossy(log.found):
+            what = (
+                f"{counted:,} packets were lost by the recorder's count, {lost:,} by the times of those that are there."
+            )
+        yield Finding("lost", what, where, _CABLE)
+    if told["bad_checksums"]:
+        what = f"{plural(told['bad_checksums'], 'packet')} came with a wrong checksum and were dropped."
+        yield Finding("checksums", what, "by the recorder's count", _CABLE)
+
+
+_CABLE = "Check the cable, the ground and the line speed; replay and trace take what is there."
+
+
+def _lost_packets(log: Looked) -> tuple[int, str]:
+    """Packets missing between those of a stream by the times of those that are there, and where first."""
+    if log.raw is None or log.raw.size < 3 or log.polled:
+        return 0, "by the recorder's count"
+    steps = np.diff(log.raw["publish_ns"].astype(np.float64))
+    period = float(np.median(steps))
+    # what the file itself lost is told by the messages' numbers
+    inside = np.diff(log.raw["sequence"].astype(np.int64)) == 1
+    flagged = (log.audit.packets["flags"][1:] & schemas.FLAG_LOST_BEFORE) > 0
+    missing = np.where(inside & (flagged | (steps > 1.5 * period)), np.rint(steps / period) - 1.0, 0.0)
+    places = np.flatnonzero(missing > 0)
+    if not places.size:
+        return 0, "by the recorder's count"
+    first = log.at(int(log.raw["publish_ns"][places[0]]))
+    return int(missing.sum()), f"in {plural(int(places.size), 'place')}, first {first}"
+
+
+def _counter(log: Looked) -> Iterator[Finding]:
+    """Whether the unit's time counter goes on evenly, and the packets' own numbers."""
+    p = log.audit.packets
+    if log.raw is None or p.size < 3 or log.polled:
+        return
+    steps = np.diff(log.raw["publish_ns"].astype(np.float64))
+    ticks = np.mod(-np.diff(p["ticks"].astype(np.int64)), 65536)
+    contiguous = (np.diff(log.raw["sequence"].astype(np.int64)) == 1) & (steps < 1.5 * np.median(steps))
+    contiguous &= (p["flags"][1:] & (schemas.FLAG_LOST_BEFORE | schemas.FLAG_HOST_STAMP)) == 0
+    if contiguous.sum() < 3:
+        return
+    usual = float(np.median(ticks[contiguous]))
+    off = np.flatnonzero(contiguous & (np.abs(ticks - usual) > 0.25 * usual))
+    if off.size:
+        what = f"The unit's time counter jumps in {plural(int(off.size), 'place')} without a packet missing."
+        where = f"first {log.at(int(log.raw['publish_ns'][off[0] + 1]))}"
+        yield Finding("counter", what, where, "Check the unit's supply: it may have begun anew.")
+
+
+def _samples_of_packets(log: Looked) -> Iterator[Finding]:
+    """Whether each sample is what its packets say: how many, when, which values."""
+    a, info = log.audit, log.audit.info
+    if log.raw is None or info is None or info.sampling not in ("stream", "polled") or not log.raw.size:
+        return
+    if (np.diff(log.raw["sequence"].astype(np.int64)) != 1).any() or int(log.raw["sequence"][0]) != 0:
+        return  # a group that lost a packet in the file can't be made again
+    stamps, counts = _grouped(log, each=log.polled or info.rate_hz >= _EVERY_HZ)
+    n = min(stamps.size, a.samples.size)
+    if abs(stamps.size - a.samples.size) > (1 if log.found.cut else 0):
+        what = f"The packets make {plural(int(stamps.size), 'sample')}, the log has {a.samples.size:,}."
+        yield Finding("samples", what, "over the whole log", log.recover())
+    axes, scaling = info.axes(), Scaling(info.rate_range_dps, info.accel_range_g)
+    gyro = axes.gyro_to_body(np.deg2rad(scaling.rates_dps(counts[:n, :3])))
+    accel = axes.accel_to_body(scaling.accels_g(counts[:n, 3:]) * info.g_unit)
+    same = stamps[:n] == a.samples[:n]
+    same &= np.isclose(gyro, a.gyro[:n], rtol=1e-9, atol=1e-9).all(axis=1)
+    same &= np.isclose(accel, a.accel[:n], rtol=1e-9, atol=1e-9).all(axis=1)
+    if not same.all():
+        k = int(np.argmin(same))
+        what = f"{plural(int(n - same.sum()), 'sample')} are not what their packets say."
+        yield Finding("samples", what, f"first {log.at(int(a.samples[k]))}", "Trust the packets; write to us.")
+
+
+def _grouped(log: Looked, *, each: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (ns) and mean counts of the samples that the packets make, as the recorder groups them."""
+    assert log.raw is not None
+    assert log.audit.info is not None
+    stamps, counts = log.raw["publish_ns"], log.audit.packets["counts"].astype(np.float64)
+    if each:
+        return stamps, counts
+    since = stamps - stamps[0]
+    number = np.maximum.accumulate((since / (1e9 / log.audit.info.rate_hz)).astype(np.int64))
+    edges = np.flatnonzero(np.diff(number, prepend=-1))
+    sizes = np.diff(np.append(edges, number.size))
+    first = stamps[edges]
+    late = np.add.reduceat(stamps - np.repeat(first, sizes), edges)
+    mean = np.add.reduceat(counts, edges, axis=0) / sizes[:, None]
+    # the last period's sample would have come with the first packet after it
+    return (first + np.rint(late / sizes).astype(np.int64))[:-1], mean[:-1]
+
+
+def _limits(log: Looked) -> Iterator[Finding]:
+    """Readings that stand at the end of their range."""
+    counts = log.audit.packets["counts"]
+    at_limit = np.isin(counts, _LIMITS)
+    if at_limit.any():
+        rows = np.flatnonzero(at_limit.any(axis=1))
+        channels = [name for name, hit in zip(_CHANNELS, np.any(at_limit, axis=0).tolist(), strict=True) if hit]
+        what = f"{plural(int(rows.size), 'packet')} have a count at its limit ({' '.join(channels)})."
+        first = log.at(int(log.raw["publish_ns"][rows[0]])) if log.raw is not None else ""
+        yield Finding("limits", what, f"first {first}", "The filter leaves them out. Turn the table more slowly there.")
+    elif not log.audit.valid.all():
+        rows = np.flatnonzero(~log.audit.valid)
+        what = f"{plural(int(rows.size), 'sample')} are flagged as no reading."
+        yield Finding("limits", what, f"first at {log.t[rows[0]]:.3f} s", "The filter leaves them out.")
+
+
+def _integer(text: str | None) -> int:
+    try:
+        return int(text) if text else 0
+    except ValueError:
+        return 0
+
+
+RULES: tuple[Callable[[Looked], Iterator[Finding]], ...] = (
+    _times,
+    _gaps,
+    _line,
+    _counter,
+    _samples_of_packets,
+    _limits,
+)

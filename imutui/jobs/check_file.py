@@ -1,0 +1,160 @@
+"""Rules of `check` on the file: its bytes, its end, its counts, what belongs to a log."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from imutui.jobs import damage
+from imutui.jobs.damage import plural
+from imutui.jobs.looked import SHOWN, Finding, Looked
+from imutui.logbook import effects, motions, scan, schemas, summary
+from imutui.logbook.audit import Audit
+
+
+def _bytes(log: Looked) -> Iterator[Finding]:
+    """Damage between the file's first byte and its last."""
+    found = log.found
+    costly = damage.lossy(found)
+    for d in costly[:SHOWN]:
+        sentence = damage.sentence(d, log.start_ns)
+        yield Finding(
+            "damage", f"Part of the file cannot be read: {d.why}.", sentence.rsplit(": ", 1)[0], log.recover()
+        )
+    if len(costly) > SHOWN:
+        yield Finding("damage", f"{len(costly) - SHOWN} more parts cannot be read.", "all over the file", log.recover())
+    if found.checksum_wrong:
+        yield Finding(
+            "checksum",
+            "The checksum over all data is wrong, though each chunk's is right: metadata was changed after recording.",
+            "outside of the chunks",
+            "Compare the session with your notes (`imutui info`), or go back to another copy.",
+        )
+    if found.repeated:
+        yield Finding("repeated", f"{plural(found.repeated, 'chunk')} stand there twice.", "", log.recover())
+
+
+def _ending(log: Looked) -> Iterator[Finding]:
+    """How the file ends."""
+    found = log.found
+    if found.cut and not found.held:
+        cut = next((d for d in found.damages if damage.at_end(found, d)), None)
+        tail = "" if cut is None else f", and its last {plural(cut.bytes, 'byte')} are no whole record"
+        yield Finding(
+            "unfinished",
+            f"The file ends without its index{tail}: the recorder was killed, or the file was cut.",
+            f"at byte {found.size:,}",
+            f"It can be used as it is; {log.recover()}",
+        )
+    elif not found.cut and not found.finished:
+        yield Finding("end", "The file's end is damaged.", f"at byte {found.size - found.trailing:,}", log.recover())
+    elif found.finished and (found.index is None or any(d.what == "summary" for d in found.damages)):
+        yield Finding("index", "The index cannot be read, so viewers may refuse the file.", "at its end", log.recover())
+    if found.trailing and found.finished:
+        what = f"{plural(found.trailing, 'byte')} follow the end of the log."
+        yield Finding("trailing", what, f"from byte {found.size - found.trailing:,} on", log.recover())
+
+
+def _counts(log: Looked) -> Iterator[Finding]:
+    """Whether all messages are there that the index and their numbers promise."""
+    found, index = log.found, log.found.index
+    if log.audit.homeless:
+        what = f"{plural(log.audit.homeless, 'message')} belong to no topic: the list of topics is lost."
+        yield Finding("homeless", what, "", log.recover())
+    if index is not None and index.statistics is not None and not damage.lossy(found):
+        told = index.statistics.message_count
+        have = sum(heads.size for heads in log.audit.messages.values()) + log.audit.homeless
+        if told != have:
+            what = f"The index counts {plural(told, 'message')}, the file holds {have:,}."
+            yield Finding("count", what, "", log.recover())
+    if not log.audit.session:
+        return
+    yield from _numbers(log)
+
+
+def _numbers(log: Looked) -> Iterator[Finding]:
+    """The messages' own numbers, which imutui counts from 0 on each topic."""
+    missing: dict[str, int] = {}
+    first: list[int] = []
+    for topic, heads in log.audit.messages.items():
+        steps = np.diff(np.concatenate([[-1], heads["sequence"].astype(np.int64)]))
+        if (steps < 1).any():
+            what = f"{topic}: the messages' numbers go back or stand twice."
+            yield Finding("sequence", what, f"first {log.at(int(heads['log_ns'][int(np.argmax(steps < 1))]))}", _TWICE)
+        elif (steps > 1).any():
+            missing[topic] = int(np.sum(steps - 1))
+            first.append(int(heads["log_ns"][int(np.argmax(steps > 1))]))
+    if missing:
+        each = ", ".join(f"{n:,} of {topic}" for topic, n in missing.items())
+        yield Finding(
+            "sequence",
+            f"Messages are missing by their numbers: {each}.",
+            f"just {log.at(min(first), 'before')}",
+            _LOST_IN_FILE,
+        )
+
+
+_LOST_IN_FILE = "They are gone; a replay predicts through the gap. Keep to the part before or after it if it matters."
+_TWICE = "A replay refuses samples that stand twice. Go back to another copy of the file."
+
+
+def _decoding(log: Looked) -> Iterator[Finding]:
+    """Messages that are not what their topic says."""
+    total = log.audit.undecodable_count
+    if total:
+        first = log.audit.undecodable[:1]
+        where = f"{first[0][0]}, first {log.at(first[0][1])}: {first[0][2]}" if first else ""
+        what = f"{plural(total, 'message')} cannot be decoded."
+        yield Finding("undecodable", what, where, "A replay stops there. Write to whoever made the file.")
+
+
+def _belongings(log: Looked) -> Iterator[Finding]:
+    """Metadata and attachments."""
+    a = log.audit
+    if a.session_trouble:
+        what = f"The session's metadata cannot be used: {a.session_trouble}."
+        yield Finding("session", what, "metadata imutui.session", "Go back to another copy of the file.")
+    if not a.session:
+        if schemas.RAW in a.types:
+            what = "The session's metadata is missing: signs, mounting and site are not known."
+            yield Finding("session", what, "metadata imutui.session", "Go back to another copy of the file.")
+        return
+    if scan.CONFIGURATION not in a.attachments:
+        yield Finding("attachment", "The configuration is missing.", f"attachment {scan.CONFIGURATION}", _NO_CURE)
+    if log.found.finished and summary.SUMMARY not in a.attachments and scan.RECOVERED not in a.metadata:
+        yield Finding("attachment", "The quality summary is missing.", f"attachment {summary.SUMMARY}", _NO_CURE)
+    yield from _hashes(a)
+
+
+_NO_CURE = "The samples are usable; what was set when they were recorded is only in your notes."
+
+
+def _hashes(a: Audit) -> Iterator[Finding]:
+    """Whether attached files are those that the session names."""
+    held = a.attachments.get(effects.ATTACHMENT, effects.NONE)
+    if a.session.get("effects_sha256", "") != effects.digest(held):
+        what = "The effects file is not the one that the session names."
+        where = f"attachment {effects.ATTACHMENT}"
+        yield Finding("attachment", what, where, "Name the right one on replay: --effects FILE.")
+    kind = a.session.get("reference", "")
+    if kind in ("profile", "trajectory") and not any(name in a.attachments for name in motions.ATTACHMENTS):
+        what = f'The reference is "{kind}", and the file that it comes from is missing.'
+        yield Finding("reference", what, "attachment reference.toml or reference.csv", "Name it: --reference FILE.")
+
+
+def _reference(log: Looked) -> Iterator[Finding]:
+    """Whether the log says what is known of the motion."""
+    # a recorder writes it once a second; a shorter log has none
+    expected = bool(log.audit.session) and log.t.size and log.t[-1] > 2.0
+    if expected and not len(log.audit.messages.get(schemas.REFERENCE, ())):
+        what = "Nothing in the log says how the table stood."
+        yield Finding("reference", what, f"topic {schemas.REFERENCE}", "Say it on replay: --reference level.")
+
+
+RULES: tuple[Callable[[Looked], Iterator[Finding]], ...] = (
+    _bytes,
+    _ending,
+    _counts,
+    _decoding,
+    _belongings,
+    _reference,
+)

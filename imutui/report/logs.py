@@ -1,0 +1,191 @@
+"""What `info`, `check` and `recover` found, as text for a terminal or a page."""
+
+import textwrap
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from imutui.report import numbers
+
+_KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
+_LABEL = 13
+_MARKS = 50
+_NOTHING = "–"
+
+
+def info_text(d: Mapping[str, Any], width: int) -> str:
+    """What is in a log.
+
+    Parameters
+    ----------
+    d : mapping
+        Document of `jobs.info.info`.
+    width : int
+        Columns.
+    """
+    lines = [d["log"]]
+    for label, value in _facts(d):
+        if value:
+            lines += textwrap.wrap(
+                value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1)
+            )
+    lines += _topics(d)
+    for title, key in (("marks", "marks"), ("events", "events")):
+        lines += _happened(title, d[key], width)
+    return "\n".join(lines)
+
+
+def check_text(d: Mapping[str, Any], width: int) -> str:
+    """Whether a log is whole: the verdict, each finding, notes.
+
+    Parameters
+    ----------
+    d : mapping
+        Document of `jobs.check.check`.
+    width : int
+        Columns.
+    """
+    count = len(d["findings"])
+    verdict = "fine" if d["fine"] else f"{count} finding" if count == 1 else f"{count} findings"
+    lines = [f"{verdict}: {d['log']}"]
+    size = f"{d['state']}, {_much(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}"
+    size += f", {_much(d['packets'], 'packet')}, {_much(d['messages'], 'message')} in {_much(d['chunks'], 'chunk')}"
+    lines += textwrap.wrap(size, width)
+    for number, finding in enumerate(d["findings"], 1):
+        lines.append("")
+        lines += textwrap.wrap(f"{number}. {finding['what']}", width, subsequent_indent="   ")
+        for label, key in (("where", "where"), ("next", "next")):
+            if finding[key]:
+                lines += textwrap.wrap(f"{label}: {finding[key]}", width, initial_indent="   ", subsequent_indent="   ")
+    return "\n".join(lines + _notes(d["notes"], width))
+
+
+def recover_text(d: Mapping[str, Any], width: int) -> str:
+    """What a rebuilt log holds, and what was lost.
+
+    Parameters
+    ----------
+    d : mapping
+        Document of `jobs.recover.recover`.
+    width : int
+        Columns.
+    """
+    verdict = "recovered" if d["complete"] else "recovered in part"
+    lines = [f"{verdict}: {d['output']}"]
+    size = f"{_much(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}, {_much(d['messages'], 'message')}"
+    lines += textwrap.wrap(f"{size}; read back and found as written. {Path(d['log']).name} is as it was.", width)
+    return "\n".join(lines + _notes(d["sentences"], width))
+
+
+def _facts(d: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    state = d["state"] + (f": {d['why']}" if d["why"] else "")
+    yield "file", f"{_size(d['bytes'])}, {state}"
+    serial = f" #{d['serial_number']}" if d["serial_number"] else ""
+    firmware = f", says {d['firmware']}" if d["firmware"] else ""
+    yield "instrument", f"{d['instrument']}{serial}{firmware}" if d["instrument"] else ""
+    yield "readings", _KINDS[d["kind"]]
+    yield "operator", d["operator"]
+    yield "place", d["place"]
+    yield "table", d["table"]
+    yield "note", d["note"]
+    yield "start", d["start_utc"] or ""
+    yield "length", _length(d)
+    yield "rate", _rate(d)
+    yield "temperature", _temperature(d["temperature_degc"])
+    yield "axes", _axes(d)
+    yield "site", _site(d)
+    yield (
+        "filter",
+        f"{d['filter']}, reference {d['reference']}, measurements {d['measurements']}" if d["filter"] else "",
+    )
+    yield "effects", ", ".join(d["effects"])
+    yield "quality", _quality(d["quality"])
+    yield "port", f"{d['port']} at {d['baud']:.0f} baud on {d['host']}" if d["port"] and d["baud"] else d["port"]
+    yield "software", d["software"]
+    yield "attached", ", ".join(f"{name} ({_size(size)})" for name, size in d["attachments"].items())
+    if d["recovered"]:
+        yield (
+            "recovered",
+            f"from {d['recovered'].get('source', _NOTHING)}; lost: {d['recovered'].get('lost', _NOTHING)}",
+        )
+
+
+def _length(d: Mapping[str, Any]) -> str:
+    if not d["samples"]:
+        return "no samples"
+    packets = f" of {_much(d['packets'], 'packet')}" if d["packets"] else ""
+    without = f", {d['samples_without_reading']:,} without a reading" if d["samples_without_reading"] else ""
+    return f"{numbers.duration(d['duration_s'] or 0.0)}, {_much(d['samples'], 'sample')}{packets}{without}"
+
+
+def _rate(d: Mapping[str, Any]) -> str:
+    measured = f"{d['rate_measured_hz']:.3f} Hz measured" if d["rate_measured_hz"] else "not measurable"
+    asked = f", {d['rate_asked_hz']:g} Hz asked for" if d["rate_asked_hz"] else ""
+    return measured + asked + (f", {d['sampling']}" if d["sampling"] else "")
+
+
+def _temperature(degc: Mapping[str, float] | None) -> str:
+    if degc is None:
+        return "none in the log"
+    return f"{degc['min']:.2f} to {degc['max']:.2f} degC, first {degc['first']:.2f}, last {degc['last']:.2f} degC"
+
+
+def _axes(d: Mapping[str, Any]) -> str:
+    if not d["mount"] or d["accel_sign"] is None:
+        return ""
+    ranges = f", ±{d['rate_range_dps']:g} deg/s, ±{d['accel_range_g']:g} g" if d["rate_range_dps"] else ""
+    return f"mount {d['mount']}, accelerometer sign {d['accel_sign']:+.0f}, gyro signs {d['gyro_sign']}{ranges}"
+
+
+def _site(d: Mapping[str, Any]) -> str:
+    if d["latitude_deg"] is None or d["gravity_mps2"] is None:
+        return ""
+    where = f"{d['latitude_deg']:.6f}°, {d['longitude_deg']:.6f}°, {d['height_m']:.1f} m"
+    return f"{where}, gravity {d['gravity_mps2']:.5f} m/s²"
+
+
+def _quality(q: Mapping[str, Any]) -> str:
+    told = []
+    if "converged" in q:
+        told.append("filter converged" if q["converged"] else "filter NOT converged")
+    for key, word in (("lost_packets", "packets lost"), ("bad_checksums", "wrong checksums")):
+        if q.get(key) is not None:
+            told.append(f"{q[key]:,} {word}")
+    if "gaps" in q:
+        told.append(_much(len(q["gaps"]), "gap"))
+    return ", ".join(told + [f"ALARM: {alarm}" for alarm in q.get("alarms", [])])
+
+
+def _topics(d: Mapping[str, Any]) -> list[str]:
+    if not d["topics"]:
+        return []
+    wide = max(len(topic) for topic in d["topics"])
+    lines = ["", f"{'topic':<{wide}}  {'messages':>10}  type"]
+    return lines + [f"{topic:<{wide}}  {t['messages']:>10,}  {t['type']}" for topic, t in d["topics"].items()]
+
+
+def _happened(title: str, entries: list[Mapping[str, Any]], width: int) -> list[str]:
+    if not entries:
+        return []
+    lines = ["", title]
+    for entry in entries[:_MARKS]:
+        t = f"{entry['t']:10.3f} s" if entry["t"] is not None else f"{_NOTHING:>10}  "
+        when = f"{t}  {entry['utc'][11:19]}  "
+        lines += textwrap.wrap(entry["text"] or _NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
+    return lines + ([f"and {len(entries) - _MARKS} more"] if len(entries) > _MARKS else [])
+
+
+def _notes(sentences: list[str], width: int) -> list[str]:
+    if not sentences:
+        return []
+    return ["", *(line for text in sentences for line in textwrap.wrap(f"- {text}", width, subsequent_indent="  "))]
+
+
+def _much(n: int, word: str) -> str:
+    return f"{n:,} {word}" if n == 1 else f"{n:,} {word}s"
+
+
+def _size(n: int) -> str:
+    if n < 10_000:
+        return f"{n:,} bytes"
+    return f"{n / 1e3:,.0f} kB" if n < 10_000_000 else f"{n / 1e6:,.1f} MB"

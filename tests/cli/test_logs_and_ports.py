@@ -1,0 +1,157 @@
+"""`info`, `check`, `recover`, `devices`, `config`, run as a user runs them."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import imutui
+from fake_devices import command
+from rosbags.highlevel import AnyReader
+
+from imutui import config
+from imutui.config import ALLOWED, ConfigError
+from imutui.logbook import schemas
+
+SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
+
+
+@pytest.fixture
+def damaged(home: Path) -> Path:
+    """The sample with a byte flipped in the middle, and without its last bytes."""
+    data = bytearray(SAMPLE.read_bytes())
+    data[150_000] ^= 0x40
+    (home / "damaged.mcap").write_bytes(data[:-2000])
+    return home / "damaged.mcap"
+
+
+def test_info_says_what_is_in_a_log(home: Path) -> None:
+    """For people: kind first of all, units on numbers; for programs: one document, or a list of several."""
+    text = imutui("info", str(SAMPLE)).stdout
+    assert "SIMULATED" in text
+    assert "520 samples of 3,469 packets" in text
+    assert "19.997 Hz measured, 20 Hz asked for, stream" in text
+    assert "degC" in text
+    assert all(topic in text for topic in schemas.TYPES)
+    assert max(map(len, text.splitlines())) <= 80
+    document = json.loads(imutui("info", str(SAMPLE), "--json").stdout)
+    assert (document["kind"], document["samples"]) == ("simulated", 520)
+    several = imutui("info", str(SAMPLE), "none.mcap", "--json", check=3)
+    assert len(json.loads(several.stdout)) == 1
+    assert "none.mcap: no such file" in several.stderr
+
+
+def test_check_ends_with_what_it_found(damaged: Path) -> None:
+    """0 fine, 1 findings, 3 unreadable; every finding says what, where and what next."""
+    assert imutui("check", str(SAMPLE)).stdout.startswith("fine: ")
+    found = imutui("check", str(damaged), check=1).stdout
+    assert found.startswith("4 findings: ")
+    assert "where: 8,737 bytes at byte 144,676, between 12.0 and 13.0 s of the log" in " ".join(found.split())
+    assert found.count("next: ") == 4
+    document = json.loads(imutui("check", str(damaged), "--json", check=1).stdout)
+    assert [finding["code"] for finding in document["findings"]] == ["damage", "unfinished", "sequence", "gaps"]
+    assert "is a folder" in imutui("check", str(damaged.parent), check=3).stderr
+
+
+def test_recover_makes_a_file_that_others_open(damaged: Path) -> None:
+    """Exit 1 where parts were lost, and says what; rosbags reads the rest; nothing is replaced unasked."""
+    done = imutui("recover", str(damaged), "-o", "fixed.mcap", check=1)
+    assert done.stdout.startswith("recovered in part: ")
+    assert "between 12.0 and 13.0 s" in " ".join(done.stdout.split())
+    with AnyReader([damaged.parent / "fixed.mcap"]) as bag:
+        topics = [c.topic for c, _, data in bag.messages() if bag.deserialize(data, c.msgtype) is not None]
+    assert topics.count(schemas.IMU) == 500
+    again = imutui("recover", str(damaged), "-o", "fixed.mcap", check=2)
+    assert "--force" in again.stderr
+    document = json.loads(imutui("recover", str(damaged), "-o", "fixed.mcap", "--force", "--json", check=1).stdout)
+    assert document["samples"] == 500
+    assert "log itself" in imutui("recover", str(damaged), "-o", str(damaged), "--force", check=2).stderr
+    assert [path.name for path in sorted(damaged.parent.glob("*.*"))] == ["damaged.mcap", "fixed.mcap"]
+
+
+def test_recover_of_an_unfinished_log_is_fine(home: Path) -> None:
+    """Nothing is lost but what was never written."""
+    (home / "a.mcap").write_bytes(SAMPLE.read_bytes()[:200_000])
+    assert imutui("recover", "a.mcap", "-o", "b.mcap").stdout.startswith("recovered: ")
+    assert imutui("check", "b.mcap").stdout.startswith("fine: ")
+
+
+def test_a_mistyped_option_is_no_recovery(home: Path) -> None:
+    """-o is needed, and its folder."""
+    shutil.copy(SAMPLE, home / "a.mcap")
+    assert imutui("recover", "a.mcap", check=2).stdout == ""
+    assert "none" in imutui("recover", "a.mcap", "-o", "none/b.mcap", check=5).stderr
+
+
+def test_devices_asks_who_is_there_on_request(home: Path) -> None:
+    """A unit that answers is named; one that does not makes exit 1; without --probe nothing is asked."""
+    with subprocess.Popen(
+        command("virtual", "--serial-number", "4711", "--while-stdin"),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as unit:  # fmt: skip
+        assert unit.stdout is not None
+        port = unit.stdout.readline().strip()
+        told = json.loads(imutui("devices", port, "--json").stdout)
+        text = imutui("devices", "--probe", port).stdout
+    (found,) = told["ports"]
+    assert (found["answers"], found["serial_number"]) == (True, "4711")
+    assert told["acquisitions"] == []
+    assert "#4711" in text
+    absent = imutui("devices", "/dev/nowhere", check=1)
+    assert "no answer" in absent.stdout
+    assert "no such port" in absent.stdout
+    listed = json.loads(imutui("devices", "--json").stdout)
+    assert all("answers" not in entry for entry in listed["ports"])
+
+
+def test_configuration_is_shown_in_columns_with_sources_and_places(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is printed is a configuration file; where files are looked for stands above it."""
+    (home / "imutui.toml").write_text('[screen]\nplot = "sweep"\n[acquisiton]\nrate_hz = 3\n')
+    monkeypatch.setenv("IMUTUI_SCREEN_GLYPS", "ascii")
+    done = imutui("config", "--show")
+    lines = done.stdout.splitlines()
+    assert f"#   {home / 'imutui.toml'} (read)" in lines
+    assert any("(not there)" in line for line in lines)
+    settings = [line for line in lines if " = " in line]
+    assert len({line.index(" = ") for line in settings}) == 1
+    assert len({line.index("  # ") for line in settings}) == 1
+    assert any(line.startswith("screen.plot ") and str(home / "imutui.toml") in line for line in settings)
+    assert "did you mean `acquisition.rate_hz`?" in done.stderr
+    assert "did you mean `IMUTUI_SCREEN_GLYPHS`?" in done.stderr
+    (home / "again").mkdir()
+    (home / "again" / "imutui.toml").write_text(done.stdout)
+    assert config.load({}, home / "again").text("screen.plot") == "sweep"
+    assert json.loads(imutui("config", "--json").stdout)["files"][-1] == {
+        "path": str(home / "imutui.toml"),
+        "read": True,
+    }
+
+
+@pytest.mark.parametrize("key", ALLOWED)
+def test_a_setting_that_is_one_of_a_few_is_held_to_them(tmp_path: Path, key: str) -> None:
+    """The error names key, source and what there is; each of those is taken."""
+    name = "IMUTUI_" + key.upper().replace(".", "_")
+    with pytest.raises(ConfigError, match=f"{name}: `{key}` is .*not one of: .*{ALLOWED[key][0]}") as error:
+        config.load({name: "7" if isinstance(ALLOWED[key][0], int) else "nonsense"}, tmp_path)
+    assert all(str(value) in str(error.value) for value in ALLOWED[key])
+    for value in ALLOWED[key]:
+        assert config.load({name: str(value)}, tmp_path).settings[key].value == value
+
+
+def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
+    """Halves of whole numbers, endless ones, switches, lists; a text may be a number."""
+    for text, said in (
+        ("[acquisition]\nbaud = 38400.5", "not a whole number"),
+        ("[acquisition]\nrate_hz = inf", "not a number"),
+        ("[acquisition]\nrate_hz = true", "not a number"),
+        ("[paths]\nlogs = ['a']", "not a text"),
+        ("[screen]\nfps = -1", "0 or more"),
+    ):
+        (tmp_path / "imutui.toml").write_text(text)
+        with pytest.raises(ConfigError, match=said):
+            config.load({}, tmp_path)
+    (tmp_path / "imutui.toml").write_text("[acquisition]\ntable = 3\nbaud = 38400.0")
+    loaded = config.load({}, tmp_path)
+    assert loaded.text("acquisition.table") == "3"
+    assert loaded.integer("acquisition.baud") == 38400

@@ -1,0 +1,216 @@
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import NonSeekingReader
+from mcap.records import Message
+from mcap.writer import CompressionType, Writer
+
+from imutui.instrument.clock import Stamp
+from imutui.instrument.crossbow import Mode, Packet
+from imutui.jobs.check import check
+from imutui.logbook import schemas
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.session import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session.take import Take, Timebase
+
+START = 1_795_257_000_000_000_000
+LOOP_NS = 7_500_000
+TICK_NS = 790.0
+SECONDS = 6
+
+Change = Callable[[str, int, Message], list[Message]]
+
+
+def taken(path: Path, *, sampling: str = "stream", rate: float = 20.0, lost: int = 0, limit: int | None = None) -> Path:
+    """A take as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
+    info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none")
+    take = Take(info, Timebase(START), LogWriter(path, info, "x = 1\n", START))
+    rng = np.random.default_rng(8)
+    dropped, second = 0, 1
+    for k in range(round(SECONDS * 1e9 / LOOP_NS)):
+        if 300 <= k < 300 + lost:
+            dropped += 1
+            continue
+        counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
+        if limit is not None and k == 200:
+            counts[limit] = 32767
+        ticks = round(-k * LOOP_NS / TICK_NS) % 65536
+        packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550, ticks)
+        instant = k * LOOP_NS
+        take.packet(packet, Stamp(instant, dropped, False), instant + 2_000_000)
+        dropped = 0
+        if instant >= second * 1_000_000_000:
+            take.every_second(instant + 2_000_000)
+            second += 1
+    take.event("mark", "here", SECONDS * 1_000_000_000)
+    assert take.finish(SECONDS * 1_000_000_000) is not None
+    return path
+
+
+def rewritten(path: Path, change: Change) -> Path:
+    """The same log with its messages changed: topic, number within it, message → what stands in its place."""
+    with path.open("rb") as stream:
+        metadata = list(NonSeekingReader(stream).iter_metadata())
+        stream.seek(0)
+        attachments = list(NonSeekingReader(stream).iter_attachments())
+        stream.seek(0)
+        messages = list(NonSeekingReader(stream).iter_messages(log_time_order=False))
+    out = path.with_name("changed.mcap")
+    seen: dict[str, int] = {}
+    with out.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD, chunk_size=20_000)
+        writer.start("ros2", "test")
+        for m in metadata:
+            writer.add_metadata(m.name, m.metadata)
+        for a in attachments:
+            writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
+        channels: dict[str, int] = {}
+        for schema, channel, message in messages:
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            k = seen[channel.topic] = seen.get(channel.topic, -1) + 1
+            for m in change(channel.topic, k, message):
+                writer.add_message(channels[channel.topic], m.log_time, m.data, m.publish_time, m.sequence)
+        writer.finish()
+    return out
+
+
+def codes(document: dict[str, Any]) -> list[str]:
+    return [finding["code"] for finding in document["findings"]]
+
+
+@pytest.mark.parametrize(("sampling", "rate"), [("stream", 20.0), ("stream", 133.0), ("polled", 400.0 / 3.0)])
+def test_a_take_as_it_is_recorded_is_fine(tmp_path: Path, sampling: str, rate: float) -> None:
+    """Averaged, streamed or polled: nothing is found, and the samples are what the packets say."""
+    path = taken(tmp_path / "a.mcap", sampling=sampling, rate=rate)
+    document = check(path)
+    assert document["findings"] == []
+    assert document["fine"]
+    assert document["state"] == "finished"
+    assert document["packets"] == 800
+    assert document["samples"] == (119 if rate == 20.0 else 800)
+
+
+def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_path: Path) -> None:
+    """Five in one place: both counts agree, so one figure is told, and the gap that they leave."""
+    document = check(taken(tmp_path / "a.mcap", rate=133.0, lost=5))
+    assert codes(document) == ["gaps", "lost"]
+    assert document["findings"][1]["what"] == "5 packets were lost on the line."
+    assert document["findings"][1]["where"] == "in 1 place, first at 2.243 s"
+    assert document["findings"][1]["next"]
+
+
+def test_counts_at_their_limit_are_named_by_channel(tmp_path: Path) -> None:
+    """Which channel, and when first."""
+    document = check(taken(tmp_path / "a.mcap", rate=133.0, limit=1))
+    assert codes(document) == ["limits"]
+    assert "(gy)" in document["findings"][0]["what"]
+    assert "1.500 s" in document["findings"][0]["where"]
+
+
+def without(topic: str, numbers: range) -> Change:
+    return lambda t, k, m: [] if t == topic and k in numbers else [m]
+
+
+def with_data(topic: str, number: int, edit: Callable[[bytearray], None]) -> Change:
+    def change(t: str, k: int, m: Message) -> list[Message]:
+        if t == topic and k == number:
+            data = bytearray(m.data)
+            edit(data)
+            m.data = bytes(data)
+        return [m]
+
+    return change
+
+
+def shifted(topic: str, numbers: range, ns: int) -> Change:
+    def change(t: str, k: int, m: Message) -> list[Message]:
+        if t == topic and k in numbers:
+            m.log_time += ns
+        return [m]
+
+    return change
+
+
+def set_ticks(data: bytearray) -> None:
+    data[34:36] = (int.from_bytes(data[34:36], "little") ^ 0x4000).to_bytes(2, "little")
+
+
+def cases() -> Iterator[tuple[str, Change, str]]:
+    """What is done to a log, and the finding that must come of it."""
+    yield "messages missing", without(schemas.IMU, range(30, 33)), "sequence"
+    yield "samples missing", without(schemas.IMU, range(30, 33)), "samples"
+    yield "doubled", lambda t, k, m: [m, m] if t == schemas.IMU and k == 30 else [m], "sequence"
+    yield "time stands", lambda t, k, m: [m, m] if t == schemas.IMU and k == 30 else [m], "stamps"
+    yield "undecodable", with_data(schemas.EVENTS, 0, lambda d: d.__delitem__(slice(9, None))), "undecodable"
+    yield "undecodable sample", with_data(schemas.IMU, 30, lambda d: d.__delitem__(slice(40, None))), "undecodable"
+    yield "backwards", shifted(schemas.RAW, range(300, 301), -1_000_000_000), "log_time"
+    yield "jump", shifted(schemas.RAW, range(300, 10_000), 3_600_000_000_000), "log_time"
+    yield "other clock", shifted(schemas.IMU, range(10_000), -START), "log_time"
+    yield "changed packet", with_data(schemas.RAW, 300, lambda d: d.__setitem__(20, d[20] ^ 0x40)), "samples"
+    yield "counter jumps", with_data(schemas.RAW, 300, set_ticks), "counter"
+    yield "no reference", without(schemas.REFERENCE, range(1000)), "reference"
+
+
+@pytest.mark.parametrize(("change", "code"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
+def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str) -> None:
+    """What, where and what next stand in every finding."""
+    document = check(rewritten(taken(tmp_path / "a.mcap", rate=133.0), change))
+    assert code in codes(document)
+    assert not document["fine"]
+    for finding in document["findings"]:
+        assert finding["what"].endswith(".")
+        assert finding["next"].endswith(".")
+
+
+def test_rewriting_alone_is_no_finding(tmp_path: Path) -> None:
+    """The cases above find what was changed, not that something was."""
+    assert check(rewritten(taken(tmp_path / "a.mcap", rate=133.0), lambda t, k, m: [m]))["findings"] == []
+
+
+def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path) -> None:
+    """Two chunks broken: two findings with bytes and times, and the samples of the others counted."""
+    data = bytearray(taken(tmp_path / "a.mcap").read_bytes())
+    places = [at for at in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", at)]
+    for place in (places[2], places[4]):
+        data[place + 200] ^= 1
+    (tmp_path / "a.mcap").write_bytes(data)
+    document = check(tmp_path / "a.mcap")
+    assert codes(document)[:2] == ["damage", "damage"]
+    assert "of the log" in document["findings"][0]["where"]
+    assert "imutui recover" in document["findings"][0]["next"]
+    assert 70 < document["samples"] < 90
+    assert document["state"] == "damaged"
+
+
+def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
+    """Cut before its index: usable, and what makes it whole is named."""
+    data = taken(tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(data[: data.index(b"summary.json") - 29])
+    document = check(tmp_path / "a.mcap")
+    assert codes(document) == ["unfinished"]
+    assert document["state"] == "unfinished"
+
+
+def test_a_log_without_its_session_or_attachments_says_so(tmp_path: Path) -> None:
+    """Metadata changed by hand, an effects file that is another one."""
+    info = SessionInfo(kind="simulated", filter="none", effects_sha256="0" * 64)
+    writer = LogWriter(tmp_path / "a.mcap", info, "", START)
+    for k in range(40):
+        writer.imu(START + k * 50_000_000, START + k * 50_000_000, np.zeros(3), np.zeros(3))
+    writer.finish({}, START)
+    assert "attachment" in codes(check(tmp_path / "a.mcap"))
+
+
+def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+    """In the words of the reader."""
+    (tmp_path / "a.mcap").write_text("no log")
+    with pytest.raises(UnreadableLogError, match="not an MCAP log"):
+        check(tmp_path / "a.mcap")
+    with pytest.raises(UnreadableLogError, match="no such file"):
+        check(tmp_path / "b.mcap")

@@ -1,0 +1,215 @@
+"""The operator's terminal over a real SSH link: cut, frozen, watched by two, and found from any shell.
+
+What was sent is known from the unit's side of the wire (`imutui virtual --tap`): losing a link costs not one packet.
+"""
+
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import loopback
+import numpy as np
+import pytest
+from conftest import wait_until
+from loopback import SshServer, Terminal, imutui_command, processes_with
+from tap import packets_of
+
+from imutui.instrument.clock import WRAP
+from imutui.logbook import reader
+from imutui.session import client
+from imutui.session.client import Client
+
+_PERIOD_S = 0.0075
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SshServer]:
+    if lacking := loopback.missing():
+        pytest.skip(lacking)
+    made = SshServer(tmp_path_factory.mktemp("sshd"))
+    yield made
+    made.close()
+
+
+Login = Callable[..., Terminal]
+
+
+@pytest.fixture
+def login(home: Path, server: SshServer) -> Iterator[Login]:
+    """Run imutui over SSH, with the test's own cache and configuration, and without XDG_RUNTIME_DIR."""
+    opened: list[Terminal] = []
+
+    def run(*arguments: str, **environ: str) -> Terminal:
+        variables = {name: os.environ[name] for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME")} | environ
+        opened.append(Terminal(server.client(), imutui_command(*arguments), home, variables))
+        return opened[-1]
+
+    yield run
+    for terminal in opened:
+        terminal.close()
+    for pid in ours(home):
+        os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def unit(home: Path) -> Iterator[str]:
+    """Port of a virtual instrument on the machine, which notes what it sends in the file `sent`."""
+    command = imutui_command("virtual", "--while-stdin", "--tap", str(home / "sent"))
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.terminate()
+
+
+def ours(home: Path) -> set[int]:
+    """Processes of this test, wherever they were started."""
+    return processes_with(f"XDG_CACHE_HOME={home / 'cache'}")
+
+
+def packets(connection: Client) -> int:
+    """Packets that the acquisition has had."""
+    return int(connection.snapshot(2**62)["packets"])
+
+
+def goes_on(connection: Client, seconds: float = 1.0) -> None:
+    """Wait for so many more seconds of packets."""
+    enough = packets(connection) + seconds / _PERIOD_S
+    wait_until(lambda: packets(connection) > enough)
+
+
+def attached() -> Client:
+    """The running acquisition, when it records."""
+    wait_until(lambda: client.running() != [])
+    found: list[Client] = []
+
+    def records() -> bool:
+        try:
+            found[:] = [client.attach()]
+        except client.SessionConnectingError:
+            return False
+        return found[0].snapshot(2**62)["recording"] is not None
+
+    wait_until(records)
+    return found[0]
+
+
+def sockets(connection: Client) -> int:
+    """Open sockets of the acquisition: one that listens, and one for each viewer."""
+    return sum(str(fd.readlink()).startswith("socket:") for fd in Path(f"/proc/{connection.pid}/fd").iterdir())
+
+
+def nobody_else_watches(connection: Client) -> bool:
+    """Whether ours is the only connection to the acquisition."""
+    try:
+        return sockets(connection) == 2
+    except OSError:
+        return False  # one has just been closed
+
+
+def assert_gapless(log: reader.Log) -> None:
+    """A finished file, and each packet one period of the unit's loop after the last by the unit's own ticks."""
+    assert log.finished
+    assert [packet.sequence for packet in log.raw] == list(range(len(log.raw)))
+    steps = -np.diff([packet.ticks for packet in log.raw]) % WRAP
+    assert np.all(np.abs(steps - np.median(steps)) < 0.1 * np.median(steps))
+
+
+def assert_all_recorded(log: reader.Log, tap: Path, seen: int) -> None:
+    """Word for word what the unit sent, from the first packet to one after the last that was seen before the end."""
+    assert [(*packet.counts, packet.temperature, packet.ticks) for packet in log.raw] == packets_of(tap)[: len(log.raw)]
+    assert len(log.raw) >= seen
+
+
+def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(
+    home: Path, login: Login, server: SshServer, unit: str
+) -> None:
+    """Client killed under `record`, sshd under the UI: all goes on; two viewers come back; every packet is there."""
+    before = ours(home)
+    recording = login("record", "--port", unit, "--rate", "20", "--note", "remote")
+    recording.wait_for("Ctrl+C finishes")
+    connection = attached()
+    screen = login("attach")
+    screen.wait_for("● REC", "asked 20", "? help")
+    assert sockets(connection) >= 3
+
+    recording.close()
+    for pid in server.sessions():
+        os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: ours(home) == before | {connection.pid} and nobody_else_watches(connection))
+    goes_on(connection)
+
+    path = Path(connection.snapshot(2**62)["recording"]["path"])
+    again, second = login("attach"), login("attach")
+    for terminal in (again, second):
+        terminal.wait_for("● REC", unit.removeprefix("/dev/"), "asked 20", "? help")
+    again.press("m")
+    again.wait_for("Mark in the recording")
+    again.press("back again\r")
+    again.wait_for("marked: back again")
+    second.press("3")
+    second.wait_for("RECORDING", "back again")
+    seen = packets(connection)
+    again.press("q")
+    again.wait_for("finish the file, stop")
+    again.press("s")
+    second.wait_for("the acquisition has ended")
+    assert again.process.wait(60.0) == 0
+    wait_until(lambda: client.running() == [])
+    log = reader.read(path, raw=True)
+    assert_gapless(log)
+    assert_all_recorded(log, home / "sent", seen)
+    assert "back again" in [event.text for event in log.events if event.name == "mark"]
+
+
+def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Login, server: SshServer) -> None:
+    """`imutui` and keys over SSH, XDG_RUNTIME_DIR set as by PAM; found again from shells with another and with none."""
+    (home / "remote").mkdir(mode=0o700)
+    first = login(XDG_RUNTIME_DIR=str(home / "remote"), IMUTUI_ACQUISITION_RATE_HZ="20")
+    first.wait_for("virtual instrument", "Connect")
+    while "virtual, 20 Hz" not in first.screen():
+        first.press("\x1b[B")
+        first.wait_for("imutui")
+    first.press("\r")
+    first.wait_for("asked 20", "not recording")
+    first.press("r")
+    first.wait_for("● REC")
+    connection = attached()
+    first.close()
+    wait_until(lambda: ours(home) == set(loopback.family(connection.pid)) and nobody_else_watches(connection))
+    goes_on(connection)
+    login("attach").wait_for("● REC", "asked 20")
+    result = connection.stop()
+    assert result is not None
+    assert result["lost_packets"] == 0
+    assert_gapless(reader.read(Path(result["log"]), raw=True))
+
+
+def test_a_frozen_link_costs_no_packet(home: Path, login: Login, server: SshServer, unit: str) -> None:
+    """Started on the machine, watched over SSH; no end takes a byte for 3 s of packets; then the screen goes on."""
+    record = subprocess.Popen(
+        imutui_command("record", "--port", unit, "--rate", "20"),
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    connection = attached()
+    screen = login("attach")
+    screen.wait_for("● REC", "asked 20", "? help")
+    screen.send(signal.SIGSTOP)
+    for pid in server.sessions():
+        os.kill(pid, signal.SIGSTOP)  # else buffers on the way would take the screens of minutes
+    goes_on(connection, 3.0)
+    for pid in server.sessions():
+        os.kill(pid, signal.SIGCONT)
+    screen.send(signal.SIGCONT)
+    screen.press("4")
+    screen.wait_for("Table 1 limit", "NIS")
+    seen = packets(connection)
+    connection.stop()
+    assert record.wait(60.0) in (0, 1)
+    (path,) = (home / "logs").glob("*.mcap")
+    log = reader.read(path, raw=True)
+    assert_gapless(log)
+    assert_all_recorded(log, home / "sent", seen)

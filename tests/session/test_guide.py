@@ -1,0 +1,115 @@
+"""The guide through a table's profile, on a clock of the test's own."""
+
+import pytest
+
+from filters.motion import Dwell, Profile, Rate, Sampled, Sine
+from imutui.session import guide
+from imutui.session.guide import Guide
+
+S = 1_000_000_000
+PROFILE = Profile(
+    (Dwell((0.0, 0.0, 0.0), 5.0), Rate("inner", 0.5, 4.0), Dwell((0.0, 1.5707963267948966, 0.0), 8.0)),
+    align="marks",
+    accel=0.5,
+)
+
+
+def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
+    """On the way nothing ends by itself; a dwell is held for its seconds, a motion for its ramps as well; then done."""
+    one = Guide(PROFILE)
+    marks = []
+    now = 0
+    for k, seconds in enumerate((5.0, 6.0, 8.0)):
+        now += 1_000_000 * S
+        assert one.snapshot(now, 0) | {"begun": None} == {
+            "state": "go", "segment": k, "count": 3, "left_s": None, "begun": None
+        }  # fmt: skip
+        marks.append(one.arrive(now))
+        assert one.snapshot(now, 0)["left_s"] == pytest.approx(seconds)
+        before = one.snapshot(now + round((seconds - 0.001) * S), 0)
+        assert (before["state"], before["segment"]) == ("hold", k)
+        now += round(seconds * S)
+    assert marks == ["segment 1", "segment 2", "segment 3"]
+    end = one.snapshot(now, 1_000_000 * S)
+    assert (end["state"], end["segment"], end["left_s"]) == ("done", 2, None)
+    assert end["begun"] == pytest.approx([0.0, 1_000_005.0, 2_000_011.0])
+
+
+def test_what_was_cancelled_half_done_is_done_again() -> None:
+    """A segment cancelled while it is held is marked as ended, and is the first one after resuming."""
+    one = Guide(PROFILE)
+    one.arrive(0)
+    one.arrive(5 * S)
+    assert one.cancel(6 * S) == "segment 2 ends"
+    assert one.snapshot(6 * S, 0)["begun"] == [0.0, None, None]
+    assert one.snapshot(60 * S, 0)["state"] == "cancelled"
+    one.resume()
+    assert (one.state, one.segment) == ("go", 1)
+    # on the way there is nothing that has begun
+    assert one.cancel(61 * S) is None
+    one.resume()
+    assert one.arrive(62 * S) == "segment 2"
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [
+        (("next", "next"), "under way for another 5 s; wait, or cancel"),
+        (("cancel", "cancel"), "cancelled; resume it"),
+        (("cancel", "next"), "cancelled; resume it"),
+        (("resume",), "nothing to resume"),
+        (("leap",), "not one of: begin, next, cancel, resume"),
+    ],
+)
+def test_what_cannot_be_done_now_is_refused_with_what_can(steps: tuple[str, ...], words: str) -> None:
+    """The message says what next, and the state stays."""
+    one = Guide(PROFILE)
+    for step in steps[:-1]:
+        one.do(step, 0, recording=True)
+    state = one.snapshot(0, 0)
+    with pytest.raises(ValueError, match=words):
+        one.do(steps[-1], 0, recording=True)
+    assert one.snapshot(0, 0) == state
+
+
+def test_the_end_of_the_recording_cancels_what_is_under_way_only() -> None:
+    """A guide that is done stays done; one under way cannot be resumed in another file."""
+    done = Guide(Profile(PROFILE.segments[:1], align="marks"))
+    done.arrive(0)
+    done.recording_ended(5 * S)
+    assert done.state == "done"
+    cut = Guide(PROFILE)
+    cut.recording_ended(0)
+    assert cut.state == "cancelled"
+    with pytest.raises(ValueError, match="begin again"):
+        cut.do("resume", 0, recording=False)
+
+
+def test_a_profile_that_goes_by_its_own_clock_has_no_guide_unless_nothing_is_filtered() -> None:
+    """The filter would not wait for the operator; without a filter there is nobody to be misled."""
+    clocked = Profile(PROFILE.segments)
+    with pytest.raises(ValueError, match='align = "marks"'):
+        guide.begun(clocked, "spkf", None, recording=False)
+    assert guide.begun(clocked, "none", None, recording=False).state == "go"
+    assert guide.begun(PROFILE, "spkf", None, recording=True).state == "go"
+    with pytest.raises(ValueError, match="no profile"):
+        guide.begun(None, "spkf", None, recording=False)
+    with pytest.raises(ValueError, match="cancel it first"):
+        guide.begun(PROFILE, "spkf", Guide(PROFILE), recording=True)
+
+
+def test_segments_are_described_as_the_operator_sets_them() -> None:
+    """Degrees of the table's own axes, and the whole time of a motion with its ramps."""
+    sampled = Sampled((10.0, 12.0, 13.0), ((0.0, 0.0, 0.0),) * 3)
+    (recorded,) = guide.described(Profile((sampled,)), "angles.csv")["segments"]
+    assert (recorded["kind"], recorded["seconds"]) == ("sampled", 3.0)
+    swing = Sine("middle", 0.17453292519943295, 0.5, 20.0)
+    told = guide.described(Profile((*PROFILE.segments, swing), accel=0.5), "tumble.toml")
+    assert told["name"] == "tumble.toml"
+    assert [one["kind"] for one in told["segments"]] == ["dwell", "rate", "dwell", "sine"]
+    assert told["segments"][2]["text"] == "go to outer 0°, middle 90°, inner 0°"
+    assert told["segments"][2]["angles_deg"] == [0.0, 90.0, 0.0]
+    assert told["segments"][3]["text"] == "swing middle by ±10° at 0.5 Hz"
+    assert [one["seconds"] for one in told["segments"]] == pytest.approx([5.0, 6.0, 8.0, 24.0])
+    keys = {"kind", "angles_deg", "axis", "rate_dps", "amplitude_deg", "hz", "seconds", "text"}
+    assert all(one.keys() == keys for one in [*told["segments"], recorded])

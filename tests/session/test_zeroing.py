@@ -1,0 +1,123 @@
+"""The reader and a unit that zeroes its rate sensors, over a pseudo-terminal."""
+
+import queue
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from test_connect import Still, served
+
+from imutui.instrument.clock import Clock, Stamp
+from imutui.instrument.port import Port
+from imutui.instrument.virtual import UnitOptions, VirtualUnit
+from imutui.session import connect, zeroing
+from imutui.session.reading import Arrival, Gone, Item, Missed, Reader, Zeroed
+
+
+@contextmanager
+def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reader, "queue.SimpleQueue[Item]"]]:
+    """A reader that reads a unit, and what it hands on."""
+    items: queue.SimpleQueue[Item] = queue.SimpleQueue()
+    with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
+        connect.open_dialogue(port, 38400, say=lambda text: None)
+        reader = Reader(port, poll_hz, items.put)
+        reader.start()
+        try:
+            yield reader, items
+        finally:
+            reader.stop()
+            while reader.is_alive():
+                items.get(timeout=10.0) if not items.empty() else None
+
+
+def packets(items: "queue.SimpleQueue[Item]", n: int) -> list[Arrival]:
+    """The next packets; nothing else may come."""
+    found = []
+    while len(found) < n:
+        item = items.get(timeout=20.0)
+        if not isinstance(item, Missed):  # a loaded machine may be late for a poll
+            assert isinstance(item, Arrival)
+            found.append(item)
+    return found
+
+
+def until_zeroed(items: "queue.SimpleQueue[Item]") -> tuple[list[Arrival], Zeroed]:
+    """Packets up to the zeroing, and how that went."""
+    before: list[Arrival] = []
+    while True:
+        item = items.get(timeout=60.0)
+        assert not isinstance(item, Gone)
+        if isinstance(item, Zeroed):
+            return before, item
+        if isinstance(item, Arrival):
+            before.append(item)
+
+
+@pytest.mark.parametrize("poll_hz", [None, 50.0])
+def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float | None) -> None:
+    """Streamed or polled: what was not asked for is not lost, no byte is counted as damaged, stamps go on in time."""
+    with reading(UnitOptions(), poll_hz) as (reader, items):
+        first = packets(items, 30)
+        assert np.all(np.abs([a.packet.rates for a in first]) > 10)
+        reader.zero(20)
+        rest, done = until_zeroed(items)
+        after = packets(items, 60)
+    assert done.argument == 20
+    # ten samples of 7.5 ms for each unit of the argument
+    assert done.seconds is not None
+    assert done.seconds > 1.3
+    assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
+    assert (after[-1].bad_checksums, after[-1].discarded_bytes) == (0, 0)
+    clock = Clock(4.7e6, polled=poll_hz is not None)
+    stamps: list[Stamp] = []
+    for arrivals in (first + rest, after):
+        stamps += [clock.stamp(a.packet.ticks, a.host_ns, contiguous=a.contiguous) for a in arrivals]
+        clock.interrupt()
+    assert sum(stamp.lost for stamp in stamps) == 0
+    assert np.all(np.diff([stamp.monotonic_ns for stamp in stamps]) > 0)
+
+
+def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It averages for 6 s where 2.3 s were thought enough: no answer is said, and its packets come when it is done."""
+    monkeypatch.setattr(zeroing, "_MARGIN_S", 1.5)
+    with reading(UnitOptions(zero_samples_per_unit=800), None) as (reader, items):
+        packets(items, 10)
+        reader.zero(1)
+        _, gone = until_zeroed(items)
+        after = packets(items, 10)
+    assert gone.seconds is None
+    assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
+    assert "power it off and on" in zeroing.unanswered(1)
+
+
+def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:
+    """An hour's average would otherwise hold up the end of an acquisition; nothing is said of a zeroing cut short."""
+    with reading(UnitOptions(zero_samples_per_unit=1000), None) as (reader, items):
+        packets(items, 5)
+        reader.zero(200)
+    left = []
+    while not items.empty():
+        left.append(items.get())
+    assert not any(isinstance(item, Zeroed) for item in left)
+
+
+def test_zero_erases_the_stored_zero_at_once() -> None:
+    """Argument 0: the rates are as before any zeroing."""
+    with reading(UnitOptions(), None) as (reader, items):
+        packets(items, 5)
+        for argument in (2, 0):
+            reader.zero(argument)
+            _, done = until_zeroed(items)
+            assert done.seconds is not None
+        after = packets(items, 5)
+    assert np.all(np.abs([a.packet.rates for a in after]) > 10)
+
+
+def test_the_wait_is_as_long_as_the_slowest_document_says() -> None:
+    """100 samples a unit of the argument at 133 Hz: 192 s for 255; never less than 10 s."""
+    assert zeroing.patience_s(255) > 255 * 100 / 133.0
+    assert zeroing.patience_s(0) >= 10.0
+    for argument in (-1, 256):
+        with pytest.raises(ValueError, match="one byte"):
+            zeroing.check(argument)

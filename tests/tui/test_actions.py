@@ -1,0 +1,79 @@
+"""What every page offers: copy, picture, themes, leaving."""
+
+from pathlib import Path
+
+import pytest
+from fake import FakeClient
+from pilot import SMALLEST, shows, until
+
+from imutui.tui.app import ImutuiApp
+from imutui.tui.look import Look
+
+
+def _app(client: FakeClient) -> ImutuiApp:
+    return ImutuiApp(client)  # type: ignore[arg-type]
+
+
+async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain text without plots and keys; what was copied is said, and in tmux what to allow."""
+    monkeypatch.setenv("TMUX", "/tmp/tmux-0/default,1,0")
+    app = _app(FakeClient())
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("y")
+        await shows(pilot, "copied the Live page as text", "tmux set -g set-clipboard on")
+        assert "0.3461" in app.clipboard
+        assert "1000.981" in app.clipboard
+        assert "q quit" not in app.clipboard
+        await pilot.press("4", "y")
+        await shows(pilot, "copied the Filter page")
+        assert "±0.0291" in app.clipboard
+
+
+async def test_a_picture_gets_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SVG files beside the logs, or in the working folder; never over another file."""
+    monkeypatch.chdir(tmp_path)
+    client = FakeClient()
+    client.changes["logs"] = str(tmp_path / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("P")
+        await shows(pilot, "picture of the screen")
+        await pilot.press("P")
+        await until(pilot, lambda: len(list((tmp_path / "logs").glob("imutui_live_*.svg"))) == 2)
+        client.changes["logs"] = "/proc/none"
+        await pilot.press("3")
+        await shows(pilot, "NOT RECORDING")
+        polls = client.polls
+        await until(pilot, lambda: client.polls > polls + 2)
+        await pilot.press("P")
+        await until(pilot, lambda: list(tmp_path.glob("imutui_record_*.svg")))
+
+
+async def test_a_theme_of_the_configuration_takes_effect() -> None:
+    """By its own name, or as light and dark; a name that is none is refused with those there are."""
+    for asked, name in (("ansi-light", "ansi-light"), ("light", "textual-light"), ("dark", "textual-dark")):
+        app = ImutuiApp(FakeClient(), look=Look(theme=asked))  # type: ignore[arg-type]
+        async with app.run_test(size=SMALLEST) as pilot:
+            await shows(pilot, "SIMULATED")
+            assert app.theme == name
+    with pytest.raises(ValueError, match=r'`screen.theme` is "sunset"; there are: dark, light.*ansi-dark'):
+        Look(theme="sunset")
+
+
+async def test_quitting_asks_about_jobs_that_would_be_lost() -> None:
+    """Without an acquisition too; the job is named, Esc stays, s quits and ends it."""
+    ended: list[str] = []
+    app = ImutuiApp()
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "not connected")
+        await pilot.press("6")
+        page = app.page
+        assert page is not None
+        page.busy = lambda: ["tracing a.mcap"]  # type: ignore[method-assign]
+        page.abandon = lambda: ended.append("ended")  # type: ignore[method-assign]
+        await pilot.press("q")
+        await shows(pilot, "tracing a.mcap: this ends with the screen, without a result")
+        await pilot.press("escape", "q", "s")
+        await until(pilot, lambda: app._exit)
+    assert ended == ["ended"]

@@ -1,0 +1,211 @@
+"""The Connect page: first steps, the form, who answers, what is connected."""
+
+from pathlib import Path
+
+import pytest
+from fake import PATH, FakeClient
+from pilot import SMALLEST, shows, text_of, until
+
+from imutui.session.client import SessionError
+from imutui.session.plan import Plan, demo
+from imutui.tui import app as application
+from imutui.tui.app import ImutuiApp
+
+FILE = PATH.rsplit("/", 1)[1]
+
+
+def _app(client: FakeClient | None) -> ImutuiApp:
+    return ImutuiApp(client)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+    """A machine without ports, where every start succeeds; returns the plans that were started."""
+    plans: list[Plan] = []
+
+    def start(plan: Plan) -> FakeClient:
+        plans.append(plan)
+        return FakeClient()
+
+    monkeypatch.setattr(application.session, "running", list)
+    monkeypatch.setattr(application.session, "ports", list)
+    monkeypatch.setattr(application.session, "start", start)
+    return plans
+
+
+async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path: Path) -> None:
+    """On a machine without a port, Enter leads to live numbers, not recorded."""
+    app = ImutuiApp(logs=str(tmp_path))
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "no serial port", "press v for the DEMO", "virtual, 133 Hz, stream")
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
+
+
+async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
+    """Tab goes through port, rate and sampling; Enter connects."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 133 Hz")
+        await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "right")
+        await shows(pilot, "(x) polled", "x, 0.5 Hz, polled")
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
+
+
+async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
+    """Signs and mounting are the configuration's; its rate stands in the form."""
+    app = ImutuiApp(defaults=Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1))
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 50 Hz")
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
+
+
+async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_path: Path) -> None:
+    """One key on a fresh machine: a virtual instrument, recorded from its first packet, in the configured folder."""
+    app = ImutuiApp(defaults=Plan("virtual", logs=str(tmp_path), mount="x,-y,-z"))
+    async with app.run_test(size=SMALLEST) as pilot:
+        screen = await shows(pilot, "press v for the DEMO", "estimates its biases", "v demo", "? help", "q quit")
+        assert max(len(line) for line in screen.splitlines()) == 80
+        await pilot.press("v")
+        await shows(pilot, "gyro, deg/s")
+    (plan,) = machine
+    assert plan == demo(Plan("virtual", logs=str(tmp_path)))
+    assert (plan.record, plan.rate_hz, plan.logs, plan.mount) == (True, 20.0, str(tmp_path), "x,y,z")
+
+
+async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second v starts nothing."""
+    monkeypatch.setattr(application.session, "running", lambda: ["demo"])
+    monkeypatch.setattr(application.session, "attach", FakeClient)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "An acquisition is running")
+        await pilot.press("v")
+        await shows(pilot, "gyro, deg/s")
+    assert machine == []
+
+
+async def test_a_key_that_needs_an_acquisition_says_what_is_missing(machine: list[Plan]) -> None:
+    """It is not in the footer, and still answers with the next step."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        assert "r record" not in await shows(pilot, "press v for the DEMO")
+        await pilot.press("r")
+        await shows(pilot, "nothing to record: not connected", "v starts the demo")
+
+
+async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looking sends nothing; p asks on the chosen port, a on all, and the answers stand in the list."""
+    asked: list[str] = []
+
+    def probe(port: str) -> dict[str, object]:
+        asked.append(port)
+        if port == "/dev/ttyUSB0":
+            return {"port": port, "answers": True, "serial_number": "9911750", "firmware": "IMU400CD 1.2", "error": ""}
+        return {"port": port, "answers": False, "error": f"{port}: in use by picocom (pid 12)"}
+
+    ports = [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R"), ("/dev/ttyS0", "n/a")]
+    monkeypatch.setattr(application.session, "ports", lambda: ports)
+    monkeypatch.setattr(application.session, "probe", probe)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "ttyUSB1", "Choose a port; Enter connects", "p probe")
+        assert asked == []
+        await pilot.press("p")
+        await shows(pilot, "IMU400CD 1.2 #9911750")
+        assert asked == ["/dev/ttyUSB0"]
+        await pilot.press("down", "a")
+        await shows(pilot, "in use by picocom (pid 12)")
+        await until(pilot, lambda: asked == ["/dev/ttyUSB0", *(port for port, _ in ports)])
+        await shows(pilot, "ttyUSB1, 133 Hz")
+    assert machine == []
+
+
+async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> None:
+    """They are chosen with the arrows, each in its own line."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 133 Hz")
+        await pilot.press(*("tab",) * 4, "right", "down", "right")
+        await shows(pilot, "(x) spkf-paper", "(x) gravity", "voltage mode is not used")
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert [(p.filter, p.reference) for p in machine] == [("spkf-paper", "gravity")]
+
+
+async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
+    """The dialog says what is stored where; Enter cancels, z does it; while recording it is refused."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("1", "z")
+        await shows(pilot, "Zero the rate sensors?", "must stand still", "stored is in the instrument", "begins anew")
+        await pilot.press("enter")
+        await until(pilot, lambda: "Zero the rate sensors?" not in text_of(pilot.app))  # type: ignore[arg-type]
+        assert client.asked == []
+        await pilot.press("z")
+        await shows(pilot, "Zero the rate sensors?")
+        await pilot.press("z")
+        await shows(pilot, "rate sensors zeroed")
+        assert client.asked == ["zero 30"]
+        client.recording = True
+        await shows(pilot, "● REC")
+        await pilot.press("z")
+        await shows(pilot, "not while recording")
+        assert client.asked == ["zero 30"]
+
+
+async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:
+    """The range is named beside the field, and Enter refuses."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 133 Hz")
+        await pilot.press("tab", "tab", "end", "4")
+        await shows(pilot, "outside 0.1 to 133 Hz")
+        await pilot.press("enter")
+        await shows(pilot, "The rate is outside 0.1 to 133 Hz")
+    assert machine == []
+
+
+async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The paragraph stays with the form, what was asked for is in the form, and the exit code is the error's."""
+    reason = "/dev/ttyUSB7 is not there. Ports of this machine: none. Plug the adapter in, then press Enter."
+
+    def fail(plan: Plan) -> FakeClient:
+        raise SessionError(reason, 4)
+
+    monkeypatch.setattr(application.session, "start", fail)
+    app = ImutuiApp(plan=Plan("/dev/ttyUSB7", 20.0))
+    async with app.run_test(size=SMALLEST) as pilot:
+        screen = await shows(pilot, "Could not connect.", "press Enter.")
+        assert " ".join(screen.split()).find(reason) > 0
+        assert "ttyUSB7, 20 Hz, stream" in screen
+        await pilot.press("ctrl+q")
+        await until(pilot, lambda: app._exit)
+    assert app.return_value == 4
+
+
+async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Enter looks at it again and starts nothing."""
+    monkeypatch.setattr(application.session, "running", lambda: ["default"])
+    monkeypatch.setattr(application.session, "attach", FakeClient)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, 'running acquisition "default"')
+        await pilot.press("enter")
+        await shows(pilot, "gyro, deg/s")
+    assert machine == []
+
+
+async def test_the_connected_page_stops_only_after_asking() -> None:
+    """Another instrument needs the first one stopped; a recording is finished, and named."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("1")
+        await shows(pilot, "Connected", "/dev/serial/by-id", "stop this acquisition")
+        await pilot.press("s")
+        await shows(pilot, "Stop this acquisition?", FILE)
+        assert client.asked == []
+        await pilot.press("s")
+        await shows(pilot, "other port", f"finished {PATH}")
+    assert client.asked == ["stop"]
