@@ -19,7 +19,7 @@ NOTICED, TOO_MUCH = 2.0, 3.0
 """Means of 10 s over what noise allows: beyond these, AMBER and RED."""
 FEWEST_WINDOWS = 3
 """Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
-STEADY_K_PER_MIN = 0.1
+STEADY_K_PER_MIN = words.SETTLED_K_PER_MIN
 HOLD_S = 2.0
 STALE_S = 5.0
 """Silence of the line that makes estimates old; shorter ones are only said."""
@@ -193,7 +193,7 @@ def _limits(biases: Sequence[Bias]) -> Check:
     brief = f"{channel(worst['name'])} limit"
     if size - sd3 <= limit:
         return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
-    todo = "check level, mounting and sign; if they are right, the sensor is off its data sheet"
+    todo = "check level, mounting, sign; else the sensor is out of spec"
     return Check("bad", "limit", f"{bias} is outside {allowed}", brief, todo)
 
 

@@ -150,6 +150,8 @@ def test_a_cut_link_costs_no_packet_and_leaves_nothing_behind(
     again.wait_for("Mark in the recording")
     again.press("back again\r")
     again.wait_for("marked: back again")
+    second.press("3")
+    second.wait_for("RECORDING", "back again")
     seen = packets(connection)
     again.press("q")
     again.wait_for("finish the file, stop")

@@ -368,7 +368,7 @@ async def test_unknown_numbers_are_dashes() -> None:
         measured_hz=None, packet_hz=None, channels=[], filter=None, events=[], series={"next": 0, "t": [], "values": []}
     )
     async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "measured – Hz", " gx          –", "filter – OFF")
+        await shows(pilot, "measured – Hz", " gx        –", "filter – OFF")
         await pilot.press("4")
         await shows(pilot, "OFF", "nothing is estimated")
 

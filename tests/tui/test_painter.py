@@ -22,7 +22,9 @@ from imutui.tui.painter import Painter
 STYLES = [Style.parse("red on black"), Style.parse("bold blue on black"), Style()]
 WIDTH = 40
 
-cells = st.lists(st.tuples(st.sampled_from("ab ⣿"), st.integers(0, 2)), min_size=WIDTH, max_size=WIDTH)
+SIGNS = "ab ⣿"
+
+cells = st.binary(min_size=WIDTH, max_size=WIDTH).map(lambda b: [(SIGNS[n % 4], n // 4 % 3) for n in b])
 
 
 def _strip(line: list[tuple[str, int]]) -> Strip:

@@ -6,11 +6,14 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import wait_until
+from unit_time import acquire
 
+from imutui.instrument.clock import WRAP
 from imutui.logbook import reader
-from imutui.session import client
+from imutui.session import client, plan
 from imutui.session.plan import Plan
 
 
@@ -98,9 +101,6 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "KEYS" not in terminal.screen())
-    terminal.press("4")
-    terminal.wait_for("all 6 biases converged")
-
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")
     terminal.press("s")
@@ -150,80 +150,83 @@ def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: T
     assert len(list((home / "logs").glob("*demo.mcap"))) == 1
 
 
-def test_a_closed_terminal_costs_nothing(home: Path, terminal: Terminal) -> None:
-    """The terminal is killed under the UI: the acquisition goes on, and its file is finished when it is stopped."""
+def test_a_terminal_put_aside_or_closed_costs_nothing(home: Path, terminal: Terminal) -> None:
+    """Ctrl+Z and fg, then the terminal killed under the UI: the acquisition goes on and its file has every packet."""
     terminal.type(f"{sys.executable} -m imutui demo\n")
     terminal.wait_for("● REC", "measured")
     connection = client.attach("demo")
+    terminal.press("C-z")
+    wait_until(lambda: "measured" not in terminal.screen())
+    terminal.type("echo shell$((20 + 22))\n")
+    terminal.wait_for("shell42")
+    goes_on(connection)
+    terminal.type("fg\n")
+    terminal.wait_for("● REC", "measured", "? help")
     terminal.close()
-    before = connection.snapshot(2**62)["recording"]["samples"]
-    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > before + 40)
+    goes_on(connection)
     result = connection.stop()
     assert result is not None
     assert result["lost_packets"] == 0
-    assert reader.read(Path(result["log"])).finished
+    log = reader.read(Path(result["log"]), raw=True)
+    assert log.finished
+    steps = -np.diff([packet.ticks for packet in log.raw]) % WRAP
+    assert np.all(np.abs(steps - np.median(steps)) < 0.1 * np.median(steps))
 
 
-def test_from_the_first_screen_to_a_finished_recording(home: Path, terminal: Terminal) -> None:
-    """Who has only the footer gets, with v and r, a finished recording whose biases have converged."""
+def goes_on(connection: client.Client) -> None:
+    """Wait for two more seconds of samples at 20 Hz."""
+    before = connection.snapshot(2**62)["recording"]["samples"]
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > before + 40)
+
+
+def test_the_whole_job(home: Path, terminal: Terminal) -> None:
+    """By the keys that are on the screen, from nothing to effects in the live filter: demo, mark, replay, trace."""
+    (home / "logs").mkdir()
+    # a minute of the demo's unit, faster than real time: what is shorter cannot be traced
+    acquire(Path(plan.__file__).with_name("demo.toml"), 0, home / "logs" / "earlier.mcap", 62.0)
     terminal.type(f"{sys.executable} -m imutui\n")
-    terminal.wait_for("press v for the DEMO", "v demo", "? help", "q quit")
+    terminal.wait_for("not connected", "press v for the DEMO", "virtual instrument", "v demo", "? help", "q quit")
     terminal.press("v")
-    terminal.wait_for("SIMULATED", "● REC", "r record")
-    terminal.press("4")
-    terminal.wait_for("GREEN", "all 6 biases converged")
-    terminal.press("r")
-    terminal.wait_for("finished", "samples")
+    terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
+    terminal.press("m")
+    terminal.wait_for("Mark in the recording")
+    terminal.type("table level")
+    terminal.press("Enter")
+    terminal.wait_for("marked: table level")
     terminal.press("3")
-    terminal.wait_for("NOT RECORDING", "finished", "6 Logs opens it")
+    terminal.wait_for("● RECORDING", "note      demo", "table level", "disk full in", "lost 0")
+    terminal.press("4")
+    terminal.wait_for("GREEN", "all 6 biases converged", "Table 1", "x gyro")
+    terminal.press("r")
+    terminal.wait_for("not recording", "finished")
+    terminal.press("3")
+    terminal.wait_for("NOT RECORDING", "6 Logs opens it")
+
+    terminal.press("6")
+    terminal.wait_for("2 recordings, newest first", "_demo", "earlier")
+    terminal.press("p")
+    terminal.wait_for("replay of imu400cd", "converged:", "at 20.00 Hz, SIMULATED", "NIS", "Esc")
+    terminal.press("Escape")
+    terminal.wait_for("2 recordings")
+    terminal.press("Down")
+    terminal.wait_for("earlier.mcap · IMU400CD-200")
+    terminal.press("t")
+    terminal.wait_for("trace of earlier.mcap", "gy: oscillates at 0.7", "load")
+    terminal.press("e")
+    terminal.wait_for("loaded tone (gy): the filter began anew")
+    connection = client.attach("demo")
+    assert connection.snapshot(2**62)["effects"] == ["tone (gy)"]
+    terminal.press("4")
+    terminal.wait_for("tone", "Table 1")
     terminal.press("q")
-    terminal.wait_for("stop the acquisition and quit")
+    terminal.wait_for("stop the acquisition and quit", "cancel", "leave it")
     terminal.press("s")
+    terminal.wait_for("the acquisition is stopped")
     wait_until(lambda: client.running() == [])
-    (path,) = (home / "logs").glob("*demo.mcap")
-    assert reader.read(path).finished
-
-
-def test_control_z_gives_the_shell_back_and_fg_the_screen(home: Path, terminal: Terminal) -> None:
-    """The screen stops and is restored as it was; keys work again."""
-    terminal.type(f"{sys.executable} -m imutui\n")
-    terminal.wait_for("press v for the DEMO")
-    terminal.press("C-z")
-    wait_until(lambda: "press v" not in terminal.screen())
-    terminal.type("echo shell$((20 + 22))\n")
-    terminal.wait_for("shell42")
-    terminal.type("fg\n")
-    terminal.wait_for("press v for the DEMO", "? help")
-    terminal.press("?")
-    terminal.wait_for("FIRST STEPS")
-
-
-def test_two_viewers_look_at_one_acquisition(home: Path, tmp_path: Path, terminal: Terminal) -> None:
-    """What one does the other sees; one leaves, and the other stays."""
-    program = f"{sys.executable} -m imutui"
-    terminal.type(f"{program} demo\n")
-    terminal.wait_for("● REC")
-    second = Terminal(tmp_path)
-    try:
-        second.type(f"{program} attach\n")
-        second.wait_for("● REC", "SIMULATED")
-        second.press("m")
-        second.wait_for("Mark in the recording")
-        second.type("seen by both")
-        second.press("Enter")
-        second.wait_for("marked: seen by both")
-        terminal.press("3")
-        terminal.wait_for("RECORDING", "seen by both")
-        terminal.press("d")
-        terminal.wait_for("Come back: imutui attach")
-        second.press("r")
-        second.wait_for("finished", "not recording")
-        second.press("q")
-        second.wait_for("stop the acquisition and quit")
-        second.press("s")
-        wait_until(lambda: client.running() == [])
-    finally:
-        second.close()
+    path = next((home / "logs").glob("*_demo.mcap"))
+    log = reader.read(path)
+    assert log.finished
+    assert "table level" in [event.text for event in log.events if event.name == "mark"]
 
 
 def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Terminal) -> None:

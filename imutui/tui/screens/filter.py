@@ -62,7 +62,7 @@ class FilterPage(Page):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "choose(-1)", "bias above", show=False),
         Binding("down,j", "choose(1)", "bias below", show=False),
-        Binding("enter", "plot", "plot", show=False, tooltip="Enlarge the plot of the chosen bias"),
+        Binding("enter", "plot", "plot", key_display="enter", tooltip="Enlarge the plot of the chosen bias"),
         Binding("t", "trace", "trace", tooltip="Look in this recording for what the model does not explain"),
         Binding("e", "effects", "effects", tooltip="Load found effects into the filter"),
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),

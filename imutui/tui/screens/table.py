@@ -155,6 +155,8 @@ class TablePage(Page):
 
     def show(self, view: View) -> None:
         """Show a view; ask for the profile when the acquisition has another one."""
+        if not self.query(GuideHead):  # an answer has come while the page goes away
+            return
         super().show(view)
         now = view.now
         reference = now.get("reference") if now is not None else None
@@ -390,7 +392,7 @@ class TablePage(Page):
 
     def action_begin(self) -> None:
         """Record and be guided."""
-        self._guide("begin", "starting the recording", "begun: do what the first line says")
+        self._guide("begin", "starting the recording", "recording; the first line says what to do")
 
     def action_resume(self) -> None:
         """Go on where it was cancelled."""

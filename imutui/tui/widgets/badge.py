@@ -21,7 +21,9 @@ class Badge(Lines):
         verdict = view.shown_verdict
         if verdict is None:
             return [self.line((" – OFF ", "bold reverse"), "  no acquisition: 1 connects to one")]
-        chip = self.line((f" {verdict.badge} ", f"bold reverse {_STYLES[verdict.level]}"))
+        # without colour, the reverse of a colour is grey on grey
+        style = "bold reverse" if self.app.no_color else f"bold reverse {_STYLES[verdict.level]}"
+        chip = self.line((f" {verdict.badge} ", style))
         indent = chip.cell_length + 2
         said = self.glyphs.text(_said(view, verdict))
         first, second = two_lines(said, width - indent - 1, width - indent - len(_WHY))
