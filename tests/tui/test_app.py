@@ -379,7 +379,7 @@ async def test_help_is_plain_and_closes() -> None:
         await shows(pilot, "SIMULATED")
         for key in ("question_mark", "f1"):
             await pilot.press(key)
-            await shows(pilot, "never costs a sample", "start a recording")
+            await shows(pilot, "FIRST STEPS", "never costs a sample")
             await pilot.press("escape")
             await shows(pilot, "gyro, deg/s")
 
