@@ -266,7 +266,7 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
         "125 % OUT",
         "not observable with this reference",
         "x accel       6.00     0.30 mg           ±12      50 %   not yet",
-        "inside its band",
+        "inside its 95 % band 8.9 to 9.2",
         "1 packet lost, 0 bad checksums, 1 gap, 0 outliers left out",
         "ALARM: gz moves",
     ):

@@ -143,7 +143,8 @@ class LogsPage(Page):
         here = self._brief()  # the line that the cursor is on moves when a newer recording comes
         self._briefs = found
         self._chosen &= {b.path for b in found}
-        self._list(self._wanted or (here.path if here is not None else None))
+        wanted, self._wanted = self._wanted, None
+        self._list(wanted or (here.path if here is not None else None))
 
     def _list(self, cursor: Path | None = None) -> None:
         """Show the list, with the cursor on a recording, or where it is."""
@@ -158,7 +159,7 @@ class LogsPage(Page):
         rows.fill([Content(glyphs(told.row(b, b.path in self._chosen, width - 1))) for b in briefs])
         number = next((n for n, b in enumerate(briefs) if b.path == cursor), None)
         if number is not None:
-            rows.highlighted, self._wanted = number, None
+            rows.highlighted = number
         self._say_detail()
 
     def _brief(self) -> Brief | None:
