@@ -192,7 +192,7 @@ def main() -> None:
     print(describe("textual", "textual-plotext", "plotext", "numpy"), flush=True)
     with tempfile.TemporaryDirectory() as logs:
         print("first paint of `imutui`, nothing running: ", end="", flush=True)
-        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'Sampling', options.repeat))} s")
+        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'1 Connect', options.repeat))} s")
         client = session.start(Plan("virtual", RATE, logs=logs, name=NAME, virtual=("--seed", "1")))
         try:
             attach = [sys.executable, "-m", "imutui", "attach", "--name", NAME]

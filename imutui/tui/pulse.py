@@ -87,7 +87,7 @@ class Pulse:
             self._frames.popleft()
 
     def _text(self, now: float) -> str:
-        """Frames and bytes sent a second, processor, age, queue, mode, and, with room, how soon the terminal answers."""
+        """Frames and bytes sent a second, processor, age, queue, mode; with room, how soon the terminal answers."""
         if len(self._frames) < 2:
             return "measuring"
         (t0, bytes0, cpu0), (t1, bytes1, cpu1) = self._frames[0], self._frames[-1]

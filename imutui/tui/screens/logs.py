@@ -13,7 +13,6 @@ from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
 from imutui.jobs import tasks
-from imutui.jobs.info import Brief, brief, recordings
 from imutui.jobs.worker import CANCELLED, DONE, RUNNING, Worker
 from imutui.session.client import Client
 from imutui.tui import recordings as told
@@ -31,6 +30,7 @@ from imutui.tui.widgets.job import JobLine
 from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
+    from imutui.jobs.info import Brief
     from imutui.jobs.keeping import EffectsFile
 
 _LOOK_EVERY_S = 3.0
@@ -139,7 +139,7 @@ class LogsPage(Page):
     @work(exclusive=True, group="look")
     async def _look(self) -> None:
         folder, extra = self.folder, list(self._extra)
-        found = await in_thread(lambda: [*(brief(path) for path in extra), *recordings(folder)])
+        found = await in_thread(lambda: _look(extra, folder))
         here = self._brief()  # the line that the cursor is on moves when a newer recording comes
         self._briefs = found
         self._chosen &= {b.path for b in found}
@@ -162,7 +162,7 @@ class LogsPage(Page):
             rows.highlighted = number
         self._say_detail()
 
-    def _brief(self) -> Brief | None:
+    def _brief(self) -> "Brief | None":
         at, briefs = self.query_one("#recordings", Rows).cursor, self._briefs or []
         return briefs[at] if at is not None and at < len(briefs) else None
 
@@ -408,3 +408,10 @@ def _effects_file(path: Path) -> "EffectsFile":
     from imutui.jobs import keeping
 
     return keeping.effects_file(path)
+
+
+def _look(extra: Sequence[Path], folder: Path) -> "list[Brief]":
+    """Files named one by one, then a folder's; reading logs is loaded here, as the first page need not wait for it."""
+    from imutui.jobs.info import brief, recordings
+
+    return [*(brief(path) for path in extra), *recordings(folder)]
