@@ -97,10 +97,10 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.type(f"clear; {program} attach\n")
     terminal.wait_for("● REC", "asked 20", "measured")
     terminal.press("?")
-    terminal.wait_for("PAGES", "KEYS")
+    terminal.wait_for("FIRST STEPS", "PAGES")
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
-    wait_until(lambda: "KEYS" not in terminal.screen())
+    wait_until(lambda: "FIRST STEPS" not in terminal.screen())
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")
     terminal.press("s")
