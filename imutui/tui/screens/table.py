@@ -100,8 +100,7 @@ class TablePage(Page):
     def look(self, wanted: Path | None = None) -> None:
         """Look for profiles; with the cursor on one, if it is there."""
         self._wanted = wanted or self._wanted
-        now = self.view.now if self.view is not None else None
-        self._look([Path(), *([Path(now["logs"])] if now and now.get("logs") else [])])
+        self._look([Path(), Path(getattr(self.app, "logs_folder", "logs"))])
 
     @work(exclusive=True, group="look")
     async def _look(self, folders: list[Path]) -> None:
