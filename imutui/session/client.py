@@ -130,7 +130,7 @@ class Client:
 
     def wait(self, timeout: float | None = None) -> dict[str, Any] | None:
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
-        return self._ending({"ask": "wait"}, timeout)
+        return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
 
     def close(self) -> None:
         """Leave; the acquisition goes on."""
@@ -151,6 +151,8 @@ class Client:
             reply = _exchange(connection, request, timeout, self.name)
         finally:
             connection.close()
+        if reply.get("runs"):
+            raise TimeoutError
         self._await_exit()
         if reply["error"] is not None:
             raise SessionError(str(reply["error"]), int(reply["exit_code"]))

@@ -16,11 +16,17 @@ from imutui.logbook import reader, schemas
 HERE = Path(__file__).parent
 
 
-@pytest.fixture
-def log(home: Path) -> Path:
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short recording over the virtual instrument's wire."""
-    out = imutui("record", "--port", "virtual", "--rate", "20", "--duration", "3", "--json", check=1).stdout
-    return home / json.loads(out)["log"]
+    folder = tmp_path_factory.mktemp("foreign")
+    (folder / "run").mkdir(mode=0o700)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder / "run"))
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        patch.chdir(folder)
+        out = imutui("record", "--port", "virtual", "--rate", "20", "--duration", "3", "--json", check=1).stdout
+    return folder / json.loads(out)["log"]
 
 
 def test_rosbags_decodes_what_was_recorded(log: Path) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import unit_time
 from conftest import imutui, wait_until
 from tap import packets_of
 
@@ -91,11 +92,13 @@ def test_live_and_replayed_results_are_equal(home: Path, rate: float, sampling: 
 
 
 def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
-    home: Path, recording: Callable[[str], Path]
+    home: Path, recording: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Recorded counts are the bytes the virtual unit sent, in order, none missing; live equals replayed."""
     source = recording("aceinna_imu381_s1_static.npz")
-    with virtual("--from", str(source), "--tap", str(home / "sent")) as port:
+    with unit_time.virtual("--from", str(source), "--tap", str(home / "sent")) as (port, environment):
+        for name in ("PYTHONPATH", "IMUTUI_TEST_UNIT_TIME"):
+            monkeypatch.setenv(name, environment[name])
         asked = plan(home, port=port, rate_hz=20.0, duration_s=30.0, accel_sign=1, mount="x,-y,-z", reference="gravity")
         live = client.start(asked).wait(120.0)
     assert live is not None
@@ -139,7 +142,7 @@ def test_kill_nine_loses_a_second_at_most(home: Path) -> None:
 
 def test_a_demo_recovers_known_biases(home: Path) -> None:
     """The main job, whole: exit 0, biases within 3 sd of the truth, sds below 0.6 mg and 0.05 deg/s, a finished log."""
-    result = json.loads(imutui("demo", "--headless", "--seconds", "60", "--seed", "7", "--json").stdout)
+    result = json.loads(imutui("demo", "--headless", "--seconds", "30", "--seed", "7", "--json").stdout)
     for key, limit in (("accel_bias_mg", 0.6), ("gyro_bias_dps", 0.05)):
         error = np.array(result["final"][key]) - result["truth"][key]
         assert np.all(np.abs(error) < 3 * np.array(result["sd"][key]))

@@ -27,13 +27,13 @@ from imutui.tui.look import Look
 SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
 PORTS = [("/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "FT232R USB UART"), ("/dev/ttyS0", "ttyS0")]
 PAGES = {
-    "live": (["2"], "gx"),
+    "live": (["2"], "asked 20"),
     "connect": (["1"], "IMU400CD 1.2"),
-    "record": (["3"], "flush"),
+    "record": (["3"], "flushed"),
     "filter": (["4"], "x gyro"),
-    "table": (["5"], "Table"),
-    "logs": (["6"], "Logs"),
-    "help": (["2", "question_mark"], "KEYS"),
+    "table": (["5"], "makes testable"),
+    "logs": (["6"], "sample.mcap"),
+    "help": (["2", "question_mark"], "FIRST STEPS"),
     "quit": (["escape", "q"], "cancel"),
 }
 """Keys that lead to a page from the one before, and a text that is on it."""

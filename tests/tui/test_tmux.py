@@ -215,7 +215,7 @@ def test_the_whole_job(home: Path, terminal: Terminal) -> None:
     terminal.press("e")
     terminal.wait_for("loaded tone (gy): the filter began anew")
     connection = client.attach("demo")
-    assert connection.snapshot(2**62)["effects"] == ["tone (gy)"]
+    assert connection.snapshot(2**62)["effects"] == ["gy tone"]
     terminal.press("4")
     terminal.wait_for("tone", "Table 1")
     terminal.press("q")

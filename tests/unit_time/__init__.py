@@ -18,10 +18,16 @@ _HERE = Path(__file__).parent
 
 @contextmanager
 def unit(scenario: Path, power_on: int, *options: str) -> Iterator[tuple[str, dict[str, str]]]:
-    """A virtual unit on a time of its own: port, and the environment for `imutui record`."""
+    """A virtual unit of a scenario on a time of its own: port, and the environment for `imutui record`."""
+    with virtual("--scenario", str(scenario), "--power-on", str(power_on), *options) as found:
+        yield found
+
+
+@contextmanager
+def virtual(*arguments: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """`imutui virtual` with these arguments, on a time of its own: port, and the environment for `imutui record`."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, str(_HERE / "virtual.py"), folder, "--while-stdin"]
-        command += ["--scenario", str(scenario), "--power-on", str(power_on), *options]
+        command = [sys.executable, str(_HERE / "virtual.py"), folder, "--while-stdin", *arguments]
         with _running(command) as port:
             path = os.pathsep.join(filter(None, (str(_HERE / "host"), os.environ.get("PYTHONPATH"))))
             yield port, {**os.environ, "PYTHONPATH": path, "IMUTUI_TEST_UNIT_TIME": folder}
