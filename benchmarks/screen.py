@@ -116,9 +116,8 @@ def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost
         result = Path(folder) / "result.json"
         written = in_terminal([sys.executable, CHILD, kind, mode, str(seconds), str(result), NAME], size)
         if not result.exists():
-            sys.exit(
-                f"{kind} {mode} at {size} did not finish:\n{b''.join(d for _, d in written)[-2000:].decode(errors='replace')}"
-            )
+            said = b"".join(part for _, part in written)[-2000:].decode(errors="replace")
+            sys.exit(f"{kind} {mode} at {size} did not finish:\n{said}")
         found = json.loads(result.read_text())
     data = [d for at, d in written if found["from"] <= at <= found["to"]]
     frames = max(found["frames"], 1)
@@ -149,8 +148,8 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
             + ", ".join(f"{costs[marker].cpu_ms / cost.cpu_ms:.1f} ({marker})" for marker in PEERS)
         )
         print(
-            f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame {cost.bytes:8.0f} B/frame"
-            f" {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
+            f"{kind:<6} {size[0]:>3}x{size[1]:<2} {side} {name:<7} {cost.cpu_ms:7.2f} ms/frame "
+            f"{cost.bytes:8.0f} B/frame {cost.fps:5.1f} fps {cost.kilobytes:7.1f} kB/s {cost.packed:6.2f} zlib{ratios}",
             flush=True,
         )
     return costs
@@ -193,7 +192,7 @@ def main() -> None:
     print(describe("textual", "textual-plotext", "plotext", "numpy"), flush=True)
     with tempfile.TemporaryDirectory() as logs:
         print("first paint of `imutui`, nothing running: ", end="", flush=True)
-        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'Sampling', options.repeat))} s")
+        print(f"{told(first_paint([sys.executable, '-m', 'imutui'], b'1 Connect', options.repeat))} s")
         client = session.start(Plan("virtual", RATE, logs=logs, name=NAME, virtual=("--seed", "1")))
         try:
             attach = [sys.executable, "-m", "imutui", "attach", "--name", NAME]
@@ -207,16 +206,13 @@ def main() -> None:
                     ages += [age for name in OURS for age in costs[name].ages_ms]
             if ages:
                 ages.sort()
-                print(
-                    f"newest sample when its frame was written: median {statistics.median(ages):.0f} ms, p99 {ages[int(0.99 * (len(ages) - 1))]:.0f} ms ({len(ages)} frames)"
-                )
+                middle, late = statistics.median(ages), ages[int(0.99 * (len(ages) - 1))]
+                print(f"newest sample when written: median {middle:.0f} ms, p99 {late:.0f} ms, {len(ages)} frames")
             if not options.no_ssh:
                 for mode in OURS:
                     moved = through_ssh(mode, (120, 40), options.seconds)
-                    print(
-                        f"screen 120x40 {mode} through ssh -C: {'no sshd here' if moved is None else f'{moved:.2f} kB/s'}",
-                        flush=True,
-                    )
+                    said = "no sshd here" if moved is None else f"{moved:.2f} kB/s"
+                    print(f"screen 120x40 {mode} through ssh -C: {said}", flush=True)
         finally:
             client.stop()
 

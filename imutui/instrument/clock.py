@@ -14,8 +14,13 @@ _TICK_WALK = 1e-8 * NOMINAL_TICK_NS
 _ANCHOR_SD_NS = 10.0e6
 _LEAST_LATE_SD_NS = 0.3e6
 _LATE_NS = 20.0e6
+# a tick that is off by two standard deviations makes the first whole block so early
+_EARLY_NS = 5.0e6
 _BLOCK = 64
 _AMBIGUOUS_NS = 25.0e6
+# blocks in a row that may be early while a backlog is read, up to 3 s of it; and late before it is no wrap that went
+_MOST_EARLY = 6
+_MOST_LATE = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +101,8 @@ class Clock:
         self._step = 0
         self._block = 1
         self._least = _Least()
+        self._early = 0
+        self._late = 0
 
     @property
     def tick_ns(self) -> float:
@@ -159,10 +166,31 @@ class Clock:
             return 0
         # the first blocks are short, so that a late first packet is put right at once
         least, self._least, self._block = self._least, _Least(), min(2 * self._block, _BLOCK)
-        if least.count == _BLOCK and least.innovation > _LATE_NS:
+        whole = least.count == _BLOCK
+        early = least.innovation < -_EARLY_NS or (not whole and least.innovation < 0.0)
+        self._early = self._early + whole if early else 0
+        self._late = self._late + 1 if whole and least.innovation > _LATE_NS else 0
+        if self._late > _MOST_LATE:
+            self._forget(least.innovation)
+        elif self._late:
             return self._catch_up(least.innovation)
-        self._update(least.innovation, least.ticks_since)
+        elif early and self._early <= _MOST_EARLY:
+            self._move(least.innovation)
+        elif whole or least.innovation < _LATE_NS:
+            self._update(least.innovation, least.ticks_since)
         return 0
+
+    def _move(self, innovation: float) -> None:
+        """Correct the instant alone: no packet arrives early, so those before were late. The tick is not to blame."""
+        self._instant += innovation
+        self._P = [_ANCHOR_SD_NS**2, 0.0, self._P[2]]
+
+    def _forget(self, innovation: float) -> None:
+        """Begin to learn the tick anew: late in block after block, it is wrong, and no wraps are missing."""
+        self._tick = NOMINAL_TICK_NS
+        self._P[2] = _TICK_SD**2
+        self._move(innovation)
+        self._late = 0
 
     def _update(self, innovation: float, ticks_since: int) -> None:
         p, c, q = self._P

@@ -31,6 +31,7 @@ _WORDS = {
     "delay": "delay",
     "earth_rate": "Earth rate",
 }
+_SUFFIXES = (".toml", ".csv")
 _PARTNERS = ("scale", "cross_axis", "tilt")
 _BY_HAND_S, _BRIEF_S = 30.0, 20.0
 
@@ -110,6 +111,11 @@ def offers(folders: Iterable[Path]) -> list[Offer]:
 def offer_of(path: Path) -> Offer:
     """Profile of a file; one that cannot be used says why."""
     place = str(path.parent)
+    if path.exists() and not path.is_file():
+        # a device would be read for ever, and from under whoever has it
+        return Offer(path.name, place, error="is no file")
+    if path.suffix.lower() not in _SUFFIXES:
+        return Offer(path.name, place, error="is neither .toml nor .csv by its name")
     try:
         content = path.read_bytes()
         profile = motions.parse(path.name, content)
@@ -131,7 +137,7 @@ def _offer(profile: Profile, name: str, place: str, text: str, file: str) -> Off
 
 def _files(folder: Path) -> list[Path]:
     try:
-        return [p for p in folder.iterdir() if p.suffix.lower() in (".toml", ".csv") and p.is_file()]
+        return [p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file()]
     except OSError:
         return []
 

@@ -80,6 +80,8 @@ def effects_files(folders: Iterable[Path]) -> list[EffectsFile]:
 
 def effects_file(path: Path) -> EffectsFile:
     """An effects file; one that cannot be used says why."""
+    if path.exists() and not path.is_file():
+        return EffectsFile(path, error="is no file")
     try:
         content = path.read_bytes()
         document = effects.parse(content)

@@ -249,7 +249,8 @@ def _on_term(number: int, frame: object) -> None:
 def _end_with_parent(stream: IO[bytes]) -> None:
     """End as on a request when whoever started this has ended."""
     stream.read()
-    os.kill(os.getpid(), signal.SIGTERM)
+    # to the thread that works, which may be waiting for nothing but a signal
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
     time.sleep(_GRACE_S)
     os._exit(1)
 

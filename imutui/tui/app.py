@@ -487,7 +487,7 @@ class ImutuiApp(App[int]):
         folder = self.logs_folder
         try:
             path = pictures.save(self.export_screenshot(title=f"imutui {page}"), Path(folder), page)
-            self._say(f"picture of the screen: {path}", "good")
+            self._say(f"picture of the screen: {pictures.near(path)}", "good")
         except OSError as error:
             self._say(f"no picture saved: {error}. Start imutui in a folder that you may write to.", "bad")
 

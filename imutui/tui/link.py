@@ -159,10 +159,7 @@ class Link:
 
     def view(self) -> View:
         """What to show now."""
-        if self._frozen is None:
-            view = self._view(self._series, self._biases, frozen=False)
-        else:
-            view = self._frozen
+        view = self._frozen or self._view(self._series, self._biases, frozen=False)
         return replace(
             view,
             now=self.newest,

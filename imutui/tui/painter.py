@@ -5,7 +5,7 @@ second. Here each line is compared with what the terminal holds, and colours are
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TypeVar
+from typing import Any
 
 from rich.color import ColorSystem
 from rich.console import Console
@@ -14,7 +14,6 @@ from rich.style import Style
 from textual._compositor import ChopsUpdate, CompositorUpdate, LayoutUpdate
 from textual.strip import Strip
 
-T = TypeVar("T")
 Cells = tuple[str, list[Style | None]]
 """Characters of a strip and the style of each; all are one cell wide."""
 _GAP = 7
@@ -31,7 +30,7 @@ class Painter:
         """Something else has written on the terminal."""
         self._lines.clear()
 
-    def exact(self, update: T) -> "T | CompositorUpdate":
+    def exact(self, update: Any) -> Any:
         """An update that sends no cell which the terminal holds already.
 
         Parameters

@@ -42,4 +42,5 @@ def _command(app: App[Any], namespace: Page | App[Any] | None, binding: Binding)
 
 def _shown(key: str) -> str:
     """First of a binding's keys as people write it."""
-    return "-".join(part.capitalize() if len(part) > 1 else part for part in key.partition(",")[0].split("+"))
+    *modifiers, last = key.partition(",")[0].split("+")
+    return "-".join([*(modifier.capitalize() for modifier in modifiers), last])

@@ -30,6 +30,11 @@ def save(svg: str, folder: Path, page: str) -> Path:
         return _write(svg, Path.cwd(), stem)
 
 
+def near(path: Path) -> str:
+    """A path as seen from the working folder, if it lies there."""
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
+
+
 def _write(svg: str, folder: Path, stem: str) -> Path:
     for number in itertools.count(1):
         path = folder / (f"{stem}.svg" if number == 1 else f"{stem}_{number}.svg")

@@ -87,7 +87,7 @@ class Pulse:
             self._frames.popleft()
 
     def _text(self, now: float) -> str:
-        """Frames and bytes a second, processor, age, queue, round trip, mode."""
+        """Frames and bytes sent a second, processor, age, queue, mode; with room, how soon the terminal answers."""
         if len(self._frames) < 2:
             return "measuring"
         (t0, bytes0, cpu0), (t1, bytes1, cpu1) = self._frames[0], self._frames[-1]
@@ -96,11 +96,11 @@ class Pulse:
         trip = self.load.round_trip_s
         parts = [
             f"{(len(self._frames) - 1) / lasted:4.1f} fps",
-            f"{(bytes1 - bytes0) / lasted / 1e3:6.2f} kB/s sent",
-            f"CPU {100 * (cpu1 - cpu0) / lasted:5.1f} %",
+            f"{(bytes1 - bytes0) / lasted / 1e3:6.1f} kB/s",
+            f"CPU {100 * (cpu1 - cpu0) / lasted:3.0f} %",
             f"sample {text.number(age, 4, 0)} ms old",
             f"queue {self.load.queue:2d}",
-            *([f"round trip {1e3 * trip:4.0f} ms"] if trip is not None else []),
-            self.pacing.mode if self.pace.wish != "auto" else f"{self.pacing.mode} (auto)",
+            f"auto {self.pacing.mode}" if self.pace.wish == "auto" else self.pacing.mode,
+            *([f"answers in {1e3 * trip:4.0f} ms"] if trip is not None else []),
         ]
         return "  ".join(parts)

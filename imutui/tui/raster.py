@@ -169,7 +169,8 @@ def codes(bits: Bits, glyphs: Glyphs) -> Codes:
         found = np.einsum("rycx,yx->rc", blocks, _BRAILLE) + 0x2800
         # an empty cell as a space: one byte instead of three, copied text stays clean
         return np.where(found == 0x2800, SPACE, found).astype(np.uint32)
-    return _HALVES[glyphs.name][blocks[:, 0, :, 0] + 2 * blocks[:, 1, :, 0].astype(int)]
+    halves: Codes = _HALVES[glyphs.name][blocks[:, 0, :, 0] + 2 * blocks[:, 1, :, 0].astype(int)]
+    return halves
 
 
 def lines(characters: Codes) -> list[str]:

@@ -3,10 +3,12 @@
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from imutui.jobs.info import Brief
 from imutui.tui import text
+
+if TYPE_CHECKING:
+    from imutui.jobs.info import Brief
 
 _FIXED = 58
 _LEAST_NAME = 21
@@ -23,7 +25,7 @@ def heading(width: int) -> str:
     return f"   {'name':<{name}} {'when, UTC':<11} {'length':>7} {'Hz':>4} {'kind':<9} {'state':<10} {'size':>8}{note}"
 
 
-def row(brief: Brief, chosen: bool, width: int) -> str:
+def row(brief: "Brief", chosen: bool, width: int) -> str:
     """A recording."""
     name = text.shorten(brief.path.name.removesuffix(".mcap").removeprefix(_MAKE), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
@@ -42,7 +44,7 @@ def _name_width(width: int) -> int:
     return max(width - _FIXED - note, _LEAST_NAME)
 
 
-def lead(folder: Path, briefs: Sequence[Brief] | None, chosen: Collection[Path], width: int) -> tuple[str, str]:
+def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path], width: int) -> tuple[str, str]:
     """Where these are, and how many are chosen."""
     if briefs is None:
         count = "looking…"
@@ -55,12 +57,12 @@ def lead(folder: Path, briefs: Sequence[Brief] | None, chosen: Collection[Path],
     return f"{text.shorten(str(folder), room)}   {count}", right
 
 
-def order(chosen: Sequence[Brief]) -> list[Path]:
+def order(chosen: "Sequence[Brief]") -> list[Path]:
     """Runs for a trace, oldest first: the newest is the one that is held out."""
     return [brief.path for brief in sorted(chosen, key=lambda b: (b.started or b.modified, str(b.path)))]
 
 
-def detail(brief: Brief | None) -> str:
+def detail(brief: "Brief | None") -> str:
     """What a line has no room for."""
     if brief is None:
         return ""

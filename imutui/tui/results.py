@@ -114,9 +114,7 @@ def _filtered(d: Mapping[str, Any]) -> list[str]:
     nis, noise = d["nis"], d["noise"]
     lines = ["Filter"]
     if nis["mean"] is not None:
-        low, high = nis["band95"]
-        band = f", band {low:.3f} to {high:.3f}" if nis["is_test"] else ""
-        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}{band}: {verdict.nis_meaning(nis)}")
+        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {verdict.nis_meaning(nis, whole=True)}")
     if noise["gyro_arw_deg_sqrt_h"][0] is not None:
         lines.append(f"  noise of this log: gyro {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
         lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")

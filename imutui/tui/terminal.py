@@ -172,7 +172,7 @@ class Terminal(LinuxDriver, Measured):
 
     def start_application_mode(self) -> None:
         """Begin, and watch for the end of the terminal."""
-        super().start_application_mode()
+        super().start_application_mode()  # type: ignore[no-untyped-call]
         signal.signal(signal.SIGHUP, lambda *_: self._hang_up())
         if self.input_tty:
             threading.Thread(target=self._watch, name="imutui-hangup", daemon=True).start()
@@ -230,7 +230,7 @@ def measured(base: type[Driver]) -> type[Driver]:
         def write(self, data: str) -> None:
             """Write."""
             self.meter.begin()
-            super().write(data)
+            super().write(data)  # type: ignore[safe-super]
             self.meter.end(len(data.encode("utf-8", "replace")))
 
     return Counted

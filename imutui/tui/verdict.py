@@ -19,7 +19,7 @@ NOTICED, TOO_MUCH = 2.0, 3.0
 """Means of 10 s over what noise allows: beyond these, AMBER and RED."""
 FEWEST_WINDOWS = 3
 """Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
-STEADY_K_PER_MIN = 0.1
+STEADY_K_PER_MIN = words.SETTLED_K_PER_MIN
 HOLD_S = 2.0
 STALE_S = 5.0
 """Silence of the line that makes estimates old; shorter ones are only said."""
@@ -136,7 +136,7 @@ def _of(checks: tuple[Check, ...]) -> Verdict:
     others = [check for check in checks if check.level == worst.level and check is not worst]
     also = f"; also {', '.join(check.brief for check in others)}" if others else ""
     # the temperature comes last: by then the rest is well, which is worth saying
-    well = f"{_named(checks, 'converged').said}, but " if worst.name == "temperature" else ""
+    well = f"{_named(checks, 'converged').said}, but temperature " if worst.name == "temperature" else ""
     return Verdict(worst.level, WORDS[worst.level], well + worst.said + also, worst.todo, worst.brief, checks)
 
 
@@ -220,7 +220,8 @@ def _nis(nis: dict[str, Any]) -> Check:
 def nis_meaning(nis: dict[str, Any], *, whole: bool = False) -> str:
     """What the normalised innovation squared says; `whole` with the reason in full."""
     if not nis["is_test"]:
-        return f"no test: {nis['why'] if whole else nis['why'].partition(',')[0].partition(':')[0]}"
+        short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
+        return f"no test: {nis['why'] if whole else short}"
     mean, (low, high) = nis["mean"], nis["band95"] or (None, None)
     if mean is None or low is None:
         return "no samples yet"
@@ -316,9 +317,8 @@ def _temperature(slope: float | None) -> Check:
     steady = abs(slope) <= STEADY_K_PER_MIN
     if steady:
         return Check("good", "temperature", f"steady within ±{STEADY_K_PER_MIN:g} K/min")
-    said = f"temperature {slope:+.1f} K/min"
     todo = f"wait until it is within ±{STEADY_K_PER_MIN:g} K/min"
-    return Check("wait", "temperature", f"{said} moves them (limit ±{STEADY_K_PER_MIN:g})", "T moves", todo)
+    return Check("wait", "temperature", f"{slope:+.1f} K/min moves them", "T moves", todo)
 
 
 def _confounded(sentences: Sequence[str]) -> Check | None:

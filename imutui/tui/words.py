@@ -101,9 +101,9 @@ def copied(page: str, content: str, environ: Mapping[str, str]) -> str:
     """What was copied, and what the terminal must allow for it to arrive."""
     if not content:
         return f"nothing to copy: the {page} page shows no numbers yet"
-    said = f"copied the {page} page as text, {text.plural(len(content.splitlines()), 'line')}"
+    said = f"copied {text.plural(len(content.splitlines()), 'line')} of {page}"
     if environ.get("TMUX"):
-        return f"{said}. In tmux it arrives with: tmux set -g set-clipboard on"
+        return f"{said}. tmux passes it on after: tmux set -g set-clipboard on"
     if environ.get("TERM") == "linux":
         return f"{said}, but this console has no clipboard to take it"
-    return f"{said}, to the terminal's clipboard (OSC 52; a terminal that does not allow it takes nothing)"
+    return f"{said} to the terminal's clipboard, if it allows that (OSC 52)"

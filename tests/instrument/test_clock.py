@@ -115,3 +115,32 @@ def test_a_stretch_after_an_interruption_loses_nothing_and_keeps_the_tick() -> N
         clock = Clock(LINE_NS)
         run(clock, ticks[:1500], arrivals[:1500])
         assert clock.stamp(int(ticks[1500]), int(arrivals[1500]), contiguous=False).lost > 100
+
+
+@pytest.mark.parametrize("stall_s", [0.1, 0.4, 0.9, 1.6])
+def test_a_reader_held_up_at_the_very_start_does_not_spoil_the_tick(stall_s: float) -> None:
+    """The first packets are read at once, late: soon stamps are right, the tick is its own, and nothing gets lost."""
+    instants, ticks, arrivals = stream(6000)
+    held = int(stall_s / PERIOD_S)
+    arrivals[:held] = arrivals[held]
+    clock = Clock(LINE_NS)
+    stamps = run(clock, ticks, arrivals)
+    assert clock.tick_ns == pytest.approx(792.5, rel=1e-3)
+    settled = slice(held + 600, None)
+    assert sum(s.lost for s in stamps[settled]) == 0
+    error = np.array([s.monotonic_ns for s in stamps])[settled] - instants[settled]
+    assert np.max(np.abs(error)) < 2.0e6
+
+
+def test_a_tick_that_was_spoilt_is_learnt_anew() -> None:
+    """Held up again and again in the first seconds, as by a machine under load: it recovers once that is over."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        instants, ticks, arrivals = stream(8000, seed)
+        for first in np.cumsum(rng.integers(1, 200, size=8)):
+            held = slice(int(first), int(first) + int(rng.integers(20, 200)))
+            arrivals[held] = np.maximum(arrivals[held], arrivals[held.stop])
+        stamps = run(Clock(LINE_NS), ticks, np.maximum.accumulate(arrivals))
+        assert sum(s.lost for s in stamps[-5000:]) == 0, seed
+        error = np.array([s.monotonic_ns for s in stamps])[-4000:] - instants[-4000:]
+        assert np.max(np.abs(error)) < 2.0e6, seed

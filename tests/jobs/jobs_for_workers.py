@@ -60,10 +60,10 @@ def patient(folder: Path, tell: Tell) -> None:
     """Works until it is cancelled, and cleans up: writes its pid, then a file that it removes on its way out."""
     part = folder / "result.part"
     part.write_text("half")
-    (folder / "pid.new").write_text(str(os.getpid()))
-    (folder / "pid.new").rename(folder / "pid")
-    tell(0.5, "waiting")
     try:
+        (folder / "pid.new").write_text(str(os.getpid()))
+        (folder / "pid.new").rename(folder / "pid")
+        tell(0.5, "waiting")
         while True:
             signal.pause()
     finally:

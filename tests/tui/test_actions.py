@@ -21,12 +21,12 @@ async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch)
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("y")
-        await shows(pilot, "copied the Live page as text", "tmux set -g set-clipboard on")
+        await shows(pilot, "lines of Live", "tmux set -g set-clipboard on")
         assert "0.3461" in app.clipboard
         assert "1000.981" in app.clipboard
         assert "q quit" not in app.clipboard
         await pilot.press("4", "y")
-        await shows(pilot, "copied the Filter page")
+        await shows(pilot, "lines of Filter")
         assert "±0.0291" in app.clipboard
 
 

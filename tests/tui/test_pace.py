@@ -1,5 +1,7 @@
 """How much is drawn and how often."""
 
+from itertools import pairwise
+
 import pytest
 
 from imutui.tui.pace import AUTO, NUMBERS, SCROLL, SWEEP, Load, Pace, Pacing, is_remote
@@ -36,7 +38,7 @@ def test_a_terminal_that_falls_behind_gets_less_and_is_told_why() -> None:
     assert _modes(held) == [SWEEP, NUMBERS]
     assert held[0].note == "link is slow"
     assert held[-1].fps == 2.0
-    assert sum(a != b for a, b in zip(held, held[1:], strict=False)) == 2
+    assert sum(a != b for a, b in pairwise(held)) == 2
     assert held[4] == held[0]
 
 
@@ -104,7 +106,7 @@ def test_the_key_always_shows_a_difference(remote: bool, seen: list[str]) -> Non
         wishes.append(pace.wish)
     assert modes[1:4] == seen
     assert AUTO in wishes
-    assert all(a != b for a, b in zip(modes, modes[1:], strict=False))
+    assert all(a != b for a, b in pairwise(modes))
 
 
 def test_an_unknown_wish_is_none() -> None:

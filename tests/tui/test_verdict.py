@@ -175,7 +175,7 @@ def test_nis_is_judged_by_its_band(mean: float | None, word: str) -> None:
 def test_nis_that_is_no_test_is_not_judged() -> None:
     """With an exact reference a tiny NIS means nothing, and the reason is given, in full on request."""
     nis = estimates()["nis"]
-    assert verdict.nis_meaning(nis) == "no test: the reference is fed exact"
+    assert verdict.nis_meaning(nis) == "no test: reference is fed exact"
     assert "by construction" in verdict.nis_meaning(nis, whole=True)
 
 

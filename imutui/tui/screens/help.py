@@ -92,6 +92,20 @@ ON THE FILTER PAGE
   gates    measurements left out because they were impossible
   A bias is what a still unit reads too much: corrected = reading − bias
 
+ON THE TABLE PAGE
+  p  o     choose a profile of this folder, or type the path of one
+  Enter    have the filter go by it; b begins, and records
+  Enter    then: the table is there. No clock presses you: the seconds run
+           only once you have said so. c cancels, b goes on where it was
+
+ON THE LOGS PAGE
+  i c v    info, check, recover the file under the cursor
+  p        replay: the filter over the recording
+  t        trace the file under the cursor, or those chosen with x; one
+           file is one power-on. The result page says what was found;
+           there, w writes the effects, e loads them into the live filter
+  o        another folder or file
+
 MOUSE
   Never needed. Hold Shift and drag to select text of the terminal.
 """

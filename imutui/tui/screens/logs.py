@@ -13,7 +13,6 @@ from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
 from imutui.jobs import tasks
-from imutui.jobs.info import Brief, brief, recordings
 from imutui.jobs.worker import CANCELLED, DONE, RUNNING, Worker
 from imutui.session.client import Client
 from imutui.tui import recordings as told
@@ -31,6 +30,7 @@ from imutui.tui.widgets.job import JobLine
 from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
+    from imutui.jobs.info import Brief
     from imutui.jobs.keeping import EffectsFile
 
 _LOOK_EVERY_S = 3.0
@@ -80,7 +80,6 @@ class LogsPage(Page):
         self._job: _Job | None = None
         self._pending: Outcome | None = None
         self._wanted: Path | None = None
-        self._under: Path | None = None
 
     def body(self) -> Iterable[Widget]:
         """Where, what, the job, more of the line with the cursor, more keys."""
@@ -140,34 +139,35 @@ class LogsPage(Page):
     @work(exclusive=True, group="look")
     async def _look(self) -> None:
         folder, extra = self.folder, list(self._extra)
-        self._briefs = await in_thread(lambda: [*(brief(path) for path in extra), *recordings(folder)])
-        self._chosen &= {b.path for b in self._briefs}
-        self._list()
+        found = await in_thread(lambda: _look(extra, folder))
+        here = self._brief()  # the line that the cursor is on moves when a newer recording comes
+        self._briefs = found
+        self._chosen &= {b.path for b in found}
+        wanted, self._wanted = self._wanted, None
+        self._list(wanted or (here.path if here is not None else None))
 
-    def _list(self) -> None:
+    def _list(self, cursor: Path | None = None) -> None:
+        """Show the list, with the cursor on a recording, or where it is."""
         width = self.app.size.width
         left, right = told.lead(self.folder, self._briefs, self._chosen, width)
         line = f" {left}".ljust(width - len(right) - 2) + right
         glyphs = choose().text
         self.query_one("#logs-lead", Static).update(Content.styled(glyphs(line), "bold"))
         self.query_one("#logs-columns", Static).update(Content(glyphs(told.heading(width - 1))))
-        rows, at = self.query_one("#recordings", Rows), self._under
+        rows = self.query_one("#recordings", Rows)
         briefs = self._briefs or []
         rows.fill([Content(glyphs(told.row(b, b.path in self._chosen, width - 1))) for b in briefs])
-        wanted = self._wanted or at
-        number = next((n for n, b in enumerate(briefs) if b.path == wanted), None)
+        number = next((n for n, b in enumerate(briefs) if b.path == cursor), None)
         if number is not None:
-            rows.highlighted, self._wanted = number, None
+            rows.highlighted = number
         self._say_detail()
 
-    def _brief(self) -> Brief | None:
+    def _brief(self) -> "Brief | None":
         at, briefs = self.query_one("#recordings", Rows).cursor, self._briefs or []
         return briefs[at] if at is not None and at < len(briefs) else None
 
     def _say_detail(self) -> None:
-        here = self._brief()
-        self._under = here.path if here is not None else None
-        said = told.detail(here)
+        said = told.detail(self._brief())
         self.query_one("#logs-detail", Static).update(Content(choose().text(said)))
 
     def on_option_list_option_highlighted(self) -> None:
@@ -202,7 +202,8 @@ class LogsPage(Page):
         self._on_one("replay", lambda path: Worker(tasks.replay_log, path, None), made)
 
     def _writing(self) -> set[Path]:
-        return {b.path.resolve() for b in self._briefs or [] if b.state == _WRITING}
+        """Files that are being written, by the names that results have for them."""
+        return {p for b in self._briefs or [] if b.state == _WRITING for p in (b.path, b.path.resolve())}
 
     def action_recover(self) -> None:
         """A finished file beside it."""
@@ -407,3 +408,10 @@ def _effects_file(path: Path) -> "EffectsFile":
     from imutui.jobs import keeping
 
     return keeping.effects_file(path)
+
+
+def _look(extra: Sequence[Path], folder: Path) -> "list[Brief]":
+    """Files named one by one, then a folder's; reading logs is loaded here, as the first page need not wait for it."""
+    from imutui.jobs.info import brief, recordings
+
+    return [*(brief(path) for path in extra), *recordings(folder)]

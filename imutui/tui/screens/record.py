@@ -136,7 +136,7 @@ class RecordPage(Page):
 
     def action_edit(self) -> None:
         """To the form's first field."""
-        self.query_one("#wish-operator").focus()
+        self.set_focus(self.query_one("#wish-operator"))  # at once: what is typed next goes there
 
     def action_next_field(self) -> None:
         """To the next field."""

@@ -119,7 +119,7 @@ class ResultPage(Page):
     def action_write_effects(self) -> None:
         """Write the effects."""
         effects = self.outcome.effects
-        self._keep("_effects.toml", lambda: effects, "e loads them into the live filter; `imutui replay --effects` too")
+        self._keep("_effects.toml", lambda: effects, "e loads them into the live filter")
 
     def action_write_experiment(self) -> None:
         """Write the profile."""
@@ -134,7 +134,7 @@ class ResultPage(Page):
             where = error.filename or self.outcome.log.parent
             self.post_message(self.Say(f"{where}: {error.strerror or error}. Nothing is written.", "bad"))
             return
-        self.post_message(self.Say(f"wrote {path}" + (f"; {then}" if then else ""), "good"))
+        self.post_message(self.Say(f"wrote {path.name} beside the log" + (f"; {then}" if then else ""), "good"))
         if ending == "_experiment.toml":
             self.post_message(self.ProfileWritten(path))
 

@@ -100,8 +100,7 @@ class TablePage(Page):
     def look(self, wanted: Path | None = None) -> None:
         """Look for profiles; with the cursor on one, if it is there."""
         self._wanted = wanted or self._wanted
-        now = self.view.now if self.view is not None else None
-        self._look([Path(), *([Path(now["logs"])] if now and now.get("logs") else [])])
+        self._look([Path(), Path(getattr(self.app, "logs_folder", "logs"))])
 
     @work(exclusive=True, group="look")
     async def _look(self, folders: list[Path]) -> None:
@@ -155,6 +154,8 @@ class TablePage(Page):
 
     def show(self, view: View) -> None:
         """Show a view; ask for the profile when the acquisition has another one."""
+        if not self.query(GuideHead):  # an answer has come while the page goes away
+            return
         super().show(view)
         now = view.now
         reference = now.get("reference") if now is not None else None
@@ -390,7 +391,7 @@ class TablePage(Page):
 
     def action_begin(self) -> None:
         """Record and be guided."""
-        self._guide("begin", "starting the recording", "begun: do what the first line says")
+        self._guide("begin", "starting the recording", "recording; the first line says what to do")
 
     def action_resume(self) -> None:
         """Go on where it was cancelled."""

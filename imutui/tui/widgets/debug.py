@@ -9,10 +9,7 @@ from imutui.tui.widgets.lines import Lines
 class DebugLine(Lines):
     """Frames and bytes a second, processor, age of the newest sample, queue."""
 
-    DEFAULT_CSS = """
-    DebugLine { height: 1; display: none; color: $foreground 60%; }
-    .-debug DebugLine { display: block; }
-    """
+    DEFAULT_CSS = "DebugLine { height: 1; display: none; color: $foreground 60%; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """One line."""

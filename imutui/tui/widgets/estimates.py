@@ -35,7 +35,8 @@ class NisLine(Lines):
             f"{text.number(nis['mean'], 0, 2)} of {nis['dof']:g}  ",
             (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
         )
-        first = f"  first {text.plain(nis['first'], 3)}"
+        first = nis["first"]
+        first = f"  first {text.number(first, 0, 2) if first is None or first < 1e3 else text.plain(first, 3)}"
         rejected = estimates.get("rejected")
         gates = "" if rejected is None else f"  gates {rejected}"
         return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]

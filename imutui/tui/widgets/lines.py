@@ -1,6 +1,7 @@
 """Base of widgets that are lines of text made from a view."""
 
 from textual.content import Content
+from textual.geometry import Region
 from textual.widget import Widget
 
 from imutui.tui.glyphs import Glyphs, choose
@@ -20,14 +21,30 @@ class Lines(Widget):
         self.glyphs = glyphs or choose()
         self.view: View | None = None
         self._made: Content | None = None
+        self._made_for = -1
+        self._fresh = False
 
     def show(self, view: View) -> None:
-        """Take a view; drawn only if it reads differently, as no state is said by colour alone."""
+        """Take a view; only lines that read differently are drawn, as no state is said by colour alone."""
         self.view = view
-        before = self._made
-        self._made = self._make()
-        if before is None or before.plain != self._made.plain:
+        before, width = self._made, self._made_for
+        self._made, self._fresh = self._make(), True
+        if before is None or width != self._made_for:
             self.refresh()
+        elif before.plain != self._made.plain:
+            self._refresh_lines(before.plain.split("\n"), self._made.plain.split("\n"))
+
+    def _refresh_lines(self, before: list[str], after: list[str]) -> None:
+        width = self._made_for
+        if (
+            len(before) != len(after)
+            or max(map(len, [*before, *after])) > width
+            or len(after) > self.content_size.height
+        ):
+            self.refresh()  # wrapped: a line is not a row
+        else:
+            changed = (y for y, (a, b) in enumerate(zip(before, after, strict=True)) if a != b)
+            self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def lines(self, view: View, width: int) -> list[Content]:
         """The lines, at most `width` wide."""
@@ -35,13 +52,19 @@ class Lines(Widget):
 
     def render(self) -> Content:
         """All lines."""
-        self._made = self._make()
+        if self._made is None or not self._fresh or self._made_for != self._width():
+            self._made = self._make()
+        self._fresh = False  # whatever asks again has another reason than a new view: a cursor that moved
         return self._made
 
+    def _width(self) -> int:
+        return self.content_size.width or self.app.size.width
+
     def _make(self) -> Content:
+        self._made_for = self._width()
         if self.view is None:
             return Content("")
-        return Content("\n").join(self.lines(self.view, self.content_size.width or self.app.size.width))
+        return Content("\n").join(self.lines(self.view, self._made_for))
 
     def line(self, *parts: Part) -> Content:
         """Text and styled parts, in signs that the terminal has."""

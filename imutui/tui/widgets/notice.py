@@ -10,7 +10,10 @@ from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
 class Notice(Lines):
     """One line, more for a long message."""
 
-    DEFAULT_CSS = "Notice { height: auto; min-height: 1; max-height: 5; background: $surface; padding: 0 1; }"
+    # docked: whatever else has to give way, what is said is seen
+    DEFAULT_CSS = (
+        "Notice { dock: bottom; height: auto; min-height: 1; max-height: 5; background: $surface; padding: 0 1; }"
+    )
 
     def show(self, view: View) -> None:
         """Take a view; a longer message makes room for itself."""

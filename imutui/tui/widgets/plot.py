@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from rich.segment import Segment
-from rich.style import Style
+from rich.style import Style  # noqa: TC002 - an attribute's type
 from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
@@ -213,13 +213,12 @@ class Plot(Widget):
         """What the title says of the plot, from long to short."""
         frozen = ["FROZEN"] if self._frozen else []
         if self._mode == NUMBERS:
-            return [", ".join([*frozen, f"no plot{self._note or ': numbers only'}"]), "no plot"]
+            return [", ".join([*frozen, f"no plot: {self._note or 'numbers only'}"]), "no plot"]
         names = " ".join(name for name, out in zip(self._names, self._lanes.outside, strict=True) if out)
         scale = ["scale locked" if self._locked else "autoscale", *([f"{names} outside"] if names else [])]
         span = f"last {_duration(self._span)}"
-        return [
-            ", ".join([*frozen, span, mode, *scale]) for mode in dict.fromkeys((self._mode + self._note, self._mode))
-        ]
+        modes = [f"{self._mode}: {self._note}"] if self._note else []
+        return [", ".join([*frozen, span, mode, *scale]) for mode in (*modes, self._mode)]
 
     def _time_axis(self, width: int, gutter: int) -> str:
         """Quarters of the window: times before the newest sample, or places of the sweep."""

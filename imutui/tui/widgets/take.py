@@ -54,8 +54,8 @@ class TakeState(Lines):
             return [*rows, *[Content("")] * (4 - len(rows))]
         return [
             self._row("r writes", text.shorten(recording.will_write(now), width - _NAME)),
-            self._row("", f"every packet, from then on, flushed to disk each second{space}"),
-            self._row("", "The filter begins anew with the file, so that a replay gives the same."),
+            self._row("", f"every packet, onto the disk each second{space}"),
+            self._row("", "the filter begins anew with it, so that a replay gives the same"),
             Content(""),
         ]
 

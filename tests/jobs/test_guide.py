@@ -1,0 +1,179 @@
+"""What segments make testable, by cases whose answer is known; profiles that are offered."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+from conftest import imutui
+
+from filters import prospect
+from filters.motion import Dwell, Profile, Rate, Sine
+from filters.prospect import TESTABLE, Quantity
+from imutui.jobs import guide
+
+UP = Dwell((0.0, 0.0, 0.0), 60.0)
+DOWN = Dwell((math.pi, 0.0, 0.0), 60.0)
+TOML = """\
+align = "none"
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 90.0, 0.0]
+seconds = 12.5
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = -30.0
+seconds = 4.0
+[[segment]]
+kind = "sine"
+axis = "middle"
+amplitude_deg = 10.0
+hz = 0.5
+seconds = 20.0
+"""
+
+
+def d_of(profile: Profile, effect: str, channel: str, axis: str = "") -> list[float]:
+    return [told[Quantity(effect, channel, axis)] for told in prospect.told(profile)]
+
+
+def test_a_still_level_table_shows_biases_and_sums_of_biases_only() -> None:
+    """Nothing moves, so an accelerometer's bias is what tilt and scale factor make too."""
+    (items,) = guide.makes_observable(Profile((UP,), align="marks"))
+    assert items == [
+        "bias gx gy gz",
+        "bias ax ay az in sum with scale factor, misalignment, tilt of base",
+    ]
+
+
+def test_longer_at_rest_tells_no_sum_apart() -> None:
+    """An hour in one position shows no more than a minute."""
+    for seconds in (60.0, 3600.0):
+        profile = Profile((Dwell((0.0, 0.0, 0.0), seconds),), align="marks")
+        assert d_of(profile, "scale", "az")[0] < TESTABLE
+        assert d_of(profile, "bias", "az")[0] < TESTABLE
+
+
+def test_z_up_and_down_tells_bias_and_scale_factor_of_az_apart() -> None:
+    """The reading of gravity changes its sign, the bias does not; the gyros see gravity along z."""
+    first, second = guide.makes_observable(Profile((UP, DOWN), align="marks"))
+    assert not any(item.startswith("scale factor") for item in first)
+    assert second[0].startswith("bias")
+    assert "az" in second[0]
+    assert any(item.startswith("scale factor") and "az" in item for item in second)
+    assert "g-sensitivity gx gy gz to z" in second
+    assert not any("scale factor gz" in item for item in second)
+
+
+def test_a_rate_segment_tells_the_scale_factor_of_its_gyro() -> None:
+    """And its two directions tell asymmetry."""
+    turns = (Rate("inner", math.radians(30.0), 12.0), Rate("inner", math.radians(-30.0), 12.0))
+    level, one, other = guide.makes_observable(Profile((UP, *turns), align="gyro"))
+    assert not any("scale factor gz" in item for item in level)
+    assert "scale factor gz" in one
+    assert "misalignment gx gy to z" in one
+    assert any("asymmetry gz" in item for item in other)
+
+
+def test_a_profile_joined_by_marks_counts_at_rest_only() -> None:
+    """Nobody knows when the operator turned the table."""
+    turn = Rate("inner", math.radians(30.0), 12.0)
+    by_marks, by_gyro = (d_of(Profile((UP, turn), align=a), "scale", "gz")[-1] for a in ("marks", "gyro"))
+    assert by_marks < TESTABLE < by_gyro
+
+
+def test_more_motion_never_tells_less() -> None:
+    """What each further segment adds is information."""
+    swing = Sine("outer", math.radians(20.0), 0.3, 10.0)
+    told = prospect.told(Profile((UP, DOWN, Rate("inner", 0.5, 10.0), swing)))
+    for before, after in itertools.pairwise(told):
+        assert all(after[q] >= before[q] - 1e-6 * (1.0 + before[q]) for q in before)
+
+
+def test_six_positions_tell_all_biases_and_scale_factors_of_the_accelerometers() -> None:
+    """The ready-made profile is worth a newcomer's four minutes."""
+    six = guide.ready_made()[0]
+    items = " | ".join(item for step in guide.steps(guide.load(six.file, six.text)) for item in step.shows)
+    for word in ("bias ax ay az", "scale factor ay az", "scale factor ax", "g-sensitivity", "tilt of base"):
+        assert word in items
+
+
+def test_every_ready_made_profile_reads_back() -> None:
+    """Their texts go through the door that files go through."""
+    for offer in guide.ready_made():
+        profile = guide.load(offer.file, offer.text)
+        assert (len(profile.segments), profile.align) == (offer.segments, offer.align)
+        assert offer.seconds == profile.duration
+
+
+def test_what_to_do_is_said_with_units() -> None:
+    """Dwell, rate and swing each have their sentence."""
+    steps = guide.steps(guide.load("a.toml", TOML))
+    assert [(step.text, step.seconds) for step in steps] == [
+        ("go to outer 0°, middle 90°, inner 0°", 12.5),
+        ("turn inner at -30 deg/s", 4.0),
+        ("swing middle by ±10° at 0.5 Hz", 20.0),
+    ]
+
+
+def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_path: Path) -> None:
+    """Settings, effects and trajectories in the same folder are not."""
+    (tmp_path / "good.toml").write_text(TOML)
+    (tmp_path / "bad.toml").write_text(TOML.replace('"rate"', '"spin"'))
+    (tmp_path / "angles.csv").write_text("t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n")
+    (tmp_path / "path.csv").write_text("t,lat,lon,h,vn,ve,vd\n0,1,2,3,0,0,0\n")
+    (tmp_path / "imutui.toml").write_text('[paths]\nlogs = "x"\n')
+    ready = len(guide.ready_made())
+    found = {offer.name: offer for offer in guide.offers([tmp_path, tmp_path, tmp_path / "none"])[ready:]}
+    assert sorted(found) == ["angles.csv", "bad.toml", "good.toml"]
+    assert "segment 2: `kind` is 'spin'" in found["bad.toml"].error
+    assert found["good.toml"].segments == 3
+    assert not found["good.toml"].error
+
+
+def test_a_file_that_is_not_there_and_a_trajectory_say_so(tmp_path: Path) -> None:
+    """What a typed path cannot be is said in words."""
+    assert "No such file" in guide.offer_of(tmp_path / "none.toml").error
+    assert guide.offer_of(tmp_path).error == guide.offer_of(Path("/dev/zero")).error == "is no file"
+    (tmp_path / "path.csv").write_text("t,lat,lon,h,vn,ve,vd\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n")
+    assert guide.offer_of(tmp_path / "path.csv").error
+
+
+def test_a_profile_by_hand_is_joined_by_marks() -> None:
+    """Nothing else changes; recorded angles cannot be followed by hand."""
+    offer = guide.Offer("a", "", TOML, "a.toml", 3, 0.0, "none")
+    by_hand = guide.by_hand(offer)
+    assert by_hand is not None
+    made, was = guide.load("a.toml", by_hand.text), guide.load("a.toml", TOML)
+    assert made.align == "marks"
+    assert made.segments == was.segments
+    angles = "t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n"
+    assert guide.by_hand(guide.Offer("b", "", angles, "b.csv", 1, 10.0, "none")) is None
+
+
+def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
+    """So that what is shown after attaching again is the same."""
+    was = guide.load("a.toml", TOML)
+    segments = [
+        {"kind": "dwell", "angles_deg": [0.0, 90.0, 0.0], "seconds": 12.5, "axis": None},
+        {"kind": "rate", "axis": "inner", "rate_dps": -30.0, "seconds": 4.0, "angles_deg": None},
+        {"kind": "sine", "axis": "middle", "amplitude_deg": 10.0, "hz": 0.5, "seconds": 20.0},
+    ]
+    made = guide.from_segments(segments)
+    assert made is not None
+    assert made.segments == was.segments
+    assert guide.from_segments([{"kind": "sampled", "seconds": 3.0}]) is None
+
+
+def test_the_command_prints_the_guided_list(home: Path) -> None:
+    """What the Table page shows can be had headless, for files and ready-made ones."""
+    (home / "a.toml").write_text(TOML)
+    printed = imutui("profile", "a.toml").stdout
+    assert "turn inner at -30 deg/s, 4 s" in printed
+    assert "makes testable: bias gx gy gz" in printed
+    document = json.loads(imutui("profile", "six positions, 30 s each", "--json").stdout)
+    assert document["segments"][2]["makes_testable"][0] == "bias ax ay az"
+    listed = json.loads(imutui("profile", "--json").stdout)
+    assert [entry["name"] for entry in listed][-1] == "a.toml"
+    assert "can't be read" in imutui("profile", "none.toml", check=3).stderr
