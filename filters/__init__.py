@@ -48,9 +48,10 @@ Where things are
     `effects` the catalogue of what may be wrong with a unit · `residual` reading minus what a perfect unit reads, in
     blocks · `whitening` the bias filter over residuals and regressors, likelihood of drift · `evidence` what a
     hypothesis gains · `selection` which are there, `rivals` what else would do · `levels` what the noise follows ·
-    `untestable`, `limits` what a log can't show, and what is too small for it · `verification` error before and after ·
-    `curves` what a free curve looks like · `experiment`, `plans` the motion that separates rivals · `judgement` what is
-    known of findings, `document` the report · `tracing` all of it in order.
+    `untestable`, `limits` what a log can't show, and what is too small for it · `prospect` what a motion will let be
+    told · `verification` error before and after · `curves` what a free curve looks like · `experiment`, `plans` the
+    motion that separates rivals · `judgement` what is known of findings, `document` the report · `tracing` all of it
+    in order.
 
 Residual and effects
     residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an

@@ -148,44 +148,6 @@ def _triple(values: list[float]) -> str:
     return " ".join(f"{value:7.3f}" for value in values)
 
 
-def checked(d: Mapping[str, Any]) -> str:
-    """A check's result: whether it is sound; what is not, where, and what to do."""
-    findings = d["findings"]
-    lines = [
-        f"sound: {d['log']}" if d["fine"] else f"NOT sound, {text.plural(len(findings), 'finding')}: {d['log']}",
-        f"{d['state']}, {text.size(d['bytes'])}, {text.plural(d['messages'], 'message')},"
-        f" {text.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s",
-    ]
-    for finding in findings:
-        lines += ["", finding["what"], f"  {finding['where']}", f"  {finding['next']}"]
-    if d["notes"]:
-        lines += ["", "Worth a word", *(f"  {note}" for note in d["notes"])]
-    topics = [f"  {topic:<24} {count:>9}" for topic, count in d["topics"].items()]
-    return "\n".join([*lines, "", "Messages", *topics, "", f"SHA-256 {d['log_sha256']}"])
-
-
-def recovered(d: Mapping[str, Any]) -> str:
-    """A recovery's result: the new file, what is in it, what was lost."""
-    whole = "nothing is lost but an unfinished end" if d["complete"] else "NOT all could be kept"
-    lines = [
-        f"written: {d['output']}",
-        f"from {d['log']}",
-        f"{text.plural(d['samples'], 'sample')}, {text.plural(d['messages'], 'message')}, {d['duration_s']:.1f} s:"
-        f" {whole}",
-    ]
-    if d["sentences"]:
-        lines += ["", "Lost", *(f"  {sentence}" for sentence in d["sentences"])]
-    return "\n".join(lines)
-
-
-_OF_THE_FILE = ("version", "log")
-
-
-def informed(d: Mapping[str, Any]) -> str:
-    """All that is in a log."""
-    return f"{d['log']}\n\n" + plainly({key: value for key, value in d.items() if key not in _OF_THE_FILE})
-
-
 def wrapped(body: str, width: int) -> str:
     """Lines of at most so many characters, the rest of each below it and as far in."""
     out = []
@@ -193,30 +155,3 @@ def wrapped(body: str, width: int) -> str:
         indent = line[: len(line) - len(line.lstrip())]
         out += textwrap.wrap(line, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
     return "\n".join(out)
-
-
-def plainly(document: Any, indent: str = "") -> str:
-    """Any document as "name: value" lines, tables indented."""
-    lines: list[str] = []
-    for key, value in document.items():
-        name = str(key).replace("_", " ")
-        if isinstance(value, Mapping) and value:
-            lines += [f"{indent}{name}", plainly(value, indent + "  ")]
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            lines.append(f"{indent}{name}")
-            lines += [f"{indent}  " + ", ".join(f"{k} {_scalar(v)}" for k, v in entry.items()) for entry in value]
-        elif isinstance(value, list) and value and isinstance(value[0], str):
-            lines += [f"{indent}{name}", *(f"{indent}  {entry}" for entry in value)]
-        elif value not in (None, "", [], {}):
-            lines.append(f"{indent}{name}: {_scalar(value)}")
-    return "\n".join(lines)
-
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, list):
-        return " ".join(_scalar(v) for v in value)
-    if value is None:
-        return text.NOTHING
-    return {"True": "yes", "False": "no"}.get(str(value), str(value))

@@ -14,6 +14,7 @@ from textual.widgets import OptionList, Static
 
 from imutui.jobs import tasks
 from imutui.jobs.worker import CANCELLED, DONE, RUNNING, Worker
+from imutui.report import logs
 from imutui.session.client import Client
 from imutui.tui import recordings as told
 from imutui.tui import results, text
@@ -189,16 +190,16 @@ class LogsPage(Page):
 
     def action_info(self) -> None:
         """What is in it."""
-        self._on_one("info", lambda path: Worker(tasks.info_log, path), _text("info", "info of", results.informed))
+        self._on_one("info", lambda path: Worker(tasks.info_log, path), _text("info", "info of", logs.info_text))
 
     def action_check(self) -> None:
         """Whether it is sound."""
-        self._on_one("check", lambda path: Worker(tasks.check_log, path), _text("check", "check of", results.checked))
+        self._on_one("check", lambda path: Worker(tasks.check_log, path), _text("check", "check of", logs.check_text))
 
     def action_replay(self) -> None:
         """The filter over it."""
         writing = self._writing()
-        made = _text("replay", "replay of", lambda document: results.replayed(document, writing))
+        made = _text("replay", "replay of", lambda d, width: results.wrapped(results.replayed(d, writing), width))
         self._on_one("replay", lambda path: Worker(tasks.replay_log, path, None), made)
 
     def _writing(self) -> set[Path]:
@@ -211,7 +212,7 @@ class LogsPage(Page):
         if here is not None and here.state == _WRITING:
             self.post_message(self.Say("it is being written: r finishes it", "wait"))
         else:
-            self._on_one("recover", _recovery, _text("recover", "recovered from", results.recovered))
+            self._on_one("recover", _recovery, _text("recover", "recovered from", logs.recover_text))
 
     def _on_one(self, what: str, worker: Callable[[Path], Worker], made: Callable[[Path, Any], Outcome]) -> None:
         here = self._brief()
@@ -384,10 +385,9 @@ class LogsPage(Page):
             self.query_one(JobLine).tell(None, "cancelling")
 
 
-def _text(kind: str, title: str, words: Callable[[Any], str]) -> Callable[[Path, Any], Outcome]:
+def _text(kind: str, title: str, words: Callable[[Any, int], str]) -> Callable[[Path, Any], Outcome]:
     def made(path: Path, document: Any) -> Outcome:
-        said = words(document)
-        return Outcome(kind, f"{title} {path.name}", path, document, lambda width: results.wrapped(said, width))
+        return Outcome(kind, f"{title} {path.name}", path, document, lambda width: words(document, width))
 
     return made
 
