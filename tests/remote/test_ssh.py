@@ -3,6 +3,7 @@
 What was sent is known from the unit's side of the wire (`imutui virtual --tap`): losing a link costs not one packet.
 """
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -99,15 +100,16 @@ def attached() -> Client:
 
 def sockets(connection: Client) -> int:
     """Open sockets of the acquisition: one that listens, and one for each viewer."""
-    return sum(str(fd.readlink()).startswith("socket:") for fd in Path(f"/proc/{connection.pid}/fd").iterdir())
+    found = 0
+    for descriptor in Path(f"/proc/{connection.pid}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            found += str(descriptor.readlink()).startswith("socket:")
+    return found
 
 
 def nobody_else_watches(connection: Client) -> bool:
     """Whether ours is the only connection to the acquisition."""
-    try:
-        return sockets(connection) == 2
-    except OSError:
-        return False  # one has just been closed
+    return sockets(connection) == 2
 
 
 def assert_gapless(log: reader.Log) -> None:

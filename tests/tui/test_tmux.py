@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +115,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
 
 def choose_virtual_at_20_hz(terminal: Terminal) -> None:
     """On the Connect screen: the virtual instrument whatever ports there are, the rate field, Enter."""
-    until(terminal, lambda: "virtual, 133 Hz" in terminal.screen(), "Down")
+    choose(terminal, "virtual, 133 Hz")
     terminal.press("Tab")
     terminal.press("Tab")
     terminal.press("C-a")
@@ -126,14 +126,21 @@ def choose_virtual_at_20_hz(terminal: Terminal) -> None:
     terminal.press("Enter")
 
 
-def until(terminal: Terminal, true: Callable[[], bool], key: str) -> None:
-    """Press a key until something is so, at most ten times."""
+def chosen(terminal: Terminal) -> str:
+    """On the Connect screen: what its button says it would do."""
+    return next((line for line in terminal.screen().splitlines() if line.strip().startswith("Connect ")), "")
+
+
+def choose(terminal: Terminal, wanted: str) -> None:
+    """On the Connect screen: go down the list until this is what Enter would take."""
+    wait_until(lambda: chosen(terminal).strip() not in ("", "Connect"))
     for _ in range(10):
-        if true():
+        before = chosen(terminal)
+        if wanted in before:
             return
-        terminal.press(key)
-        terminal.wait_for("imutui")
-    assert true(), terminal.screen()
+        terminal.press("Down")
+        wait_until(lambda before=before: chosen(terminal) not in ("", before))  # type: ignore[misc]
+    pytest.fail(f"{wanted} is not in the list:\n{terminal.screen()}")
 
 
 def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: Terminal) -> None:
@@ -235,7 +242,7 @@ def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Termin
     try:
         terminal.type(f"{sys.executable} -m imutui\n")
         terminal.wait_for("Several acquisitions are running: choose one", '"east"', '"west"')
-        until(terminal, lambda: 'looks at the running acquisition "west"' in terminal.screen(), "Down")
+        choose(terminal, 'looks at the running acquisition "west"')
         terminal.press("Enter")
         terminal.wait_for("SIMULATED", "gx")
         terminal.press("1")

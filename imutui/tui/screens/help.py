@@ -15,8 +15,8 @@ HELP = """\
 FIRST STEPS
   No instrument at hand: 1, then v. A virtual instrument starts, and is
   recorded. With one: 1, choose its port, Enter; then r records.
-  4 Filter   wait for 6 of 6 biases converged and the word GREEN. In the
-             demo that takes half a minute
+  4 Filter   wait for "all 6 biases converged". In the demo that takes half a
+             minute; AMBER then says that its unit still warms up
   r          finishes the file; 3 Record says where it is
   6 Logs     choose the file, t traces it: which physical effect moves what
              the bias does not explain, and how large it is. Two minutes of
