@@ -62,4 +62,5 @@ def _show(connection: "Client | None") -> None:
     wanted = look()
     from imutui.tui import app
 
-    raise typer.Exit(app.run(connection, defaults=plan_from(config.load(), None, port="virtual"), look=wanted))
+    defaults = plan_from(config.load(), None, checked=False, port="virtual")
+    raise typer.Exit(app.run(connection, defaults=defaults, look=wanted))

@@ -1,13 +1,14 @@
 """From configuration to the records that the rest of the program takes."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imutui.cli.outcome import say
 from imutui.config import Config
-from imutui.logbook.session import SessionInfo
-from imutui.session.info import check_live, effects_of, motion_of
 from imutui.session.plan import Plan
+
+if TYPE_CHECKING:
+    from imutui.logbook.session import SessionInfo
 
 
 def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[float, float, float]:
@@ -19,9 +20,10 @@ def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[fl
     )
 
 
-def session_from(config: Config, site: tuple[float, float, float] | None) -> SessionInfo:
+def session_from(config: Config, site: tuple[float, float, float] | None) -> "SessionInfo":
     """Session of an imported recording, as far as configuration and flags tell."""
     from filters.state import Site
+    from imutui.logbook.session import SessionInfo
 
     latitude, longitude, height = site_of(config, site)
     gravity = Site.at(latitude, longitude, height, config.number("site.gravity_mps2") or None).gravity
@@ -43,8 +45,20 @@ def session_from(config: Config, site: tuple[float, float, float] | None) -> Ses
     )
 
 
-def plan_from(config: Config, site: tuple[float, float, float] | None, **fields: Any) -> Plan:
+def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
     """Plan of an acquisition from configuration, flags, and the fields that are no setting.
+
+    Parameters
+    ----------
+    config : Config
+        Effective settings.
+    site : tuple of float or None
+        Latitude, longitude, height of a flag.
+    checked : bool
+        Whether to refuse here what the filter could not run with. That loads the filters, which takes a second or
+        two; a plan that only fills a form is checked by the acquisition, when it is started.
+    **fields
+        Of the plan.
 
     Raises
     ------
@@ -84,7 +98,16 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
             "imutui: the recording stays in one file: its reference is told from one log's first sample on, so a second"
             " file could not use it"
         )
-    # refuse what the filter could not run with before the instrument is touched
+    if checked:
+        _refuse(plan)
+    return plan
+
+
+def _refuse(plan: Plan) -> None:
+    """Refuse what the filter could not run with, before the instrument is touched."""
+    from imutui.logbook.session import SessionInfo
+    from imutui.session.info import check_live, effects_of, motion_of
+
     probe = SessionInfo(
         mount=plan.mount,
         accel_sign=plan.accel_sign,
@@ -101,4 +124,3 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, **fields:
     )
     probe.axes()
     check_live(probe, motion_of(plan), effects_of(plan, probe))
-    return plan
