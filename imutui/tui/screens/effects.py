@@ -34,7 +34,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
     DEFAULT_CSS = "EffectsDialog Rows { height: auto; max-height: 10; margin-bottom: 1; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
-        Binding("enter", "take", "take"),
+        Binding("enter", "take", "take", key_display="enter"),
         Binding("o", "open", "open"),
     ]
 

@@ -47,8 +47,8 @@ class TablePage(Page):
     TablePage #detail { height: 2; padding: 0 1; color: $foreground 80%; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "take", "take it", tooltip="Have the filter go by this profile"),
-        Binding("enter", "there", "I am there", tooltip="The table is where the profile wants it"),
+        Binding("enter", "take", "take it", key_display="enter", tooltip="Have the filter go by this profile"),
+        Binding("enter", "there", "I am there", key_display="enter", tooltip="The table is where the profile wants it"),
         Binding("b", "begin", "begin", tooltip="Record, and be guided through the profile"),
         Binding("b", "resume", "resume", tooltip="Go on with the segment that was cancelled"),
         Binding("c", "cancel", "cancel", tooltip="Stop being guided; the recording goes on"),
