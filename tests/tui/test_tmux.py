@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -188,13 +189,25 @@ def goes_on(connection: client.Client) -> None:
 
 def test_the_whole_job(home: Path, terminal: Terminal) -> None:
     """By the keys that are on the screen, from nothing to effects in the live filter: demo, mark, replay, trace."""
-    (home / "logs").mkdir()
-    # a minute of the demo's unit, faster than real time: what is shorter cannot be traced
-    acquire(Path(plan.__file__).with_name("demo.toml"), 0, home / "logs" / "earlier.mcap", 62.0)
     terminal.type(f"{sys.executable} -m imutui\n")
     terminal.wait_for("not connected", "press v for the DEMO", "virtual instrument", "v demo", "? help", "q quit")
     terminal.press("v")
     terminal.wait_for("SIMULATED", "● REC", "gx", "asked 20")
+    # a minute of the same unit, faster than real time, while the filter converges: what is shorter cannot be traced
+    scenario, log = Path(plan.__file__).with_name("demo.toml"), home / "logs" / "minute.mcap"
+    with ThreadPoolExecutor(1) as pool:
+        minute = pool.submit(acquire, scenario, 0, log, 62.0)
+        record_until_converged(terminal)
+        minute.result()
+    trace_and_load(terminal)
+    path = next((home / "logs").glob("*_demo.mcap"))
+    finished = reader.read(path)
+    assert finished.finished
+    assert "table level" in [event.text for event in finished.events if event.name == "mark"]
+
+
+def record_until_converged(terminal: Terminal) -> None:
+    """Mark, look at the recording, wait for the filter, finish the file."""
     terminal.press("m")
     terminal.wait_for("Mark in the recording")
     terminal.type("table level")
@@ -209,16 +222,21 @@ def test_the_whole_job(home: Path, terminal: Terminal) -> None:
     terminal.press("3")
     terminal.wait_for("NOT RECORDING", "6 Logs opens it")
 
+
+def trace_and_load(terminal: Terminal) -> None:
+    """Replay the new recording, trace the long one, load what it found, stop and quit."""
     terminal.press("6")
-    terminal.wait_for("2 recordings, newest first", "_demo", "earlier")
+    terminal.wait_for("2 recordings, newest first", "_demo", "minute")
+    terminal.press("Down")
+    terminal.wait_for("_demo.mcap · IMU400CD-200")
     terminal.press("p")
     terminal.wait_for("replay of imu400cd", "converged:", "at 20.00 Hz, SIMULATED", "NIS", "Esc")
     terminal.press("Escape")
     terminal.wait_for("2 recordings")
-    terminal.press("Down")
-    terminal.wait_for("earlier.mcap · IMU400CD-200")
+    terminal.press("Up")
+    terminal.wait_for("minute.mcap · IMU400CD-200")
     terminal.press("t")
-    terminal.wait_for("trace of earlier.mcap", "gy: oscillates at 0.7", "load")
+    terminal.wait_for("trace of minute.mcap", "gy: oscillates at 0.7", "load")
     terminal.press("e")
     terminal.wait_for("loaded tone (gy): the filter began anew")
     connection = client.attach("demo")
@@ -230,10 +248,6 @@ def test_the_whole_job(home: Path, terminal: Terminal) -> None:
     terminal.press("s")
     terminal.wait_for("the acquisition is stopped")
     wait_until(lambda: client.running() == [])
-    path = next((home / "logs").glob("*_demo.mcap"))
-    log = reader.read(path)
-    assert log.finished
-    assert "table level" in [event.text for event in log.events if event.name == "mark"]
 
 
 def test_several_acquisitions_are_to_be_chosen_from(home: Path, terminal: Terminal) -> None:
