@@ -370,7 +370,7 @@ def test_the_command_records_in_several_files_with_what_its_flags_say(home: Path
     for part in result["parts"]:
         info = reader.read(Path(part["log"])).info
         assert (info.operator, info.place, info.table) == ("ana", "cellar", "AC-120")
-    assert "`rotate_minutes` is -1" in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
+    assert '`acquisition.rotate_minutes` is "-1.0"' in imutui(*record, "--rotate-minutes", "-1", check=2).stderr
 
 
 def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_next(home: Path) -> None:

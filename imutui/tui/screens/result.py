@@ -12,7 +12,7 @@ from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Static
 
-from imutui.tui import results
+from imutui.tui import results, text
 from imutui.tui.background import in_thread
 from imutui.tui.glyphs import choose
 from imutui.tui.results import Outcome
@@ -69,8 +69,11 @@ class ResultPage(Page):
     def body(self) -> Iterable[Widget]:
         """Title and text."""
         keys = "w writes, e loads the effects  " if self.outcome.effects else ""
-        title = f"{self.outcome.title}   {keys}y copies  Esc back"
-        yield Static(choose().text(title), id="result-title", markup=False)
+        keys += "y copies  Esc back"
+        room = max(self.app.size.width - len(keys) - 5, 20)
+        yield Static(
+            choose().text(f"{text.shorten(self.outcome.title, room)}   {keys}"), id="result-title", markup=False
+        )
         with VerticalScroll(id="result-room"):
             yield Static(id="result")
 
