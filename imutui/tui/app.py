@@ -74,7 +74,8 @@ class ImutuiApp(App[int]):
             Binding(key, f"page('{name}')", title, show=False)
             for (key, title), name in zip(PAGES, SCREENS, strict=True)
         ),
-        Binding("r", "record", "record", tooltip="Start or finish a recording"),
+        Binding("r", "record", "record", tooltip="Start a recording"),
+        Binding("r", "finish", "finish", tooltip="Finish the recording's file"),
         Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
         *(Binding(key, f"missing('{purpose}')", show=False) for key, purpose in _PURPOSES.items()),
         Binding("d", "detach", "detach", show=False, tooltip="Leave the screen, the acquisition goes on"),
@@ -263,7 +264,10 @@ class ImutuiApp(App[int]):
     def on_feed_arrived(self, message: Feed.Arrived) -> None:
         """A snapshot has come; only the page in front draws it."""
         if self._link.owns(message.feed):
+            recorded = self._recording() is not None
             self._link.take(message.snapshot)
+            if recorded != (self._recording() is not None):
+                self.screen.refresh_bindings()  # r begins, or finishes
             draws = self._pulse.beat(self._driver, message.snapshot, message.asked_at)
             self._link.pace(self._pulse.pacing, self._pulse.debug)
             if draws:
@@ -387,7 +391,9 @@ class ImutuiApp(App[int]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what needs an acquisition only with one, and no letters as keys while text is being typed."""
-        if action in ("record", "mark", "detach"):
+        if action in ("record", "finish") and (action == "finish") != (self._recording() is not None):
+            return False
+        if action in ("record", "finish", "mark", "detach"):
             return self._link.client is not None and not self._typing()
         if action == "missing":
             return self._link.client is None
@@ -401,9 +407,13 @@ class ImutuiApp(App[int]):
         self._connected(purpose)
 
     def action_record(self) -> None:
-        """Start a recording as the Record page's form says, or finish it."""
+        """Start a recording as the Record page's form says."""
         if self._connected("record"):
             self._toggle_recording()
+
+    def action_finish(self) -> None:
+        """Finish the recording."""
+        self.action_record()
 
     @work(exclusive=True, group="record")
     async def _toggle_recording(self) -> None:

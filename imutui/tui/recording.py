@@ -97,7 +97,7 @@ def line(now: Snapshot) -> tuple[str, str]:
     silent = words.silence(now)
     if silent is not None:
         return "bad", silent
-    return "none", f"ok, last packet {now['silent_s']:.1f} s ago" if now.get(
+    return "none", f"ok, last packet {max(now['silent_s'], 0.0):.1f} s ago" if now.get(
         "silent_s"
     ) is not None else "no packet yet"
 
@@ -156,7 +156,7 @@ def will_write(now: Snapshot) -> str:
 
 
 def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list[tuple[str, str]]:
-    """What was written: names and values of up to three lines."""
+    """What was written: names and values of up to four lines."""
     found, before = result or {}, take or {}
     samples = found.get("samples", before.get("samples"))
     much = text.plural(samples, "sample") if isinstance(samples, int) else "samples"
@@ -166,7 +166,5 @@ def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list
         ("holds", f"{much} in {text.clock(seconds)}"),
     ]
     biases = words.final_biases(found)
-    if not biases:
-        return rows
-    done = {True: "", False: " (not converged)"}.get(bool(found.get("converged", True)), "")
-    return [*rows, ("biases", f"{biases}{done}")]
+    done = "" if found.get("converged", True) else ", not converged"
+    return [*rows, *((name, f"{values}{done}") for name, values in biases)]

@@ -17,6 +17,16 @@ def number(value: float | None, width: int, decimals: int, *, sign: bool = False
     return f"{value:{'+' if sign else ''}z{width}.{decimals}f}"
 
 
+def fitting(value: float | None, width: int, decimals: int, *, sign: bool = False) -> str:
+    """As `number`, with fewer decimals, and at last as a power of ten, where it would not fit."""
+    made = NOTHING
+    for fewer in range(decimals, -1, -1):
+        made = number(value, 0, fewer, sign=sign)
+        if len(made) <= width:
+            return made.rjust(width)
+    return f"{value:.0e}".replace("e+0", "e").replace("e+", "e").rjust(width)
+
+
 def aligned(value: float | None, width: int, decimals: int, most: int, *, sign: bool = False) -> str:
     """As `number`, with the decimal point where a number of `most` decimals has it."""
     pad = most - decimals

@@ -313,7 +313,7 @@ def _unexplained(remainder: Sequence[dict[str, Any]]) -> Check:
 
 def _temperature(slope: float | None) -> Check:
     if slope is None:
-        return Check("none", "temperature", "trend known after 30 s")
+        return Check("wait", "temperature", "its trend is known after 30 s", "T not known", "keep still and wait")
     steady = abs(slope) <= STEADY_K_PER_MIN
     if steady:
         return Check("good", "temperature", f"steady within ±{STEADY_K_PER_MIN:g} K/min")

@@ -59,25 +59,21 @@ def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) ->
     samples = result.get("samples", recording.get("samples"))
     much = f", {text.plural(samples, 'sample')}" if isinstance(samples, int) else ""
     lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
-    biases = final_biases(result)
+    biases = ", ".join(f"{name} {values}" for name, values in final_biases(result))
     return "\n".join([*lines, *([biases] if biases else [])])
 
 
-def final_biases(result: dict[str, Any]) -> str:
-    """The six biases of a result; empty if it has none."""
+def final_biases(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
     final = result.get("final") or {}
-    biases = [_triple(final.get(key), *form) for key, form in _FINAL_BIASES.items()]
-    return ", ".join(biases) if all(biases) else ""
+    return [(name, _triple(final[key], unit)) for key, (name, unit) in _FINAL_BIASES.items() if final.get(key)]
 
 
 _FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}
 
 
-def _triple(values: list[float | None] | None, name: str, unit: str) -> str:
-    if not values:
-        return ""
-    decimals = text.BIAS_DECIMALS[unit]
-    return f"{name} {' '.join(text.number(value, 0, decimals) for value in values)} {unit}"
+def _triple(values: list[float | None], unit: str) -> str:
+    return f"{' '.join(text.number(value, 0, text.BIAS_DECIMALS[unit]) for value in values)} {unit}"
 
 
 def left(snapshot: dict[str, Any] | None) -> list[str]:

@@ -15,11 +15,12 @@ HELP = """\
 FIRST STEPS
   No instrument at hand: 1, then v. A virtual instrument starts, and is
   recorded. With one: 1, choose its port, Enter; then r records.
-  4 Filter   wait for "all 6 biases converged". In the demo that takes half a
-             minute; AMBER then says that its unit still warms up
+  4 Filter   wait for "all 6 biases converged". In the demo that takes half
+             a minute, the first time on a machine two; AMBER then says that
+             its unit still warms up
   r          finishes the file; 3 Record says where it is
-  6 Logs     choose the file, t traces it: which physical effect moves what
-             the bias does not explain, and how large it is. Two minutes of
+  6 Logs     choose the file, t traces it: which physical effect moves
+             what the bias does not explain, and how large. Two minutes of
              the demo are enough for that; half an hour is good for a unit
 
 WHAT RUNS WHERE
@@ -75,7 +76,7 @@ ON THE RECORD PAGE
   disk     all is flushed every second; LATE means that it is not
 
 ON THE FILTER PAGE
-  GREEN    all biases that can be seen have converged, nothing is unexplained
+  GREEN    all biases that can be seen have converged, nothing else is left
   AMBER    wait, or look: the text says at what. RED: do what it says
   w        why: every rule of the badge with what it found, all alarms
   up down  choose a bias; Enter enlarges its plot, a changes its scale

@@ -48,7 +48,7 @@ def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
     """Ask before an acquisition is stopped to connect to something else."""
     name = _recording(snapshot)
     body = f"Its recording {name} will be finished." if name else "It is not recording."
-    return ChoiceDialog("Stop this acquisition?", body, [Answer("s", "stop", "stop it")])
+    return ChoiceDialog("Stop this acquisition?", body, [Answer("s", "stop", "stop it")], careful=True)
 
 
 def ended_dialog(reason: str) -> ChoiceDialog:

@@ -68,9 +68,8 @@ class ResultPage(Page):
 
     def body(self) -> Iterable[Widget]:
         """Title and text."""
-        keys = "w writes, e loads the effects  " if self.outcome.effects else ""
-        keys += "y copies  Esc back"
-        room = max(self.app.size.width - len(keys) - 5, 20)
+        keys = "y copies  Esc back"
+        room = self.app.size.width - len(keys) - 5
         yield Static(
             choose().text(f"{text.shorten(self.outcome.title, room)}   {keys}"), id="result-title", markup=False
         )

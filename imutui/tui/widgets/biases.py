@@ -72,17 +72,23 @@ class BiasTable(Lines):
         outside = value is not None and abs(value) > limit
         pending = bias["observable"] and bias["converged_s"] is None
         moved = moved_sd(bias)
-        in_sd = f"{abs(moved):.1f} sd" if moved is not None and abs(moved) >= MOVES_SD else ""
+        in_sd = f"{text.fitting(abs(moved), 3, 1).strip()} sd" if moved is not None and abs(moved) >= MOVES_SD else ""
         return self.line(
             self._label(index, bias["name"]),
             (text.aligned(value, 9, decimals, 4), "bold"),
             self._cell(f" ±{text.number(sd3, 0, decimals)}", 10) + f"{unit:<6}",
             (gauge(value, limit, sd3), "bold $text-error" if outside else "$text-primary"),
             self._cell(f" ±{limit:g}", 5),
-            text.aligned(bias["change_10s"], 8, decimals, 4, sign=True),
+            _moved(bias["change_10s"], decimals),
             f"{in_sd:>7} ",
             (f"{convergence(bias):<12}", _style(pending, bias["observable"])),
         )
+
+
+def _moved(change: float | None, decimals: int) -> str:
+    """A change in eight characters, its decimal point where small ones of the gyros have it."""
+    made = text.aligned(change, 8, decimals, 4, sign=True)
+    return made if len(made) <= 8 else text.fitting(change, 8, decimals, sign=True)
 
 
 def _style(pending: bool, observable: bool) -> str:

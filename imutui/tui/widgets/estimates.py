@@ -32,7 +32,7 @@ class NisLine(Lines):
         # the band only means something for a test: shown otherwise, it invites the wrong conclusion
         left = self.line(
             (" NIS".ljust(_LABEL), "bold"),
-            f"{text.number(nis['mean'], 0, 2)} of {nis['dof']:g}  ",
+            f"{text.fitting(nis['mean'], 4, 2).strip()} of {nis['dof']:g}  ",
             (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
         )
         first = nis["first"]
@@ -86,18 +86,19 @@ class NavigationLines(Lines):
         decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
             (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
-            f"{text.number(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 9)}m/s",
+            f"{text.fitting(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 7)}m/s",
             (f"{('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
-            f"{text.number(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 9)}deg",
+            f"{text.fitting(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 7)}deg",
             (f"{('lat', 'lon', 'h')[i]:>4}", "bold"),
             f"{text.number(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
-            f"{self._certain(sd['position_m'][i], 1, 0)} m",
+            f"{self._certain(sd['position_m'][i], 1, 5).rstrip()} m",
         )
 
     def _certain(self, sd: float | None, decimals: int, width: int) -> str:
-        """Three standard deviations in a column."""
+        """Three standard deviations in a column of so many characters and a space."""
         three = None if sd is None else 3.0 * sd
-        return self.glyphs.text(f" ±{text.number(three, 0, decimals)}").ljust(width)
+        fitted = text.fitting(three, width - 1, decimals).strip()
+        return self.glyphs.text(f" ±{fitted}").ljust(width + 2)
 
 
 def effect_text(effect: dict[str, Any]) -> str:
