@@ -67,7 +67,15 @@ class Turns:
         return out
 
 
-def of_residuals(convergence: Convergence, spec: ImuSpec, observable: tuple[bool, ...]) -> list[str]:
+def causes(reference: str) -> str:
+    """What puts the accelerometers far off a reference of that name."""
+    table = ", or the table is not where the segment says" if reference == "profile" else ""
+    return f"wrong accelerometer sign, mounting or attitude{table}"
+
+
+def of_residuals(
+    convergence: Convergence, spec: ImuSpec, observable: tuple[bool, ...], reference: str = "level"
+) -> list[str]:
     """Sentences on readings that are off the reference by more than a bias can be.
 
     Parameters
@@ -78,6 +86,8 @@ def of_residuals(convergence: Convergence, spec: ImuSpec, observable: tuple[bool
         Limits of the biases.
     observable : tuple of bool
         For the six biases, whether they can be told from attitude.
+    reference : str
+        Its name.
     """
     apparent = convergence.apparent
     out: list[str] = []
@@ -85,9 +95,7 @@ def of_residuals(convergence: Convergence, spec: ImuSpec, observable: tuple[bool
         return out
     if np.any(np.abs(apparent[:3]) > 0.5 * STANDARD_GRAVITY):
         size = float(np.max(np.abs(apparent[:3]))) / STANDARD_GRAVITY
-        out.append(
-            f"accelerometers are off the reference by {size:.2f} g: wrong accelerometer sign, mounting or attitude"
-        )
+        out.append(f"accelerometers are off the reference by {size:.2f} g: {causes(reference)}")
     limits = np.array([spec.accel_bias_limit] * 3 + [spec.gyro_bias_limit] * 3)
     names = ("x accel", "y accel", "z accel", "x gyro", "y gyro", "z gyro")
     for i in np.flatnonzero(np.abs(apparent) > _ALARM_FACTOR * limits):

@@ -243,17 +243,15 @@ class Estimator:
         """Sentences about data that contradict the model, in body axes; empty when there are none."""
         if self._engine is None or not self.samples:
             return []
-        out = alarms.of_residuals(self.gauge.convergence(), self.settings.spec, self.observable)
+        out = alarms.of_residuals(
+            self.gauge.convergence(), self.settings.spec, self.observable, self.settings.reference
+        )
+        causes = alarms.causes(self.settings.reference)
         first = self.first_nis
         if first is not None and first > nis_gates()[9] and not any("off the reference" in text for text in out):
-            out.append(
-                f"the first innovation is far outside what the filter expects (NIS {first:.0f}): wrong accelerometer"
-                " sign, mounting or attitude"
-            )
+            out.append(f"the first innovation is far outside what the filter expects (NIS {first:.0f}): {causes}")
         if not out and self._forces_are_off():
-            out.append(
-                "accelerometers are off the reference by over 0.5 g: wrong accelerometer sign, mounting or attitude"
-            )
+            out.append(f"accelerometers are off the reference by over 0.5 g: {causes}")
         if self._core(layout.CORE_OVERRULED):
             out.append(
                 f"{self.rejected} updates were left out as outliers, until they came too many in a row: the reference"

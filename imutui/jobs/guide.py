@@ -88,13 +88,13 @@ def ready_made() -> list[Offer]:
     eighteen = plans.positions((*plans.SIX, *plans.TWELVE), _BRIEF_S)
     rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
     turns = [segment for axis in reversed(motion.AXES) for segment in plans.turns(axis, rates)]
-    made = {
-        f"six positions, {_BY_HAND_S:.0f} s each": Profile(tuple(six), align="marks"),
-        f"eighteen positions, {_BRIEF_S:.0f} s each": Profile(tuple(eighteen), align="marks"),
-        "six positions, each axis ±30 ±90 deg/s": Profile((*six, *turns), align="gyro"),
-    }
+    made = [
+        (f"six positions, {_BY_HAND_S:.0f} s each", "six positions", Profile(tuple(six), align="marks")),
+        (f"eighteen positions, {_BRIEF_S:.0f} s each", "eighteen positions", Profile(tuple(eighteen), align="marks")),
+        ("six positions, each axis ±30 ±90 deg/s", "six positions and rates", Profile((*six, *turns), align="gyro")),
+    ]
     return [
-        _offer(profile, name, "ready-made", motion.to_toml(profile), "reference.toml") for name, profile in made.items()
+        _offer(profile, name, "ready-made", motion.to_toml(profile), f"{file}.toml") for name, file, profile in made
     ]
 
 

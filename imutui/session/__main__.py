@@ -103,7 +103,8 @@ def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
         case "profile":
             return {"profile": engine.call(engine.profile, late=True)}
         case "guide":
-            engine.call(lambda: engine.guide_do(str(request["do"])))
+            wish = RecordingWish(**request.get("wish", {}))
+            engine.call(lambda: engine.guide_do(str(request["do"]), wish))
             return {}
         case "stop_recording":
             return {"result": engine.call(engine.stop_recording)}

@@ -110,9 +110,17 @@ class Client:
         found = self._ask({"ask": "profile"})["profile"]
         return None if found is None else dict(found)
 
-    def guide(self, do: str) -> None:
-        """Guide the operator through the profile: "begin" (records if nothing does), "next", "cancel", "resume"."""
-        self._ask({"ask": "guide", "do": do})
+    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
+        """Guide the operator through the profile.
+
+        Parameters
+        ----------
+        do : str
+            "begin" (records if nothing does), "next", "cancel" or "resume".
+        wish : RecordingWish or None
+            Of the recording that "begin" begins.
+        """
+        self._ask({"ask": "guide", "do": do, "wish": asdict(wish) if wish is not None else {}})
 
     def stop_recording(self) -> dict[str, Any]:
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""

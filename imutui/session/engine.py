@@ -230,13 +230,13 @@ class Engine:
             return None
         return guide.described(self.motion, self.plan.reference_file[0])
 
-    def guide_do(self, do: str) -> None:
-        """Guide the operator through the profile: begin, next, cancel, resume."""
+    def guide_do(self, do: str, wish: RecordingWish) -> None:
+        """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished."""
         recording = self.take.writer is not None
         if do == "begin":
             begun = guide.begun(self.motion, self.plan.filter, self.guide, recording=recording)
             if not recording:
-                self.record(RecordingWish())
+                self.record(wish)
             self.guide = begun
             self._event("acquisition", f"guide through {self.plan.reference_file[0]} begins")
             return

@@ -425,13 +425,34 @@ class ImutuiApp(App[int]):
                 wish = page.wish() if page is not None else None
                 path = await in_thread(lambda: client.record(wish))
                 self._tell_record_page([])
-                self._say(f"recording to {path}", "good")
+                self._say(words.recording_to(path, self._link.newest), "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
                 self._tell_record_page(report.finished(recording, result))
                 shown = isinstance(self.page, RecordPage)
                 self._say("the file is finished" if shown else words.finished(recording, result), "good")
+        except ValueError as error:
+            self._say(f"not recorded: {error}", "bad")
+        except FAULTS as error:
+            self._say(words.fault(error), "bad")
+
+    def on_table_page_begin_asked(self) -> None:
+        """Begin to guide, with a recording as the Record page's form says."""
+        if self._connected("record"):
+            self._begin_guide()
+
+    @work(exclusive=True, group="record")
+    async def _begin_guide(self) -> None:
+        client, recording, page = self._link.client, self._recording(), self._record_page()
+        if client is None:
+            return
+        try:
+            wish = page.wish() if page is not None and recording is None else None
+            self._say("starting the recording" if recording is None else "beginning", "wait")
+            await in_thread(lambda: client.guide("begin", wish))
+            self._tell_record_page([])
+            self._say("recording; the line in bold above says what to do", "good")
         except ValueError as error:
             self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:

@@ -1,5 +1,6 @@
 """What the table page says: where the operator is in a profile, and what to do next. Pure functions."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,6 +9,10 @@ from imutui.tui import text
 Guide = Mapping[str, Any]
 WORKING_OUT = "working out…"
 NOTHING_NEW = "nothing new by itself"
+_VIRTUAL = (
+    "a virtual unit does not turn by hand: from segment 2 on its filter will say RED, unless its scenario follows this"
+    " profile"
+)
 _ALIGNS = {
     "none": "profile time is the log's time",
     "marks": "joined by your marks",
@@ -58,7 +63,7 @@ def left(guide: Guide | None, number: int) -> float | None:
 
 def title(profile: Mapping[str, Any], seconds: float | None) -> str:
     """Name, number of segments, how long without the moves, how it is joined."""
-    name = str(profile["name"]).removesuffix(".toml").removesuffix(".csv")
+    name = text.profile_name(str(profile["name"]))
     length = "" if seconds is None else f", {span(seconds)} without the moves"
     joined = _ALIGNS.get(str(profile.get("align", "")), "")
     return f"{name}: {text.plural(len(profile['segments']), 'segment')}{length}{', ' + joined if joined else ''}"
@@ -91,6 +96,14 @@ def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guide
             where = f"Cancelled at segment {number + 1} of {len(segments)}."
             return where, "The recording goes on: b resumes there, r finishes the file."
     return f"All {len(segments)} segments are done.", "r finishes the file; then 6 (Logs) traces it."
+
+
+def warning(now: Mapping[str, Any], width: int) -> list[str]:
+    """Before a guide begins: that a virtual unit stays where it is, in lines of at most so many characters."""
+    begins = can(now.get("guide"), now.get("recording") is not None) == {"begin"}
+    if now.get("kind") != "simulated" or not begins:
+        return []
+    return textwrap.wrap(_VIRTUAL, width)
 
 
 def _before(guide: Guide | None) -> str:

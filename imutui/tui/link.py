@@ -13,7 +13,7 @@ from imutui.tui.feed import Feed
 from imutui.tui.history import History
 from imutui.tui.pace import Pacing
 from imutui.tui.series import Series
-from imutui.tui.verdict import Hold, Verdict, judge, stale
+from imutui.tui.verdict import Hold, Verdict, judge, stale, waiting_profile
 
 Snapshot = dict[str, Any]
 _CHANNELS = 7
@@ -129,7 +129,7 @@ class Link:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
         self._slope = self._series.slope_per_minute(_TEMPERATURE)
         self._take_biases(snapshot)
-        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot))
+        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
 

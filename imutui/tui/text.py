@@ -102,6 +102,11 @@ def port_name(port: str | None, width: int = 40) -> str:
     return shorten(port, width)
 
 
+def profile_name(file: str) -> str:
+    """A profile's file without its ending."""
+    return file.removesuffix(".toml").removesuffix(".csv")
+
+
 def plural(count: int, noun: str) -> str:
     """Count and noun."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

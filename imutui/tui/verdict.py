@@ -105,7 +105,21 @@ def stale(snapshot: dict[str, Any]) -> str | None:
     return said if said is not None and snapshot["silent_s"] > STALE_S else None
 
 
-def judge(estimates: Estimates | None, slope_k_per_min: float | None = None, silent: str | None = None) -> Verdict:
+def waiting_profile(snapshot: dict[str, Any]) -> str | None:
+    """That the reference is a profile whose guide has not begun or is cancelled, in words; None if it is not."""
+    guide = snapshot.get("guide")
+    if not (snapshot.get("reference") or {}).get("profile") or (guide is not None and guide["state"] != "cancelled"):
+        return None
+    does = "begins" if guide is None or snapshot.get("recording") is None else "resumes"
+    return f"the table profile waits: 5 Table, b {does} it"
+
+
+def judge(
+    estimates: Estimates | None,
+    slope_k_per_min: float | None = None,
+    silent: str | None = None,
+    waiting_profile: str | None = None,
+) -> Verdict:
     """The verdict on a filter.
 
     Parameters
@@ -116,11 +130,15 @@ def judge(estimates: Estimates | None, slope_k_per_min: float | None = None, sil
         Of the temperature; None while it is not known.
     silent : str or None
         That the line is silent, in words, if it is.
+    waiting_profile : str or None
+        That a table profile waits to be begun, in words, if one does.
     """
     if estimates is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
         return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
-    checks = tuple(check for check in (_running(estimates, silent), *_rules(estimates, slope_k_per_min)) if check)
+    checks = tuple(
+        check for check in (_running(estimates, silent), *_rules(estimates, slope_k_per_min, waiting_profile)) if check
+    )
     if checks[0].level == "bad":
         return replace(_of(checks), sudden=True)
     if estimates.get("waiting") or estimates.get("t") is None:
@@ -152,12 +170,12 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
     return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)
 
 
-def _rules(estimates: Estimates, slope: float | None) -> list[Check | None]:
+def _rules(estimates: Estimates, slope: float | None, waiting_profile: str | None) -> list[Check | None]:
     return [
         _alarms(estimates.get("alarms") or [], estimates.get("failure")),
         _limits(estimates["biases"]),
         _nis(estimates["nis"]),
-        _converged(estimates["biases"], slope),
+        _converged(estimates["biases"], slope, waiting_profile),
         _unexplained(estimates.get("remainder") or []),
         _temperature(slope),
         _confounded(estimates.get("confounded") or []),
@@ -251,10 +269,12 @@ def channel(name: str) -> str:
     return f"{kind[:1]}{axis}"
 
 
-def _converged(biases: Sequence[Bias], slope: float | None) -> Check:
+def _converged(biases: Sequence[Bias], slope: float | None, waiting_profile: str | None) -> Check:
     seen = [bias for bias in biases if bias["observable"]]
     pending = [bias for bias in seen if bias["converged_s"] is None]
     hidden = [bias["name"] for bias in biases if not bias["observable"]]
+    if not seen and waiting_profile is not None:
+        return Check("wait", "converged", waiting_profile, "0 biases", "no bias is observable before that")
     if not seen:
         todo = "use a reference or a table profile that shows them"
         return Check("wait", "converged", "no bias is observable in this setup", "0 biases", todo)

@@ -76,6 +76,14 @@ def _triple(values: list[float | None], unit: str) -> str:
     return f"{' '.join(text.number(value, 0, text.BIAS_DECIMALS[unit]) for value in values)} {unit}"
 
 
+def recording_to(path: str, snapshot: dict[str, Any] | None) -> str:
+    """Which file is begun, and that the filter goes by a profile in it, if it does."""
+    reference = (snapshot or {}).get("reference") or {}
+    if not reference.get("profile"):
+        return f"recording to {path}"
+    return f"recording to {path}; reference: profile {text.profile_name(reference['file'])}, 5 Table guides"
+
+
 def left(snapshot: dict[str, Any] | None) -> list[str]:
     """What goes on after the UI has gone, and how to come back."""
     snapshot = snapshot or {}

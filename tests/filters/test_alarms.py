@@ -81,6 +81,15 @@ def test_a_wrong_accelerometer_sign_on_a_table_is_named_too() -> None:
     )
 
 
+def test_a_table_that_is_elsewhere_is_among_the_causes() -> None:
+    """A unit that stays where it was while the profile goes on contradicts it; only a profile has segments to blame."""
+    profile = Profile((dwell(0, 0, 0, 6.0), dwell(90, 0, 0, 20.0)))
+    samples, _ = simulation.simulate(rate_hz=20.0, seconds=profile.duration, seed=1)
+    where = "attitude, or the table is not where the segment says"
+    assert any(where in text for text in run(samples, 20.0, profile).alarms())
+    assert not any("segment" in text for text in run(replace(samples, accel=-samples.accel), 20.0).alarms())
+
+
 @pytest.mark.parametrize("channel", range(6))
 def test_a_bias_of_four_times_table_1_is_named_and_one_of_two_is_not(channel: int) -> None:
     """The alarm names sensor and axis, and only that one; the limit of Table 1 itself gives none."""

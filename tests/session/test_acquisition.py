@@ -564,6 +564,29 @@ def test_the_guide_leads_through_a_profile_and_every_viewer_sees_it(home: Path) 
     assert without_timings(live) == without_timings(replayed(path, code=1))
 
 
+def test_a_guided_recording_is_as_wished_and_the_next_can_be_level_again(home: Path) -> None:
+    """What the operator said goes into the guided file; without the profile the next recording is as one before it."""
+    connection = client.start(plan(home, record=False, rate_hz=20.0))
+    connection.configure(reference_file=("tumble.toml", PROFILE))
+    with pytest.raises(SessionError, match="rotate_minutes"):
+        connection.guide("begin", RecordingWish(rotate_minutes=-1.0))
+    assert connection.snapshot(2**62)["guide"] is None
+    connection.guide("begin", RecordingWish("cold 1", "ana", "lab 2", "AC-120"))
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 0)
+    guided = reader.read(Path(connection.stop_recording()["log"]))
+    info = guided.info
+    assert (info.note, info.operator, info.place, info.table) == ("cold 1", "ana", "lab 2", "AC-120")
+    assert info.reference == "profile"
+    connection.configure(reference="level", reference_file=("", ""))
+    state = connection.snapshot(2**62)
+    assert (state["reference"], state["guide"]) == ({"name": "level", "file": "", "profile": False}, None)
+    connection.record()
+    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 0)
+    level = reader.read(Path(connection.stop_recording()["log"]))
+    assert (level.info.reference, level.info.reference_sha256) == ("level", "")
+    connection.stop()
+
+
 def test_a_port_that_an_acquisition_has_is_not_probed(home: Path) -> None:
     """It says who has it, and no packet is lost."""
     connection = client.start(plan(home, record=False, rate_hz=20.0))

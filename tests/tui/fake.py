@@ -167,9 +167,11 @@ class FakeClient:
         """The profile that a test put there."""
         return self.table_profile
 
-    def guide(self, do: str) -> None:
-        """Note it."""
+    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
+        """Note it, and what was wished of the recording that begins."""
         self.asked.append(f"guide {do}")
+        if do == "begin":
+            self.wish = wish
 
     def stop_recording(self) -> dict[str, Any]:
         """Finish it."""

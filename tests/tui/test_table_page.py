@@ -1,5 +1,6 @@
 """The table page: choosing a profile, being guided through it; what it shows is the acquisition's state."""
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,9 @@ import pytest
 from fake import FakeClient
 from pilot import SMALLEST, shows, text_of, until
 
+from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp
+from imutui.tui.screens import table
 
 SIZES = [SMALLEST, (120, 40)]
 ANGLES = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0))
@@ -35,14 +38,17 @@ class Acquisition(FakeClient):
 
     def configure(self, **changes: Any) -> None:
         super().configure(**changes)
-        if "reference_file" in changes:
+        if changes.get("reference") == "level":
+            self.table_profile, self.changes["guide"] = None, None
+            self.changes["reference"] = {"name": "level", "file": "", "profile": False}
+        elif "reference_file" in changes:
             self.files.append(changes["reference_file"])
             self.table_profile = {**described(), "name": changes["reference_file"][0]}
             self.changes["reference"] = {"name": "profile", "file": changes["reference_file"][0], "profile": True}
             self.changes["guide"] = None
 
-    def guide(self, do: str) -> None:
-        super().guide(do)
+    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
+        super().guide(do, wish)
         now = self.changes.get("guide") or {"segment": 0, "begun": [None] * 4}
         begun = list(now["begun"])
         if do == "begin":
@@ -190,6 +196,100 @@ async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
         await shows(pilot, "run/no.toml: can't be read: No such file")
         await pilot.press(*["backspace"] * 7, *"my.toml", "enter")
         await until(pilot, lambda: [name for name, _ in client.files] == ["my.toml"])
+
+
+async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None:
+    """As r does: the form goes into the file; a form that cannot be is said instead of beginning."""
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3", "e", *("tab",) * 3, *"often")
+        await shows(pilot, "not a number")
+        await pilot.press("escape", "5")
+        await shows(pilot, "b begins.")
+        await pilot.press("b")
+        await shows(pilot, 'not recorded: "new file every, min" is "often"')
+        assert not client.recording
+        await pilot.press("3", "e", *("tab",) * 3, *["backspace"] * 5, "3", "tab", *"cold 1", "escape", "5")
+        await shows(pilot, "b begins.")
+        await pilot.press("b")
+        await shows(pilot, "recording; the line in bold above says what to do")
+        assert client.wish == RecordingWish("cold 1", "ana", "lab 2", "AC-120", 3.0, 0.0)
+
+
+async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:
+    """A row of its own, only while there is a profile; the cursor stays with its profile beside it."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        screen = await shows(pilot, "six positions, 30 s each")
+        assert "no profile" not in screen
+        await pilot.press("enter")
+        await shows(pilot, "b begins.", "six positions: 4 segments")
+        await pilot.press("r")
+        await shows(pilot, "● REC", "profile six positions, 5 Table guides")
+        await pilot.press("p", "g")
+        await shows(pilot, "no profile: still and level", "lays the profile aside")
+        await pilot.press("enter")
+        await shows(pilot, "a recording runs: r finishes it")
+        await pilot.press("r")
+        await shows(pilot, "finished")
+        await pilot.press("down", "up", "enter")
+        await shows(pilot, "no profile: still and level; the filter began anew")
+        await until(pilot, lambda: text_of(pilot.app).count("no profile") == 1)  # type: ignore[arg-type]
+        assert client.changes["reference"]["name"] == "level"
+        await shows(pilot, "Enter takes it: the filter then goes by it", "what to do, and what each segment")
+
+
+async def test_a_virtual_units_operator_is_warned_before_beginning(folder: Path) -> None:
+    """It does not turn by hand, so its filter will contradict the profile; a real unit's page does not say so."""
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "a virtual unit does not turn by hand", "follows this profile", "what to do")
+        client.changes["kind"] = "real"
+        await until(pilot, lambda: "virtual unit" not in text_of(pilot.app))  # type: ignore[arg-type]
+        client.changes["kind"] = "simulated"
+        await shows(pilot, "a virtual unit")
+        await pilot.press("b")
+        await shows(pilot, "I wait for you")
+        assert "virtual unit" not in text_of(pilot.app)  # type: ignore[arg-type]
+
+
+async def test_names_have_the_rows_whole_room(folder: Path) -> None:
+    """No name is cut while there is room; a place gives way to a name."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        screen = await shows(pilot, "six positions, each axis ±30 ±90 deg/s", "ready-made", "bad.toml", "can't be used")
+        assert max(len(line.rstrip()) for line in screen.splitlines()) <= SMALLEST[0]
+
+
+async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first look loads much; an empty list would read as if there were none."""
+    may_look, look = threading.Event(), table._offers
+
+    def patient(folders: list[Path]) -> Any:
+        may_look.wait()
+        return look(folders)
+
+    monkeypatch.setattr(table, "_offers", patient)
+    async with _app(Acquisition(folder / "logs")).run_test(size=SMALLEST) as pilot:
+        try:
+            await shows(pilot, "SIMULATED")
+            await pilot.press("5")
+            await shows(pilot, "looking for profiles…")
+        finally:
+            may_look.set()
+        screen = await shows(pilot, "six positions, 30 s each")
+        assert "looking" not in screen
 
 
 async def test_without_an_acquisition_profiles_can_be_looked_at(folder: Path) -> None:

@@ -136,6 +136,28 @@ def test_what_cannot_be_observed_is_not_waited_for() -> None:
     assert judge(settled(biases=hidden), 0.0).word == "AMBER"
 
 
+@pytest.mark.parametrize(
+    ("profile", "guide", "recording", "said"),
+    [
+        (True, None, None, "5 Table, b begins it"),
+        (True, {"state": "cancelled"}, None, "5 Table, b begins it"),
+        (True, {"state": "cancelled"}, {"path": "a.mcap"}, "5 Table, b resumes it"),
+        (True, {"state": "go"}, {"path": "a.mcap"}, "no bias is observable in this setup"),
+        (False, None, None, "no bias is observable in this setup"),
+    ],
+)
+def test_a_profile_that_waits_is_what_hides_the_biases(
+    profile: bool, guide: dict[str, Any] | None, recording: dict[str, Any] | None, said: str
+) -> None:
+    """Where no bias is observable because nobody has begun the profile, the badge says which key begins it."""
+    waits = verdict.waiting_profile({"reference": {"profile": profile}, "guide": guide, "recording": recording})
+    hidden = settled(biases=[{**row, "observable": False} for row in settled()["biases"]])
+    found = judge(hidden, 0.0, None, waits)
+    assert found.word == "AMBER"
+    assert said in found.reason
+    assert judge(settled(), 0.0, None, waits).word == "GREEN"
+
+
 def test_waiting_and_off_are_neither_good_nor_bad() -> None:
     """The filter's own reason is passed on; no filter is said as well."""
     waiting = judge(estimates(waiting="finding level, 6 s more"))

@@ -8,6 +8,7 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
+from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Input, Label, OptionList, Static
 
@@ -29,6 +30,10 @@ _WHO = """\
 By hand: this page says where to go, and your Enter joins profile and log. Only what you hold still is used.
 By itself: the controller runs the profile; profile and log are joined as the file says."""
 _RUNNING = "running"
+_LEVEL = "no profile: still and level"
+_LEVEL_PREVIEW = "Enter lays the profile aside: the filter takes the unit as still and level"
+_LOOKING = "looking for profiles…"
+_LEAST_PLACE = 14
 
 
 class TablePage(Page):
@@ -57,9 +62,14 @@ class TablePage(Page):
         Binding("escape", "back", "back", show=False),
     ]
 
+    class BeginAsked(Message):
+        """Record as the Record page's form says, and guide through the profile."""
+
     def __init__(self) -> None:
         super().__init__()
         self._offers: list[Offer] = []
+        self._looked = False
+        self._level = False
         self._profile: Mapping[str, Any] | None = None
         self._shows: Sequence[Sequence[str]] | None = None
         self._known: object = None
@@ -88,6 +98,7 @@ class TablePage(Page):
         super().on_mount()
         self._say_lead()
         self._part()
+        self._list_offers()
         self.look()
 
     def on_screen_resume(self) -> None:
@@ -105,38 +116,69 @@ class TablePage(Page):
     @work(exclusive=True, group="look")
     async def _look(self, folders: list[Path]) -> None:
         found = await in_thread(lambda: _offers(folders))
+        if not self.query("#preview"):  # the page has gone meanwhile
+            return
+        if not self._looked:
+            self._looked = True
+            self.query_one("#preview", Static).update("")
         known = {(offer.place, offer.name) for offer in found}
         self._offers = [*found, *(o for o in self._offers if (o.place, o.name) not in known and Path(o.place).is_dir())]
         self._list_offers()
 
     def _list_offers(self) -> None:
-        rows = self.query_one("#offers", Rows)
-        rows.fill([Content(choose().text(self._offer_line(offer))) for offer in self._offers])
+        rows, before = self.query_one("#offers", Rows), self._level
+        self._level = self._looked and self._has_reference()
+        name, place = self._widths()
+        lines = [self._offer_line(offer, name, place) for offer in self._offers]
+        rows.fill([Content(choose().text(line)) for line in ([f" {_LEVEL}"] if self._level else []) + lines])
         at = next((n for n, o in enumerate(self._offers) if self._wanted == Path(o.place) / o.name), None)
         if at is not None:
-            rows.highlighted, self._wanted = at, None
+            rows.highlighted, self._wanted = at + self._level, None
+        elif self._level != before and rows.highlighted is not None:  # the cursor stays with its profile
+            rows.highlighted = max(rows.highlighted + self._level - before, 0)
         self._preview()
 
-    def _offer_line(self, offer: "Offer") -> str:
+    def _has_reference(self) -> bool:
+        """Whether the filter goes by a file, and so can be brought back to level."""
+        now = self.view.now if self.view is not None else None
+        return now is not None and now["state"] == _RUNNING and bool((now.get("reference") or {}).get("file"))
+
+    def _widths(self) -> tuple[int, int]:
+        """Of names and places: as wide as need be; if there is no room for both, places give way first."""
+        room = max(self.app.size.width, _NEEDED) - 25
+        names, places = (max(map(len, column), default=0) for column in self._named())
+        place = min(places, max(room - names, _LEAST_PLACE))
+        return min(names, room - place), place
+
+    def _named(self) -> tuple[list[str], list[str]]:
+        return [offer.name for offer in self._offers], [offer.place for offer in self._offers]
+
+    def _offer_line(self, offer: "Offer", name: int, place: int) -> str:
         what = "can't be used" if offer.error else f"{offer.segments:3d} segments {guiding.span(offer.seconds):>6}"
-        width = max(self.app.size.width, _NEEDED) - 46
-        return f" {text.shorten(offer.name, width):<{width}} {what:<20} {text.shorten(offer.place, 21)}"
+        return f" {text.shorten(offer.name, name):<{name}}  {what:<20} {text.shorten(offer.place, place)}"
 
     def _offer(self) -> "Offer | None":
         at = self.query_one("#offers", Rows).cursor
-        return self._offers[at] if at is not None and at < len(self._offers) else None
+        number = -1 if at is None else at - self._level
+        return self._offers[number] if 0 <= number < len(self._offers) else None
+
+    def _at_level(self) -> bool:
+        """Whether the cursor is on the way back to level."""
+        return self._level and self.query_one("#offers", Rows).cursor == 0
 
     @work(exclusive=True, group="preview")
     async def _preview(self) -> None:
         offer = self._offer()
         preview = self.query_one("#preview", Static)
         if offer is None:
-            preview.update("")
+            said = _LEVEL_PREVIEW if self._at_level() else "" if self._looked else _LOOKING
+            preview.update(Content(choose().text(said)))
         elif offer.error:
             preview.update(Content(f"{offer.name} can't be used: {offer.error}"))
         else:
             steps = await in_thread(lambda: _steps(offer))
-            preview.update(Content(choose().text("\n".join(self._preview_lines(offer, steps)))))
+            if self.query("#preview"):  # the page may have gone meanwhile
+                preview.update(Content(choose().text("\n".join(self._preview_lines(offer, steps)))))
 
     def _preview_lines(self, offer: "Offer", steps: "list[Step]") -> list[str]:
         room = max(self.query_one("#preview").size.height - 1, 1)
@@ -166,6 +208,8 @@ class TablePage(Page):
             self._forget()
             if key is not None:
                 self._fetch()
+        if self._looked and self._level != self._has_reference():
+            self._list_offers()
         self._say_lead()
         self._part()
         self._list_segments(now)
@@ -181,7 +225,7 @@ class TablePage(Page):
         return [line + (" makes testable" if self._wide() else "")]
 
     def _forget(self) -> None:
-        self._profile, self._shows, self._at = None, None, None
+        self._profile, self._shows, self._at, self._choosing = None, None, None, False
 
     def _fetch(self) -> None:
         found: list[dict[str, Any] | None] = []
@@ -333,9 +377,13 @@ class TablePage(Page):
     def action_take(self) -> None:
         """Have the filter go by the profile with the cursor."""
         offer = self._offer()
-        if offer is None or isinstance(self.focused, Input):
+        if isinstance(self.focused, Input):
             return
-        if offer.error:
+        if self._at_level():
+            self._go_level()
+        elif offer is None:
+            return
+        elif offer.error:
             self.post_message(self.Say(f"{offer.name} can't be used: {offer.error}", "bad"))
         else:
             self._choose(offer)
@@ -359,10 +407,26 @@ class TablePage(Page):
     async def _take_by_hand(self, offer: "Offer") -> None:
         self._configure(await in_thread(lambda: _by_hand(offer)))
 
-    def _configure(self, offer: "Offer") -> None:
+    def _refused(self) -> bool:
+        """Whether a recording runs, which has one reference; it is said then."""
         now = self.view.now if self.view is not None else None
-        if now is not None and now.get("recording") is not None:
+        recording = now is not None and now.get("recording") is not None
+        if recording:
             self.post_message(self.Say("a recording runs: r finishes it, then a profile can be taken", "wait"))
+        return recording
+
+    def _go_level(self) -> None:
+        """Back from a profile to a unit that stands still and level; the next snapshot shows it."""
+
+        def ask(client: Client) -> str:
+            client.configure(reference="level", reference_file=("", ""))
+            return f"{_LEVEL}; the filter began anew"
+
+        if not self._refused():
+            self.post_message(self.Ask(ask, "laying the profile aside"))
+
+    def _configure(self, offer: "Offer") -> None:
+        if self._refused():
             return
 
         def ask(client: Client) -> str:
@@ -390,8 +454,8 @@ class TablePage(Page):
         self._guide("next", "", "")
 
     def action_begin(self) -> None:
-        """Record and be guided."""
-        self._guide("begin", "starting the recording", "recording; the first line says what to do")
+        """Record, as the Record page's form says, and be guided."""
+        self.post_message(self.BeginAsked())
 
     def action_resume(self) -> None:
         """Go on where it was cancelled."""

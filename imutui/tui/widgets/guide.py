@@ -26,19 +26,22 @@ class GuideHead(Lines):
     """As the acquisition tells it."""
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Title, instruction, what then, bar."""
+        """Title, instruction, what then, bar; or, before it begins, what to know of a virtual unit."""
         if self.profile is None or view.now is None:
             return []
         guide, segments = view.now.get("guide"), self.profile["segments"]
         recording = view.now.get("recording") is not None
-        what, then = guiding.said(guide, self.profile, recording, guided(self.profile, view.now))
+        by_hand = guided(self.profile, view.now)
+        what, then = guiding.said(guide, self.profile, recording, by_hand)
         seconds = sum(float(s["seconds"]) for s in segments)
+        warned = guiding.warning(view.now, width) if by_hand else []
         return [
             self.line((guiding.title(self.profile, seconds), "bold")),
             self.line(""),
             self.line((what, "bold reverse" if guide and guide["state"] == "go" else "bold")),
             self.line(then),
-            self._bar(guide, segments),
+            *(self.line(said) for said in warned),
+            *([] if warned else [self._bar(guide, segments)]),
         ]
 
     def _bar(self, guide: guiding.Guide | None, segments: Sequence[Mapping[str, Any]]) -> Content:
