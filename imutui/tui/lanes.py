@@ -113,9 +113,11 @@ class Lanes:
         count = (newest // per_cell + 1) * per_cell - first
         start = max(int(np.searchsorted(t, first * width)) - 1, 0)  # rounding must not cost the column's first sample
         most = raster.gap_columns(t, width)
-        low, high = raster.column_extremes(t[start:], values[start:], width, first, count, most)
+        # from the sample before on, so that what joins it to the first one in sight is drawn too
+        lead = max(first - int(np.floor(t[start] / width)), 0)
+        low, high = raster.column_extremes(t[start:], values[start:], width, first - lead, count + lead, most)
         places = np.arange(first, first + count) % self._low.shape[1]
-        self._low[:, places], self._high[:, places] = low, high
+        self._low[:, places], self._high[:, places] = low[:, lead:], high[:, lead:]
 
     def _draw(self, frame: Frame, first: int, *, sweep: bool, locked: bool) -> None:
         per_cell = self._glyphs.columns

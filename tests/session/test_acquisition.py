@@ -378,7 +378,8 @@ def test_what_the_operator_says_of_a_recording_is_in_the_file_and_stays_for_the_
     connection = client.start(plan(home, record=False, rate_hz=20.0, place="cellar", filter="none"))
     wish = RecordingWish(note="first", operator="ana", table="AC-120", rotate_mb=0.03)
     first = Path(connection.record(wish))
-    wait_until(lambda: connection.snapshot(2**62)["recording"]["part"] == 3)
+    # in its third file, and with something in it
+    wait_until(lambda: (now := connection.snapshot(2**62)["recording"])["part"] == 3 and now["samples"] > 1)
     state = connection.snapshot(2**62)
     assert (state["operator"], state["place"], state["table"], state["note"]) == ("ana", "cellar", "AC-120", "first")
     assert (state["rotate_minutes"], state["rotate_mb"]) == (0.0, 0.03)

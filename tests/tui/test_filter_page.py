@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.link import Link
 
-FOOTER = "enter plot t trace e effects space freeze w why r record m mark"
+FOOTER = "enter plot t trace e effects space freeze w why r finish m mark"
 
 
 async def filter_page(pilot: Pilot[Any], *texts: str) -> str:
@@ -69,7 +69,7 @@ async def test_alarms_are_in_full_behind_a_key() -> None:
         await pilot.press(*["j"] * 20)
         await shows(pilot, "alarm number 8")
         await pilot.press("escape")
-        await shows(pilot, FOOTER)
+        await shows(pilot, FOOTER.replace("finish", "record"))
 
 
 async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
@@ -244,4 +244,4 @@ def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:
         found = link.view().verdict
         assert found is not None
         words.append(found.word)
-    assert words == ["GREEN", "RED", "RED", "RED", "GREEN"]
+    assert words == ["AMBER", "RED", "RED", "RED", "AMBER"]

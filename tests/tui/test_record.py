@@ -30,7 +30,7 @@ async def test_record_has_every_vital_text_at_80x24() -> None:
             "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 B",
             "line      ok", "operator  ana", "place     lab 2", "table id  AC-120", "new file every, min",
             "or every, MB",
-            "note", "10:30:30   0:00:03  door closed", "e edit form", "r record", "m mark", "? help", "q quit",
+            "note", "10:30:30   0:00:03  door closed", "e edit form", "r finish", "m mark", "? help", "q quit",
         ):  # fmt: skip
             assert text in screen, text
 
