@@ -223,18 +223,23 @@ def record_until_converged(terminal: Terminal) -> None:
     terminal.wait_for("NOT RECORDING", "6 Logs opens it")
 
 
+def choose_log(terminal: Terminal, detail: str) -> None:
+    """Put the cursor on one of two recordings; which of them was written to last is not known."""
+    if detail not in terminal.wait_for("· IMU400CD-200"):
+        terminal.press("Down")
+        terminal.wait_for(detail)
+
+
 def trace_and_load(terminal: Terminal) -> None:
     """Replay the new recording, trace the long one, load what it found, stop and quit."""
     terminal.press("6")
     terminal.wait_for("2 recordings, newest first", "_demo", "minute")
-    terminal.press("Down")
-    terminal.wait_for("_demo.mcap · IMU400CD-200")
+    choose_log(terminal, "_demo.mcap · IMU400CD-200")
     terminal.press("p")
     terminal.wait_for("replay of imu400cd", "converged:", "at 20.00 Hz, SIMULATED", "NIS", "Esc")
     terminal.press("Escape")
     terminal.wait_for("2 recordings")
-    terminal.press("Up")
-    terminal.wait_for("minute.mcap · IMU400CD-200")
+    choose_log(terminal, "minute.mcap · IMU400CD-200")
     terminal.press("t")
     terminal.wait_for("trace of minute.mcap", "gy: oscillates at 0.7", "load")
     terminal.press("e")
