@@ -19,8 +19,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from filters import attitude, engines, kernels, layout, spkf_paper, strapdown
+from filters import attitude
 from filters.imu import IMU400CD_200
+from filters.kalman import engines, kernels, layout, spkf_paper, strapdown
 from filters.state import PAPER_SITE, NavState
 
 RATES = (133.0, 20.0, 1.0, 0.1)

@@ -1,4 +1,4 @@
-"""The step of `filters.kernels` with the paper's Euler angles instead of quaternions, for `filter_speed.py` only.
+"""The step of `filters.kalman.kernels` with the paper's Euler angles for quaternions, for `filter_speed.py` only.
 
 The peers of the benchmark integrate equations (1)-(5) as printed, by Runge-Kutta of order four; the product integrates
 the attitude in closed form. This is the product's kernel (32 lanes of flat arrays, its Cholesky factor, covariance and
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from filters import earth
-from filters.kernels import (
+from filters.kalman.kernels import (
     CENTRE,
     LANES,
     _cholesky,
@@ -25,7 +25,7 @@ from filters.kernels import (
     _store,
     gravity_at,
 )
-from filters.layout import STRIDE
+from filters.kalman.layout import STRIDE
 
 _LN = LANES
 _A, _E2, _OMEGA = earth.SEMI_MAJOR_AXIS, earth.ECCENTRICITY_SQUARED, earth.EARTH_RATE

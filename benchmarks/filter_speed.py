@@ -23,11 +23,13 @@ import numpy as np
 import peers
 from euler_lanes import EulerLanes
 
-from filters import attitude, earth, reference, runner
+from filters import attitude, earth
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY
-from filters.reference import PAPER_R_SD
-from filters.runner import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Estimator
-from filters.settings import Settings
+from filters.kalman import runner
+from filters.kalman.runner import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Estimator
+from filters.kalman.settings import Settings
+from filters.motion import reference
+from filters.motion.reference import PAPER_R_SD
 from filters.state import PAPER_SITE
 
 RATE = 133
@@ -97,7 +99,7 @@ def problem(seconds: float, seed: int = 1) -> Problem:
 
 
 def ours(p: Problem) -> Callable[[], Outcome]:
-    """The product: `filters.runner` with the compiled step."""
+    """The product: `filters.kalman.runner` with the compiled step."""
     estimator = Estimator(Settings(1.0 / RATE), every=np.inf)
 
     def run() -> Outcome:

@@ -31,10 +31,10 @@ import machine
 import numpy as np
 from mcap.reader import make_reader
 
-from filters import layout, runner
 from filters.imu import STANDARD_GRAVITY
-from filters.runner import Estimator
-from filters.settings import Settings
+from filters.kalman import layout, runner
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import Settings
 from filters.simulation import LOOP_HZ, StillUnit
 from imutui.logbook import schemas
 

@@ -76,8 +76,8 @@ def run(log: Path, options: list[str], cache: Path | None = None) -> Cost:
 
 def parts_of(log: Path, short: Path) -> tuple[float, float]:
     """CPU seconds of reading a log, with its checksum, and of the filter over it, in this process."""
-    from filters import runner
-    from filters.runner import Estimator
+    from filters.kalman import runner
+    from filters.kalman.runner import Estimator
     from imutui.jobs import replay
     from imutui.logbook import reader
 

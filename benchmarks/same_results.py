@@ -4,9 +4,10 @@
     python benchmarks/same_results.py write after.json         # at the other
     python benchmarks/same_results.py compare before.json after.json
 
-The logs: `logs/sample.mcap`, and the measured recordings of `../shared/data` where that folder is present, each imported
-by the flags of the JSON beside it. Timings are left out. `compare` says "equal byte for byte", or lists every text,
-decision and figure that differs, figures beyond `--relative` only (default 1e-9); exit code 1 if anything is listed.
+The logs: `logs/sample.mcap`, and the measured recordings of `../shared/data` where that folder is present, each
+imported by the flags of the JSON beside it. Timings are left out. `compare` says "equal byte for byte", or lists every
+text, decision and figure that differs, figures beyond `--relative` only (default 1e-9); exit code 1 if anything is
+listed.
 """
 
 import argparse

@@ -21,7 +21,7 @@ from typing import Self
 from machine import describe
 from screen import ENVIRONMENT
 
-from filters import runner
+from filters.kalman import runner
 from imutui.session import client as session
 from imutui.session.plan import Plan
 

@@ -26,7 +26,7 @@ import tracing_cases as cases
 from scipy import stats
 from tracing_cases import CHANNELS, Case, Truth
 
-from filters.tracing import trace
+from filters.tracing.trace import trace
 
 IN_BAND = 1.2
 _NOISE = ("bandwidth", "noise_crosstalk")

@@ -16,9 +16,9 @@ import tracing_forms as forms
 
 from filters.earth import earth_rate_n
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec
-from filters.motion import Dwell, Profile, Rate, Sine, attitudes, body_rate
-from filters.residual import Run, rest_attitudes
+from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes, body_rate
 from filters.simulation import Effect, PowerOn, Recording, Scenario, Temperature, Unit
+from filters.tracing.residual import Run, rest_attitudes
 from filters.types import Array
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

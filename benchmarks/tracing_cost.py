@@ -19,8 +19,8 @@ import numpy as np
 import tracing_cases as cases
 
 from filters.imu import STANDARD_GRAVITY, AxisMap
-from filters.residual import Run
-from filters.tracing import trace
+from filters.tracing.residual import Run
+from filters.tracing.trace import trace
 
 RATE = 133.0
 REQUIRED_S = 10.0

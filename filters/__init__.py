@@ -28,8 +28,8 @@ Units
 
 State (order of the 15 errors, `filters.state`)
     position δp_n (m), velocity δv_n (m/s), attitude ε_n (rad), accelerometer bias δb_a (m/s²), gyro bias δb_g (rad/s),
-    north, east, down or body x, y, z. Effects that join the filter (`filters.inclusion`) add p states x after them:
-    reading - b - φ x is what is integrated; φ (6, p) is accelerometer then gyro, body x, y, z.
+    north, east, down or body x, y, z. Effects that join the filter (`filters.kalman.augmentation`) add p states x after
+    them: reading - b - φ x is what is integrated; φ (6, p) is accelerometer then gyro, body x, y, z.
 
 Names
     innovation   reference minus predicted state, before the update       residual   sensor minus reference
@@ -37,21 +37,24 @@ Names
     arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
 
 Where things are
-    `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `motion`
-    what a table does · `reference` what is known of the motion · `alignment` how that is found in data · `state` and
-    `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same step, compiled ·
-    `inclusion` effects as further states and noise · `spkf_paper` the paper's own form, `ekf` (6)-(10) · `engines`
-    what turns samples into estimates; `layout` its arrays · `settings`, `runner` a run, one sample or many ·
-    `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model · `allan` white noise and
-    drift of a log · `simulation` units with known truth.
+    Ground: `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `state`
+    the navigation state and the order of the errors · `allan` white noise and drift of a log.
 
-    `effects` the catalogue of what may be wrong with a unit · `residual` reading minus what a perfect unit reads, in
-    blocks · `whitening` the bias filter over residuals and regressors, likelihood of drift · `evidence` what a
-    hypothesis gains · `selection` which are there, `rivals` what else would do · `levels` what the noise follows ·
-    `untestable`, `limits` what a log can't show, and what is too small for it · `prospect` what a motion will let be
-    told · `verification` error before and after · `curves` what a free curve looks like · `experiment`, `plans` the
-    motion that separates rivals · `judgement` what is known of findings, `document` the report · `tracing` all of it
-    in order.
+    `motion`      what is known of it: `profile` what a table does · `reference` what the filter is fed · `alignment`
+                  how that is found in data
+    `kalman`      the filters: `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same
+                  step, compiled · `augmentation` effects as further states and noise · `spkf_paper` the paper's own
+                  form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its arrays · `settings`,
+                  `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences on
+                  what contradicts the model
+    `effects`     the catalogue of what may be wrong with a unit · `simulation` units with known truth
+    `tracing`     `residual` reading minus what a perfect unit reads, in blocks · `whitening` the bias filter over
+                  residuals and regressors, likelihood of drift · `design_matrix` what a hypothesis gains · `selection`
+                  which are there, `rivals` what else would do · `noise_level` what the noise follows ·
+                  `identifiability`, `detectability` what a log can't show, and what is too small for it · `prospect`
+                  what a motion will let be told · `validation` error before and after · `driver_curve` what a free
+                  curve looks like · `experiment`, `candidate_motions` the motion that separates rivals · `assessment`
+                  what is known of findings, `report` the document · `trace` all of it in order
 
 Residual and effects
     residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an

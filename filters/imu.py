@@ -68,7 +68,7 @@ _Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Process noise of the filter, per body axis; see `filters.spkf.process_noise`.
+    """Process noise of the filter, per body axis; see `filters.kalman.spkf.process_noise`.
 
     Attributes
     ----------

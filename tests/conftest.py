@@ -20,7 +20,7 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile once, before processes under test would all do so at the same time and miss their deadlines."""
     if not hasattr(session.config, "workerinput"):
-        from filters import runner
+        from filters.kalman import runner
         from imutui.logbook import reader
 
         runner.warm_up()

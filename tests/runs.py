@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from filters.imu import AxisMap, ImuSpec
-from filters.motion import Dwell, Profile, Rate, Sine
-from filters.residual import Run, rest_attitudes
+from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
+from filters.tracing.residual import Run, rest_attitudes
 
 WHITE = ImuSpec(gyro_bandwidth=0.0, accel_bandwidth=0.0)
 QUIET = replace(WHITE, gyro_arw=0.0, accel_vrw=0.0)

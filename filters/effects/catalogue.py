@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from filters.effects import additive, drivers, motion
+from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS
 
@@ -92,7 +92,7 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any])
     ValueError
         If there is no such effect, or its shape is not one that it can have.
     """
-    for s in motion.shared():
+    for s in reference_errors.shared():
         if s.effect == effect:
             return s
     if len(channels) != 1:
@@ -101,10 +101,14 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any])
     wanted = {key: value for key, value in shape.items() if key != "knots"}
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)
-    for h in (*additive.hypotheses(channel), *motion.harmonics(channel)):
+    for h in (*additive.hypotheses(channel), *reference_errors.harmonics(channel)):
         if h.effect == effect and dict(h.shape()) == wanted:
             return h
-    known = [dict(h.shape()) for h in (*additive.hypotheses(channel), *motion.harmonics(channel)) if h.effect == effect]
+    known = [
+        dict(h.shape())
+        for h in (*additive.hypotheses(channel), *reference_errors.harmonics(channel))
+        if h.effect == effect
+    ]
     if not known:
         raise ValueError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')
     raise ValueError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')

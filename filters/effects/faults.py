@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from filters.effects import lattice as steps
-from filters.effects import stamps
+from filters.effects import quantisation as steps
+from filters.effects import time_stamps
 from filters.imu import CHANNELS
 from filters.types import Array
 
@@ -121,7 +121,7 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_
     faults: list[Fault] = []
     if t.size < steps.LEAST_WINDOW:
         return flagged, faults
-    look = stamps.look(t)
+    look = time_stamps.look(t)
     for c in range(len(CHANNELS)):
         channel = _channel(c, t, reading, perfect, lsb, look.period)
         flagged[:, c] = _of_channel(channel, faults)
@@ -357,7 +357,7 @@ def _coarse(channel: _Channel, stuck: _Bools, faults: list[Fault]) -> None:
 # ----------------------------------------------------------------------------------------------------------- stamps
 
 
-def _of_stamps(t: Array, look: stamps.Stamps) -> list[Fault]:
+def _of_stamps(t: Array, look: time_stamps.Stamps) -> list[Fault]:
     faults = []
     if look.gaps.size:
         longest = float(np.max(t[look.gaps + 1] - t[look.gaps]))

@@ -2,7 +2,7 @@
 
 The way of a reading, each step where it physically happens:
 
-    1. `motion`    what there is to sense: the table's motion, Earth rate, gravity, at the place and time of the sensor
+    1. `truth`     what there is to sense: the table's motion, Earth rate, gravity, at the place and time of the sensor
                    (delay, lever_arm, tilt, gravity, earth_rate, mounting)
     2. `additive`, `drift`   the sensor's own errors, added to that and to the bias (thermal_lin … gauss_markov)
     3. white noise of the specification's density (noise_level, noise_crosstalk); the band limit of it all (bandwidth)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from filters.imu import CHANNELS
-from filters.simulation import additive, drift, motion, output
+from filters.simulation import additive, drift, output, truth
 from filters.simulation.parameters import Parameter, Setup
 
 EFFECTS: dict[str, type[Any]] = {
@@ -24,15 +24,15 @@ EFFECTS: dict[str, type[Any]] = {
     "nonlinearity_quadratic": additive.NonlinearityQuadratic,
     "thermal_scale": additive.ThermalScale,
     "cross_axis": additive.CrossAxis,
-    "mounting": motion.Mounting,
+    "mounting": truth.Mounting,
     "g_sensitivity": additive.GSensitivity,
     "g_squared": additive.GSquared,
-    "earth_rate": motion.EarthRate,
+    "earth_rate": truth.EarthRate,
     "harmonic": additive.Harmonic,
-    "delay": motion.Delay,
-    "lever_arm": motion.LeverArm,
-    "tilt": motion.Tilt,
-    "gravity": motion.Gravity,
+    "delay": truth.Delay,
+    "lever_arm": truth.LeverArm,
+    "tilt": truth.Tilt,
+    "gravity": truth.Gravity,
     "tone": additive.Tone,
     "step": additive.Step,
     "telegraph": drift.Telegraph,

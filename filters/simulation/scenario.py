@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from filters.imu import IMU400CD_200, AxisMap, ImuSpec
-from filters.motion import Profile
+from filters.motion.profile import Profile
 from filters.simulation.catalogue import Effect
 from filters.state import PAPER_SITE, Site
 from filters.types import Array

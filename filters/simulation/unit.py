@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from filters.imu import IMU400CD_200, ImuSpec, Samples
-from filters.motion import Profile
+from filters.motion.profile import Profile
 from filters.simulation.additive import Additive
 from filters.simulation.catalogue import Effect
-from filters.simulation.motion import MotionEffect, World
 from filters.simulation.output import (
     Bandwidth,
     Coarse,
@@ -27,6 +26,7 @@ from filters.simulation.output import (
 )
 from filters.simulation.parameters import Inputs
 from filters.simulation.scenario import Scenario, Truth, draw
+from filters.simulation.truth import MotionEffect, World
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
 

@@ -60,7 +60,7 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
 
 def in_words(error: Exception) -> tuple[int, str]:
     """Exit code of an error, and what to tell the user."""
-    from filters.spkf import DivergenceError
+    from filters.kalman.spkf import DivergenceError
     from imutui.config import ConfigError
     from imutui.logbook.importer import ImportDataError
     from imutui.logbook.reader import UnreadableLogError

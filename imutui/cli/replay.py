@@ -83,7 +83,7 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     if len(logs) == 1:
         yield _one(logs[0], options, _progress(logs[0]))
         return
-    from filters import runner
+    from filters.kalman import runner
     from imutui.jobs.parallel import each
 
     runner.warm_up()  # once, or each process would compile the step for itself

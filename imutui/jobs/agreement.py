@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters import residual
 from filters.imu import STANDARD_GRAVITY, format_mount
+from filters.tracing import residual
 from filters.types import Array
 from imutui.jobs.runs import Read
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from filters import motion, plans, prospect
-from filters.motion import Dwell, Profile, Rate, Segment, Sine
-from filters.prospect import BIAS, TESTABLE, Quantity
+from filters.motion import profile as motion
+from filters.motion.profile import Dwell, Profile, Rate, Segment, Sine
+from filters.tracing import candidate_motions, prospect
+from filters.tracing.prospect import BIAS, TESTABLE, Quantity
 from imutui.logbook import motions
 
 VERSION = 1
@@ -84,10 +85,10 @@ class Step:
 
 def ready_made() -> list[Offer]:
     """Profiles that need no file."""
-    six = plans.positions(plans.SIX, _BY_HAND_S)
-    eighteen = plans.positions((*plans.SIX, *plans.TWELVE), _BRIEF_S)
+    six = candidate_motions.positions(candidate_motions.SIX, _BY_HAND_S)
+    eighteen = candidate_motions.positions((*candidate_motions.SIX, *candidate_motions.TWELVE), _BRIEF_S)
     rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
-    turns = [segment for axis in reversed(motion.AXES) for segment in plans.turns(axis, rates)]
+    turns = [segment for axis in reversed(motion.AXES) for segment in candidate_motions.turns(axis, rates)]
     made = [
         (f"six positions, {_BY_HAND_S:.0f} s each", "six positions", Profile(tuple(six), align="marks")),
         (f"eighteen positions, {_BRIEF_S:.0f} s each", "eighteen positions", Profile(tuple(eighteen), align="marks")),
@@ -236,8 +237,8 @@ def makes_observable(profile: Profile) -> list[list[str]]:
     """For each segment the effects and biases that become testable with it, in words, the most important first.
 
     Testable is what stands out of the noise of the segments so far and of what all others could make of it
-    (`filters.prospect`); the first segment also says which biases it only shows as a sum. Made as it is written; of a
-    profile that is joined by marks, at rest only.
+    (`filters.tracing.prospect`); the first segment also says which biases it only shows as a sum. Made as it is
+    written; of a profile that is joined by marks, at rest only.
     """
     seen: set[Quantity] = set()
     out = []

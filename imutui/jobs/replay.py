@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from filters import alignment, allan, layout, runner
+from filters import allan
 from filters.imu import Noise
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.runner import Estimator
-from filters.settings import Settings
+from filters.kalman import layout, runner
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import Settings
+from filters.motion import alignment
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from imutui.logbook import effects, estimates, motions, reader, results, schemas
 from imutui.logbook.estimates import Verdict
 from imutui.logbook.motions import ReferenceFile

@@ -1,6 +1,6 @@
 """From logs to what a unit's model lacks: read, check that they belong together, trace.
 
-What it leaves out: the method (`filters.tracing`), how it is told (`imutui.report`), files that come of it.
+What it leaves out: the method (`filters.tracing.trace`), how it is told (`imutui.report`), files that come of it.
 """
 
 import math
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import imutui
-from filters.effects.record import Trace
+from filters.effects.records import Trace
 from imutui.jobs import agreement, replay, runs
 from imutui.jobs.runs import Read
 from imutui.logbook import reader
@@ -90,7 +90,7 @@ def trace(
     ValueError
         If they do not belong together, or do not follow their reference; the message says what to do.
     """
-    from filters import tracing
+    from filters.tracing import trace as tracing
 
     _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)

@@ -36,10 +36,10 @@ from typing import Any
 
 import numpy as np
 
-from filters.effects.causal import CausalEffects
-from filters.effects.record import Included, State, Trace
+from filters.effects.records import Included, State, Trace
+from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS
-from filters.inclusion import Effects, MakeEffects
+from filters.kalman.augmentation import Effects, MakeEffects
 from imutui.logbook.session import SessionInfo
 
 ATTACHMENT = "effects.toml"

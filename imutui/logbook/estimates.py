@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters import attitude, layout, state
-from filters.runner import Estimator
+from filters import attitude, state
+from filters.kalman import layout
+from filters.kalman.runner import Estimator
 from imutui.logbook import results, schemas
 from imutui.logbook.session import SessionInfo
 
@@ -40,7 +41,7 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: Verdict, info: Sess
     Parameters
     ----------
     rows : np.ndarray
-        As `filters.runner.rows` gives them, shape (K, layout.OUT).
+        As `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
     stamps_ns : np.ndarray
         Sampling instants, UTC, ns, shape (K,).
     verdict : Verdict

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from filters import attitude
-from filters.motion import Profile, attitudes
-from filters.reference import Trajectory
+from filters.motion.profile import Profile, attitudes
+from filters.motion.reference import Trajectory
 from filters.state import Site
 from filters.types import Array
 from imutui.logbook import motions, trajectory

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters import motion
-from filters.motion import Profile
-from filters.reference import Trajectory
+from filters.motion import profile
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from imutui.logbook import trajectory
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
@@ -61,7 +61,7 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
         raise ValueError(f"{name} is not a text file ({error})") from error
     if name.lower().endswith(".toml"):
         try:
-            return motion.from_document(tomllib.loads(text))
+            return profile.from_document(tomllib.loads(text))
         except ValueError as error:
             raise ValueError(f"{name} is no table profile: {error}") from error
     first = next(csv.reader([text.partition("\n")[0]]), [])
@@ -93,6 +93,6 @@ def parse_angles(text: str, name: str) -> Profile:
             raise ValueError(f'{name}, row {n + 2}: "{", ".join(row)}" is not four numbers') from error
     t, outer, middle, inner = values.T
     try:
-        return motion.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
+        return profile.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
     except ValueError as error:
         raise ValueError(f"{name}: {error} (rows counted from 0, after the heading)") from error

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from filters import attitude, consistency, state
+from filters import attitude, state
 from filters.imu import AxisMap
-from filters.runner import Estimator
+from filters.kalman import consistency
+from filters.kalman.runner import Estimator
 from filters.state import NavState
 from imutui.logbook.session import SessionInfo
 

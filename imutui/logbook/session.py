@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
-from filters.inclusion import MakeEffects
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.settings import Settings
+from filters.kalman.augmentation import MakeEffects
+from filters.kalman.settings import Settings
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from filters.state import PAPER_SITE, Site
 
 METADATA = "imutui.session"
@@ -50,7 +50,7 @@ class SessionInfo:
     latitude_deg, longitude_deg, height_m, gravity_mps2 : float
         Site.
     reference, filter, measurements, seed, kappa :
-        See `filters.settings.Settings`.
+        See `filters.kalman.settings.Settings`.
     noise : str
         "table1", or "log": measured on the log before it is filtered.
     reference_sha256 : str

@@ -8,7 +8,7 @@ import io
 
 import numpy as np
 
-from filters.reference import Trajectory
+from filters.motion.reference import Trajectory
 
 COLUMNS = ("t", "lat", "lon", "h", "vn", "ve", "vd", "roll", "pitch", "yaw")
 _REQUIRED = COLUMNS[:7]

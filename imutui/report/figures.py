@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal
 
 from filters import allan
-from filters.effects.record import Series
+from filters.effects.records import Series
 from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
 from imutui.report.sentences import CHANNELS

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from filters.effects.record import Series
+from filters.effects.records import Series
 from imutui.report import sentences
 from imutui.report.figures import Picture, pictures
 

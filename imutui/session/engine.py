@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from filters.motion import Profile
+from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES, Scaling
 from imutui.instrument.port import Port

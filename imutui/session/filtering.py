@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from filters import layout, runner
-from filters.inclusion import MakeEffects
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.runner import Estimator
-from filters.spkf import DivergenceError
+from filters.kalman import layout, runner
+from filters.kalman.augmentation import MakeEffects
+from filters.kalman.runner import Estimator
+from filters.kalman.spkf import DivergenceError
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from imutui.logbook import estimates, reader
 from imutui.logbook.session import SessionInfo
 

@@ -2,13 +2,14 @@
 
 The guide says where to go and waits, for ever if need be; it is told when the operator has arrived, holds for the
 segment's seconds, and goes on to the next. No I/O: whoever runs it passes the monotonic clock in and writes the marks,
-by which the filter joins the profile to the log ("segment 3", counted from 1; see `filters.reference.TableMotion`).
+by which the filter joins the profile to the log ("segment 3", counted from 1; see
+`filters.motion.reference.TableMotion`).
 """
 
 import math
 from typing import Any
 
-from filters.motion import Dwell, Profile, Rate, Sampled, Segment, Sine
+from filters.motion.profile import Dwell, Profile, Rate, Sampled, Segment, Sine
 
 GO, HOLD, DONE, CANCELLED = "go", "hold", "done", "cancelled"
 

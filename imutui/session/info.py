@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 import imutui
-from filters.inclusion import MakeEffects
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.runner import Estimator
+from filters.kalman.augmentation import MakeEffects
+from filters.kalman.runner import Estimator
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from filters.state import Site
 from imutui.instrument.port import Port
 from imutui.logbook import effects, motions

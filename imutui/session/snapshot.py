@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from filters.imu import CHANNELS
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.runner import Estimator
+from filters.kalman.runner import Estimator
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from imutui.logbook import results
 from imutui.logbook.session import SessionInfo
 from imutui.session.disk import Growth, Room

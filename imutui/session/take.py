@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from filters.inclusion import MakeEffects
-from filters.motion import Profile
-from filters.reference import Trajectory
-from filters.runner import Estimator
+from filters.kalman.augmentation import MakeEffects
+from filters.kalman.runner import Estimator
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Packet, Scaling
 from imutui.logbook import reader, results, schemas

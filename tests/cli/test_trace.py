@@ -14,8 +14,8 @@ import pytest
 import traces
 from traces import arrays, imported
 
-from filters.effects.record import Trace
-from filters.residual import Run
+from filters.effects.records import Trace
+from filters.tracing.residual import Run
 from imutui import cli
 from imutui.report import figures
 from imutui.scenario import load_profile, load_scenario
@@ -54,9 +54,9 @@ def tracer(monkeypatch: pytest.MonkeyPatch) -> Tracer:
     import filters
 
     stand_in = Tracer()
-    module = types.ModuleType("filters.tracing")
+    module = types.ModuleType("filters.tracing.trace")
     module.trace = stand_in.trace  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "filters.tracing", module)
+    monkeypatch.setitem(sys.modules, "filters.tracing.trace", module)
     monkeypatch.setattr(filters, "tracing", module, raising=False)
     return stand_in
 
@@ -248,7 +248,7 @@ def test_no_sample_is_left_out(run: Any, tracer: Tracer, home: Path) -> None:
     seen: list[Run] = []
     tracer.made = lambda names: traces.nothing(names)
     original = tracer.trace
-    sys.modules["filters.tracing"].trace = lambda runs, heldout, **rest: (  # type: ignore[attr-defined]
+    sys.modules["filters.tracing.trace"].trace = lambda runs, heldout, **rest: (  # type: ignore[attr-defined]
         seen.extend(runs), original(runs, heldout, **rest))[1]  # fmt: skip
     given = arrays(70.0, moving=False, seed=6)
     imported(home / "a.mcap", given)

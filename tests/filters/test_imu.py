@@ -3,9 +3,11 @@ import itertools
 import numpy as np
 import pytest
 
-from filters import reference, runner, simulation
+from filters import simulation
 from filters.imu import AxisMap, format_mount, parse_mount
-from filters.runner import Estimator, Settings
+from filters.kalman import runner
+from filters.kalman.runner import Estimator, Settings
+from filters.motion import reference
 from filters.state import PAPER_SITE
 
 UPSIDE_DOWN = "x,-y,-z"

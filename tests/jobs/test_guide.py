@@ -7,9 +7,9 @@ from pathlib import Path
 
 from conftest import imutui
 
-from filters import prospect
-from filters.motion import Dwell, Profile, Rate, Sine
-from filters.prospect import TESTABLE, Quantity
+from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.tracing import prospect
+from filters.tracing.prospect import TESTABLE, Quantity
 from imutui.jobs import guide
 
 UP = Dwell((0.0, 0.0, 0.0), 60.0)

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from filters import attitude, motion, reference, runner, simulation, state
+from filters import attitude, simulation, state
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, Samples
-from filters.motion import Profile
-from filters.runner import Estimate, Estimator
+from filters.kalman import runner
+from filters.kalman.runner import Estimate, Estimator
+from filters.motion import profile as motion
+from filters.motion import reference
+from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import PAPER_SITE
 from imutui.jobs import replay as job

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from traces import arrays, imported, readings, tumble
 
-from filters import residual
 from filters.attitude import to_quaternion
 from filters.imu import AxisMap, parse_mount
-from filters.motion import angles_of, attitudes
+from filters.motion.profile import angles_of, attitudes
+from filters.tracing import residual
 from imutui.jobs import agreement, runs
 from imutui.jobs.replay import Options
 from imutui.jobs.runs import Read

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import traces
 
-from filters.effects.record import Included, State, Trace
+from filters.effects.records import Included, State, Trace
 from imutui.logbook import effects, whole
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from runs import run_of
 
-from filters import tracing
+from filters.tracing import trace
 from imutui.scenario import load_scenario
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 
@@ -27,7 +27,7 @@ def test_the_demo_leaves_the_configuration_of_real_units_out() -> None:
 def test_two_minutes_of_the_demo_are_traced_to_its_effect() -> None:
     """What a newcomer records first has a finding: the y gyro's 0.7 Hz, with its amplitude, and nothing else."""
     scenario = load_scenario(Path(demo(Plan(VIRTUAL_PORT)).virtual[3]))
-    found = tracing.trace([run_of(replace(scenario, seed=0), seconds=120.0)], None).document["findings"]
+    found = trace.trace([run_of(replace(scenario, seed=0), seconds=120.0)], None).document["findings"]
     assert [(finding["effect"], finding["channels"]) for finding in found] == [("tone", ["gy"])]
     values = {param["name"]: param["value"] for param in found[0]["params"]}
     assert abs(values["hz"] - 0.7) < 0.002

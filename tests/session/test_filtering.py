@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from filters import reference, runner
-from filters.motion import Dwell, Profile
-from filters.runner import Estimator
+from filters.kalman import runner
+from filters.kalman.runner import Estimator
+from filters.motion import reference
+from filters.motion.profile import Dwell, Profile
 from filters.state import PAPER_SITE
 from imutui.logbook import reader, schemas
 from imutui.logbook.session import SessionInfo

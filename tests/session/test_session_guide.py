@@ -2,7 +2,7 @@
 
 import pytest
 
-from filters.motion import Dwell, Profile, Rate, Sampled, Sine
+from filters.motion.profile import Dwell, Profile, Rate, Sampled, Sine
 from imutui.session import guide
 from imutui.session.guide import Guide
 

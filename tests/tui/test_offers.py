@@ -2,7 +2,7 @@
 
 from fake import FakeClient
 
-from filters.settings import FILTERS
+from filters.kalman.settings import FILTERS
 from imutui.session.plan import SAMPLINGS
 from imutui.tui import offers
 

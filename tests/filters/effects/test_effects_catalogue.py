@@ -10,13 +10,13 @@ import pytest
 from runs import QUIET, run_of
 
 from filters import simulation
-from filters.effects import additive, catalogue, drivers, motion
+from filters.effects import additive, catalogue, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
-from filters.evidence import is_slow
 from filters.imu import CHANNELS, AxisMap, parse_mount
-from filters.motion import Dwell, Profile, Rate, Sine
-from filters.residual import Blocks, blocks
+from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.simulation import Effect, Scenario, Temperature
+from filters.tracing.design_matrix import is_slow
+from filters.tracing.residual import Blocks, blocks
 
 DEG = np.pi / 180.0
 NONE = (0.0, 0.0, 0.0)
@@ -246,9 +246,9 @@ def test_parameters_are_in_the_units_that_the_simulator_takes(name: str, number:
 
 
 def everything() -> list[Hypothesis]:
-    found: list[Hypothesis] = list(motion.shared())
+    found: list[Hypothesis] = list(reference_errors.shared())
     for c in range(6):
-        found += [*additive.hypotheses(c), *motion.harmonics(c)]
+        found += [*additive.hypotheses(c), *reference_errors.harmonics(c)]
     return found
 
 

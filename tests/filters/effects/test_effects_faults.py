@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from filters.effects import faults, stamps
-from filters.effects.lattice import lattice
-from filters.motion import Dwell, Profile, Rate, Sine
+from filters.effects import faults, time_stamps
+from filters.effects.quantisation import lattice
+from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.simulation import LOOP_HZ, Effect, Scenario, Unit
-from filters.simulation.motion import World
+from filters.simulation.truth import World
 from filters.state import PAPER_SITE
 from imutui.instrument.scaling import Scaling
 
@@ -189,7 +189,7 @@ def test_bursts_of_arrival_are_jitter_and_not_loss() -> None:
     sampled = np.arange(20000) * 0.01
     sampled[12000:] += 0.4
     t = np.ceil(sampled / 0.05) * 0.05 + 0.002 * (np.arange(20000) % 5)
-    look = stamps.look(t)
+    look = time_stamps.look(t)
     assert look.bursts
     assert look.period == pytest.approx(0.01, rel=1e-3)
     assert look.gaps.tolist() == [11999] or look.gaps.tolist() == [12000]
@@ -203,8 +203,8 @@ def test_a_late_stamp_is_no_lost_reading() -> None:
     """A reading 0.7 periods late is made up for by the next step; one that is missing is not."""
     t = np.arange(1000) * 0.01
     t[500] += 0.007
-    assert not stamps.look(t).gaps.size
-    assert stamps.look(np.delete(t, 300)).gaps.tolist() == [299]
+    assert not time_stamps.look(t).gaps.size
+    assert time_stamps.look(np.delete(t, 300)).gaps.tolist() == [299]
 
 
 EXPECTED = {

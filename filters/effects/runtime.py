@@ -1,0 +1,302 @@
+"""Found effects as the filter takes them: regressors from the past alone, sample by sample or many at once.
+
+Temperature is smoothed causally (5 s, its rate 15 s) by double exponential smoothing, which lags no ramp. What a sensor
+truly senses is the reference's where that is known, else what it reads. States are in the units of their report; every
+regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from filters import attitude, earth
+from filters.effects import catalogue
+from filters.effects.drivers import SCALARS
+from filters.effects.hypothesis import DPS, MG, Hypothesis
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
+from filters.effects.records import Included
+from filters.imu import CHANNELS, AxisMap
+from filters.motion import profile
+from filters.motion.reference import FORCE, QUATERNION, RATE
+from filters.state import Site
+from filters.types import Array
+
+_SMOOTH_S, _SLOPE_S = 5.0, 15.0
+_MEMORY = 5
+_NOT_CAUSAL = ("driver:settling", "driver:direction", "driver:turns", "driver:since_motion", "driver:table_accel")
+
+_Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Columns of some states: a hypothesis on channels, or a constant, or a tone, on one."""
+
+    channels: tuple[int, ...]
+    hypothesis: Hypothesis | None
+    scale: Array  # SI value of one unit of each state
+    hz: float = 0.0
+
+
+class CausalEffects:
+    """Effects of one run, `filters.kalman.augmentation.Effects`.
+
+    Parameters
+    ----------
+    included : sequence of Included
+        What a trace found.
+    correlation : Array
+        Of all states in order, shape (p, p).
+    axes : AxisMap
+        Sign and mounting of the unit.
+    site : Site
+        Where it stands.
+    period : float
+        Of the samples, s.
+
+    Raises
+    ------
+    ValueError
+        If an effect is not known, or can't be had from the past alone; the message names it.
+    """
+
+    def __init__(
+        self, included: Sequence[Included], correlation: Array, axes: AxisMap, site: Site, period: float
+    ) -> None:
+        self._axes, self._site, self._period = axes, site, period
+        for effect in included:
+            if effect.effect not in catalogue.EFFECTS and not effect.effect.startswith("driver:"):
+                raise ValueError(f'`effect` is "{effect.effect}", which is none of the catalogue')
+            if effect.include_as in "AS" and not effect.states:
+                raise ValueError(f'"{effect.effect}" has no states: without them it changes nothing')
+        self._parts = [_part(effect) for effect in included if effect.states]
+        states = [(effect, state) for effect in included for state in effect.states]
+        self.names = tuple(f"{'/'.join(e.channels)} {e.effect} {s.name} ({s.unit})" for e, s in states)
+        self.mean = np.array([s.mean for _, s in states])
+        sd = np.array([s.sd for _, s in states])
+        self.covariance = correlation * np.outer(sd, sd)
+        self.tau = np.array([s.tau_s for _, s in states])
+        self.q = np.array([s.q for _, s in states])
+        self._levels = [effect for effect in included if effect.effect == "noise_level"]
+        self._gates = [effect for effect in included if effect.include_as == "P"]
+        self._thermal = _Thermal(period)
+        self._last: tuple[float, Array, Array] | None = None
+        self._recent = np.full((_MEMORY, 6), np.nan)
+        self._C = np.eye(3)[None]
+
+    def rows(
+        self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
+    ) -> tuple[Array, Array, _Bools]:
+        """Regressor, noise and use of the next samples; see `filters.kalman.augmentation.Effects`."""
+        reading = np.hstack([self._axes.gyro_to_instrument(gyro), self._axes.accel_to_instrument(accel)])
+        inputs = self._inputs(t, reading, temperature, known)
+        phi = np.zeros((t.size, 6, len(self.names)))
+        at = 0
+        for part in self._parts:
+            phi[:, :, at : at + part.scale.size] = self._in_body(self._columns(part, inputs), part.scale)
+            at += part.scale.size
+        return phi, self._noise(inputs), self._use(reading, inputs)
+
+    def _columns(self, part: _Part, inputs: Inputs) -> Array:
+        """Columns in instrument axes, shape (N, 6, k)."""
+        out = np.zeros((inputs.t.size, 6, part.scale.size))
+        for c in part.channels:
+            if part.hypothesis is not None:
+                out[:, c] = part.hypothesis.columns(inputs, c)
+            elif part.hz > 0.0:
+                phase = 2.0 * np.pi * part.hz * inputs.t
+                out[:, c] = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+            else:
+                out[:, c] = 1.0
+        return out
+
+    def _in_body(self, columns: Array, scale: Array) -> Array:
+        """To body axes, accelerometer first, and to the units of the states."""
+        turned = np.moveaxis(columns * scale, 1, 2)
+        accel, gyro = self._axes.accel_to_body(turned[..., 3:]), self._axes.gyro_to_body(turned[..., :3])
+        return np.moveaxis(np.concatenate([accel, gyro], axis=2), 2, 1)
+
+    # --------------------------------------------------------------------------------------------------- inputs
+
+    def _inputs(self, t: Array, reading: Array, temperature: Array, known: Array) -> Inputs:
+        n = t.size
+        rate, force = known[:, RATE], known[:, FORCE]
+        sensed = np.hstack([self._axes.gyro_to_instrument(rate), self._axes.accel_to_instrument(force)])
+        have = np.asarray(np.isfinite(sensed).all(axis=1))
+        x = np.where(have[:, None], np.nan_to_num(sensed), reading)
+        C = self._attitudes(known)
+        # written out, since a product of matrices may add in an order that depends on how many samples come at once
+        north, _, down = earth.earth_rate_n(np.array(self._site.latitude)).tolist()
+        spin_b = north * C[:, 0] + down * C[:, 2]
+        turning = self._axes.gyro_to_body(x[:, :3]) - spin_b
+        x_dot, turning_dot = self._slopes(t, x, turning)
+        T, T_rate, lagged, plays = self._thermal.follow(temperature)
+        axes, gamma = self._axes, self._site.gravity
+        tilt = gamma * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
+        lever = [
+            axes.accel_to_instrument(np.cross(turning, np.cross(turning, r)) + np.cross(turning_dot, r))
+            for r in axes.mount.T
+        ]
+        zero = np.zeros((n, 3))
+        spin = axes.gyro_to_instrument(spin_b)
+        arms = np.stack(lever, axis=2)
+        return Inputs(
+            t,
+            x,
+            x_dot,
+            T,
+            T_rate,
+            lagged,
+            plays,
+            spin,
+            tilt,
+            arms,
+            profile.angles_of(C),
+            zero,
+            np.zeros(n),
+            np.zeros(n),
+            zero,
+        )
+
+    def _attitudes(self, known: Array) -> Array:
+        """C_nb of each sample; the last known one where the reference says nothing."""
+        q = known[:, QUATERNION]
+        have = np.asarray(np.isfinite(q).all(axis=1))
+        last = np.maximum.accumulate(np.where(have, np.arange(len(q)), -1))
+        C = np.where((last >= 0)[:, None, None], attitude.from_quaternion(q[np.maximum(last, 0)]), self._C)
+        self._C = C[-1:].copy()
+        return C
+
+    def _slopes(self, t: Array, x: Array, turning: Array) -> tuple[Array, Array]:
+        """Derivatives by backward differences; zero for the first sample."""
+        before = self._last or (t[0] - self._period, x[0], turning[0])
+        dt = np.diff(t, prepend=before[0])[:, None]
+        out = np.diff(x, axis=0, prepend=before[1][None]) / dt, np.diff(turning, axis=0, prepend=before[2][None]) / dt
+        self._last = float(t[-1]), x[-1].copy(), turning[-1].copy()
+        return out
+
+    # -------------------------------------------------------------------------------------------- noise and use
+
+    def _noise(self, inputs: Inputs) -> Array:
+        """Factor on the standard deviation of white noise, body axes, accelerometer first, shape (N, 6)."""
+        out = np.ones((inputs.t.size, 6))
+        for level in self._levels:
+            value = SCALARS[str(level.parameters["driver"])][1](inputs)
+            ratio = np.interp(value, level.parameters["knots"], level.parameters["ratio"])
+            for name in level.channels:
+                out[:, CHANNELS.index(name)] *= ratio
+        mount = np.abs(self._axes.mount)
+        return np.hstack([out[:, 3:] @ mount.T, out[:, :3] @ mount.T])
+
+    def _use(self, reading: Array, inputs: Inputs) -> _Bools:
+        """Whether each sample is a reading: no spike, not at a limit."""
+        use = np.ones(len(reading), bool)
+        if not self._gates:
+            return use
+        e = reading - inputs.x
+        past = np.vstack([self._recent, e])
+        self._recent = past[-_MEMORY:].copy()
+        for gate in self._gates:
+            for c in (CHANNELS.index(name) for name in gate.channels):
+                limit = float(gate.parameters["limit"]) * (DPS if c < 3 else MG)
+                if gate.effect == "saturation":
+                    use &= np.abs(reading[:, c]) < limit * (1.0 - 1e-6)
+                else:
+                    windows = np.lib.stride_tricks.sliding_window_view(past[:-1, c], _MEMORY)
+                    middle = np.where(np.isnan(windows).any(axis=1), e[:, c], np.median(windows, axis=1))
+                    use &= np.abs(e[:, c] - middle) <= limit
+        return use
+
+
+def _part(effect: Included) -> _Part:
+    channels = tuple(CHANNELS.index(name) for name in effect.channels)
+    gyro = channels[0] < 3
+    if effect.effect in ("random_walk", "gauss_markov", "tone"):
+        scale = np.full(len(effect.states), DPS if gyro else MG)
+        return _Part(channels, None, scale, float(effect.parameters.get("hz", 0.0)))
+    if effect.effect.startswith(_NOT_CAUSAL):
+        raise ValueError(
+            f'"{effect.effect}" follows the table\'s past motion, which the filter does not have: take it out of the'
+            " file"
+        )
+    h = catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
+    parameters = h.parameters()
+    if len(parameters) != len(effect.states):
+        raise ValueError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')
+    for p, state in zip(parameters, effect.states, strict=True):
+        if p.unit != state.unit:
+            raise ValueError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
+    return _Part(h.channels, h, np.array([p.si for p in parameters]))
+
+
+class _Thermal:
+    """Temperature smoothed from the past, its rate, lagged temperatures and plays."""
+
+    def __init__(self, period: float) -> None:
+        self._poles = [np.exp(-period / tau) for tau in (_SMOOTH_S, _SLOPE_S)]
+        self._lags = [np.exp(-period / tau) for tau in LAGS]
+        self._memories: list[Array] | None = None
+        self._lagging: list[Array] = []
+        self._held = np.nan
+        self._start = 0.0
+        widths = np.array(PLAY_WIDTHS)
+        self._widths = widths
+        self._r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
+        self._plays = np.zeros(self._r.size)
+
+    def follow(self, temperature: Array) -> tuple[Array, Array, Array, Array]:
+        """Level (degC), rate (K/s), lagged (N, LAGS), plays (N, PLAY_WIDTHS) of the next samples."""
+        raw = self._filled(temperature)
+        if not np.isfinite(raw).all():
+            n = raw.size
+            nan = np.full(n, np.nan)
+            return nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(PLAY_WIDTHS)), np.nan)
+        if self._memories is None:
+            self._memories = [np.array([p * raw[0]]) for p in self._poles for _ in range(2)]
+            self._lagging = [np.array([p * raw[0]]) for p in self._lags]
+            self._start = float(raw[0])
+        level, _ = self._doubled(raw, 0)
+        _, slope = self._doubled(raw, 1)
+        lagged = np.empty((raw.size, len(LAGS)))
+        for k, pole in enumerate(self._lags):
+            lagged[:, k], self._lagging[k] = _lag(level, pole, self._lagging[k])
+        return level, slope, lagged, self._played(level - self._start)
+
+    def _filled(self, temperature: Array) -> Array:
+        """The last known temperature where there is none."""
+        if np.isfinite(temperature).all():
+            self._held = float(temperature[-1])
+            return temperature
+        out = temperature.copy()
+        for k in range(out.size):
+            if np.isfinite(out[k]):
+                self._held = float(out[k])
+            out[k] = self._held
+        return out
+
+    def _doubled(self, raw: Array, which: int) -> tuple[Array, Array]:
+        """Level and slope by double exponential smoothing."""
+        assert self._memories is not None
+        pole, tau = self._poles[which], (_SMOOTH_S, _SLOPE_S)[which]
+        once, self._memories[2 * which] = _lag(raw, pole, self._memories[2 * which])
+        twice, self._memories[2 * which + 1] = _lag(once, pole, self._memories[2 * which + 1])
+        return 2.0 * once - twice, (once - twice) / tau
+
+    def _played(self, u: Array) -> Array:
+        out = np.empty((u.size, self._r.size))
+        for k, value in enumerate(u.tolist()):
+            self._plays = np.minimum(np.maximum(self._plays, value - self._r), value + self._r)
+            out[k] = self._plays
+        shaped = out.reshape(u.size, self._widths.size, PLAYS)
+        total = shaped[:, :, 0]
+        for k in range(1, PLAYS):
+            total = total + shaped[:, :, k]
+        return np.asarray(total / PLAYS / self._widths)
+
+
+def _lag(u: Array, pole: float, memory: Array) -> tuple[Array, Array]:
+    out, last = signal.lfilter([1.0 - pole], [1.0, -pole], u, zi=memory)
+    return np.asarray(out), np.asarray(last)

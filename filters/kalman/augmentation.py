@@ -1,0 +1,267 @@
+"""Effects that join the filter: extra states with a regressor, noise that depends on the sample, samples not used.
+
+An effect that was found in the residual (e = φ(k) x) is taken along instead of being subtracted: its coefficients x are
+p more states, whose prior is what was found, so that the filter goes on estimating them and its covariance knows what
+it does not know of them:
+
+    b_eff(k) = b + φ(k) x(k)        reading - b_eff(k) is what (1)-(4) integrate
+    x' = -x/τ + w                   τ infinite and w zero: a constant; else a drift, whose φ is 1 on its channel
+
+Here are the boundary, `Effects`, and the filter on 15 + p states written to be read. What runs is `kernels`, which
+takes 15 lanes through whatever p is; a test holds the two together. Left out: which effects there are, and their
+physics.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters import state
+from filters.kalman import spkf, strapdown
+from filters.kalman.spkf import Belief, Innovation
+from filters.state import NavState
+from filters.types import Array
+
+_ROUNDING = 1e-9
+
+
+class Effects(Protocol):
+    """What joins the filter, for one run: an instance may remember what it was shown, such as a lagged temperature.
+
+    Attributes
+    ----------
+    names : tuple of str
+        One a state, for messages and results.
+    mean, covariance : Array
+        Of the states before the first sample, shapes (p,) and (p, p).
+    tau : Array
+        Time constants, s, shape (p,); infinity for what does not decay.
+    q : Array
+        Noise densities, unit of the state per √s, shape (p,); 0 for what is constant.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def mean(self) -> Array: ...  # noqa: D102
+    @property
+    def covariance(self) -> Array: ...  # noqa: D102
+    @property
+    def tau(self) -> Array: ...  # noqa: D102
+    @property
+    def q(self) -> Array: ...  # noqa: D102
+
+    def rows(
+        self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Regressor, noise and use of the next samples.
+
+        Causal, and the same to the last bit whether samples come one by one or many at once.
+
+        Parameters
+        ----------
+        t : Array
+            s since the first sample, shape (N,); each sample is shown once, in order.
+        gyro, accel : Array
+            Readings, rad/s and m/s², body axes, shape (N, 3).
+        temperature : Array
+            degC, shape (N,); NaN where it is not known.
+        known : Array
+            What the reference says of these samples, shape (N, 25), columns of `filters.motion.reference`.
+
+        Returns
+        -------
+        phi : Array
+            Regressor, shape (N, 6, p), accelerometer then gyro, body axes, SI; finite.
+        noise_scale : Array
+            Factor on the standard deviation of white noise, shape (N, 6), same order; finite, not negative.
+        use : bool array
+            Whether the sample is a reading, shape (N,); if not, the filter predicts through it.
+        """
+        ...
+
+
+MakeEffects = Callable[[], Effects]
+"""Makes the effects of one run: they may have a memory, so that two runs never share them."""
+
+
+def check(effects: Effects) -> None:
+    """Refuse effects whose numbers do not belong together.
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong.
+    """
+    p = len(effects.names)
+    for name, value, shape in (
+        ("mean", effects.mean, (p,)),
+        ("covariance", effects.covariance, (p, p)),
+        ("tau", effects.tau, (p,)),
+        ("q", effects.q, (p,)),
+    ):
+        if np.shape(value) != shape:
+            raise ValueError(f"`{name}` of the effects has shape {np.shape(value)}, not {shape}: {p} states are named")
+        if not np.isfinite(value).all() and name != "tau":
+            raise ValueError(f"`{name}` of the effects is not finite: {value}")
+    if not np.all(effects.tau > 0.0):
+        raise ValueError(f"`tau` of the effects is {effects.tau} s, not positive")
+    if not np.all(effects.q >= 0.0):
+        raise ValueError(f"`q` of the effects is {effects.q}, negative")
+    P = effects.covariance
+    sd = np.sqrt(np.maximum(np.diag(P), 0.0))
+    unit = P / np.outer(np.where(sd > 0.0, sd, 1.0), np.where(sd > 0.0, sd, 1.0))
+    if not np.allclose(unit, unit.T, atol=_ROUNDING) or (p and np.linalg.eigvalsh(unit)[0] < -_ROUNDING):
+        raise ValueError("`covariance` of the effects is not symmetric and positive")
+
+
+def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: NDArray[np.bool_]) -> None:
+    """Refuse rows that no filter can use; samples that are not used may hold anything.
+
+    Raises
+    ------
+    ValueError
+        Naming the state and the time of the first one.
+    """
+    n, p = t.size, len(names)
+    for name, value, shape in (("phi", phi, (n, 6, p)), ("noise_scale", scale, (n, 6)), ("use", use, (n,))):
+        if np.shape(value) != shape:
+            raise ValueError(f"`{name}` of the effects has shape {np.shape(value)}, not {shape}")
+    wrong = use[:, None] & ~np.isfinite(phi).all(axis=1)
+    if wrong.any():
+        k, j = np.argwhere(wrong)[0]
+        raise ValueError(
+            f'`phi` of the effect "{names[j]}" is not finite at {t[k]:.3f} s: its driver is not known there'
+        )
+    wrong = use[:, None] & ~(np.isfinite(scale) & (scale >= 0.0))
+    if wrong.any():
+        k, channel = np.argwhere(wrong)[0]
+        raise ValueError(f"`noise_scale` of the effects is {scale[k, channel]} at {t[k]:.3f} s")
+
+
+# --------------------------------------------------------------------------------------- the filter, written to be read
+
+
+@dataclass(frozen=True, slots=True)
+class Augmented:
+    """Estimate with extra states.
+
+    Attributes
+    ----------
+    nav : NavState
+        The 15 estimated quantities.
+    x : Array
+        The extra states, shape (p,).
+    P : Array
+        Covariance of all errors, shape (15 + p, 15 + p).
+    """
+
+    nav: NavState
+    x: Array
+    P: Array
+
+    def belief(self) -> Belief:
+        """The part without extra states."""
+        return Belief(self.nav, self.P[: state.SIZE, : state.SIZE])
+
+
+def start(nav: NavState, P0_sd: Array, effects: Effects) -> Augmented:
+    """Belief before the first sample; the extra states are not correlated with the 15."""
+    p = effects.mean.size
+    P = np.zeros((state.SIZE + p, state.SIZE + p))
+    P[: state.SIZE, : state.SIZE] = np.diag(P0_sd**2)
+    P[state.SIZE :, state.SIZE :] = effects.covariance
+    return Augmented(nav, effects.mean.copy(), P)
+
+
+def drift(belief: Augmented, tau: Array, q: Array, dt: float) -> Augmented:
+    """The extra states `dt` later: x e^(-dt/τ), with variance q² τ/2 (1 - e^(-2 dt/τ)) added, or q² dt for τ infinite.
+
+    Parameters
+    ----------
+    belief : Augmented
+        At the start of the step.
+    tau, q : Array
+        Time constants, s, and noise densities, shape (p,).
+    dt : float
+        s.
+    """
+    keep = np.exp(-dt / tau)
+    A = np.concatenate([np.ones(state.SIZE), keep])
+    P = belief.P * np.outer(A, A)
+    lasting = np.isinf(tau)
+    finite = np.where(lasting, 1.0, tau)
+    grown = np.where(lasting, dt, -0.5 * finite * np.expm1(-2.0 * dt / finite))
+    P[state.SIZE :, state.SIZE :] += np.diag(q**2 * grown)
+    return Augmented(belief.nav, belief.x * keep, P)
+
+
+def predict(
+    belief: Augmented,
+    gyro: Array,
+    accel: Array,
+    phi: Array,
+    dt: float,
+    gravity: float,
+    Q_d: Array,
+    kappa: float = 0.0,
+) -> Augmented:
+    """Prediction (11)-(15) on 15 + p states: each sigma point takes its own φ x from the readings.
+
+    The extra states are those of the step's end, by `drift`, and constant over the step.
+
+    Parameters
+    ----------
+    belief : Augmented
+        At the start of the step, the extra states at its end.
+    gyro, accel : Array
+        Readings at the start and the end of the step, rad/s and m/s², body, shape (2, 3).
+    phi : Array
+        Regressors there, shape (2, 6, p); twice that of the end for readings that are held.
+    dt, gravity, Q_d, kappa :
+        As `spkf.predict`; n is 15 + p.
+
+    Returns
+    -------
+    Augmented
+        At the end of the step.
+    """
+    n = belief.P.shape[0]
+    L = np.sqrt(n + kappa) * spkf.cholesky(belief.P, "state covariance")
+    deviations = np.concatenate([np.zeros((1, n)), L.T, -L.T])
+    weights = np.full(2 * n + 1, 0.5 / (n + kappa))
+    weights[0] = kappa / (n + kappa)
+
+    x = belief.x + deviations[:, state.SIZE :]
+    effects = np.einsum("eip,kp->eki", phi, x)
+    readings = gyro[:, None] - effects[..., 3:], accel[:, None] - effects[..., :3]
+    points = strapdown.propagate(belief.nav.plus(deviations[:, : state.SIZE]), *readings, dt, gravity)
+    centre = points.at(0)
+    errors = np.concatenate([points.minus(centre), deviations[:, state.SIZE :]], axis=1)
+    mean = weights @ errors
+    spread = errors - mean
+    P = (weights * spread.T) @ spread
+    P[: state.SIZE, : state.SIZE] += Q_d
+    return Augmented(centre.plus(mean[: state.SIZE]), belief.x, P)
+
+
+def correct(
+    belief: Augmented,
+    known: NavState,
+    rows: NDArray[np.int_],
+    R_sd: Array,
+    drawn: Array | None = None,
+    gate: float = np.inf,
+) -> tuple[Augmented, Innovation]:
+    """Correction (10) of all 15 + p states; parameters and result as `spkf.correct`."""
+    nu = known.minus(belief.nav)[rows]
+    if drawn is not None:
+        nu = nu + R_sd * drawn
+    K, P, innovation = spkf.gain(belief.P, nu, rows, R_sd)
+    if innovation.nis > gate:
+        return belief, replace(innovation, accepted=False)
+    change = K @ nu
+    return Augmented(belief.nav.plus(change[: state.SIZE]), belief.x + change[state.SIZE :], P), innovation

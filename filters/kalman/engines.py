@@ -1,0 +1,452 @@
+"""What turns samples into estimates for the runner: the compiled `spkf`, and any filter written as numpy steps.
+
+Both keep the same totals, in the layout of `filters.kalman.kernels`, and stop at the same samples; neither judges.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from types import ModuleType
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.special import ndtri
+
+from filters import attitude, earth, state
+from filters.imu import Noise
+from filters.kalman import ekf, kernels, layout, spkf, spkf_paper
+from filters.kalman.augmentation import Effects
+from filters.kalman.consistency import nis_gates
+from filters.kalman.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
+from filters.kalman.settings import FILTERS, Settings
+from filters.kalman.spkf import Belief, DivergenceError
+from filters.motion import reference
+from filters.state import NavState, Site
+from filters.types import Array
+
+_ROOM = 128
+_WORDS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """What does not change during a run.
+
+    Attributes
+    ----------
+    period : float
+        Sample period, s.
+    kappa : float
+        κ of (11).
+    site : Site
+        Its gravity is the local one; elsewhere normal gravity is added or taken away.
+    linear : bool
+        Whether readings are linear between samples; else each is held over the step that it ends.
+    noise : Noise
+        Process noise.
+    every : float
+        Least time between two rows of output, s; infinity for none.
+    effects : Effects or None
+        Whose states join the 15.
+    """
+
+    period: float
+    kappa: float
+    site: Site
+    linear: bool
+    noise: Noise
+    every: float
+    effects: Effects | None = None
+
+    def gravity_anomaly(self) -> float:
+        """What the site's gravity has beyond normal gravity there, m/s²."""
+        normal = earth.normal_gravity(np.array(self.site.latitude), np.array(self.site.height))
+        return self.site.gravity - float(normal)
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """Samples, body axes, with what is known at each; `t` (N,), `gyro`, `accel` (N, 3), `known` (N or 1, 25).
+
+    `draws` are the standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones. With
+    effects, `phi` is the regressor of the p extra states, (N, 6, p), and `noise_scale` the factor on the white noise of
+    each channel, (N, 6), accelerometer then gyro; empty without.
+    """
+
+    t: Array
+    gyro: Array
+    accel: Array
+    known: Array
+    draws: Array
+    phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
+    noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
+
+
+class Engine(Protocol):
+    """A filter in a run.
+
+    Attributes
+    ----------
+    core : Array
+        Totals, `filters.kalman.layout.CORE_*`.
+    sums, moments : Array
+        Of the block and of the errors, `filters.kalman.layout.SUM_*` and `MOMENT_*`.
+    out : Array
+        Rows of output, `filters.kalman.layout.OUT_*`.
+    """
+
+    core: Array
+    sums: Array
+    moments: Array
+    out: Array
+
+    def start(self, nav: NavState, P0_sd: Array) -> None:
+        """Begin with this belief; the first sample only sets the clock."""
+        ...
+
+    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
+        """Feed samples from `first` on while t < `stop` and there is room for output.
+
+        Returns the index of the first sample not used and the number of rows of output; raises DivergenceError.
+        """
+        ...
+
+    def belief(self) -> Belief:
+        """Present belief."""
+        ...
+
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases, accelerometer then gyro, and their standard deviations; each (6,)."""
+        ...
+
+    def extra(self) -> tuple[Array, Array]:
+        """The p extra states, (p,), and the covariance of all errors, they last, (15 + p, 15 + p)."""
+        ...
+
+    def alarm(self) -> str | None:
+        """A sentence where this filter knows that it is not to be trusted."""
+        ...
+
+
+def draws(seed: int, first: int, count: int) -> Array:
+    """Standard normal draws that depend on seed and sample number alone.
+
+    Philox counts: a sample has twelve words of its own, nine are used, by the inverse of the normal distribution.
+
+    Parameters
+    ----------
+    seed : int
+        Key of the generator.
+    first, count : int
+        Samples.
+
+    Returns
+    -------
+    Array
+        Shape (count, 9).
+    """
+    generator = np.random.Philox(key=seed, counter=[first * _WORDS // 4, 0, 0, 0])
+    words = generator.random_raw(count * _WORDS).reshape(count, _WORDS)[:, :9]
+    return np.asarray(ndtri(((words >> np.uint64(11)) + 0.5) * 2.0**-53))
+
+
+def nav_of(row: Array) -> NavState:
+    """Navigation state of a row of 16 numbers: position, velocity, quaternion, biases."""
+    return NavState(
+        np.array(row[0]),
+        np.array(row[1]),
+        np.array(row[2]),
+        row[3:6].copy(),
+        attitude.from_quaternion(row[6:10]),
+        row[10:13].copy(),
+        row[13:16].copy(),
+    )
+
+
+def row_of(nav: NavState) -> Array:
+    """Inverse of `nav_of`, shape (16,)."""
+    position = [nav.latitude, nav.longitude, nav.height]
+    return np.concatenate([position, nav.velocity_n, attitude.to_quaternion(nav.C_nb), nav.accel_bias, nav.gyro_bias])
+
+
+def covariance_of(padded: Array) -> Array:
+    """Covariance (15, 15) of its padded rows, (15 · STRIDE,)."""
+    return np.array(padded.reshape(state.SIZE, STRIDE)[:, : state.SIZE])
+
+
+def _padded(P: Array) -> Array:
+    out = np.zeros((state.SIZE, STRIDE))
+    out[:, : state.SIZE] = P
+    return out.ravel()
+
+
+class Compiled:
+    """`spkf`, by the compiled step."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.core, self.sums, self.moments, self.out = _totals(parameters)
+        self._P = np.zeros(state.SIZE * STRIDE)
+        self._par = np.zeros(layout.PAR)
+        self._par[layout.PAR_PERIOD] = parameters.period
+        self._par[layout.PAR_KAPPA] = parameters.kappa
+        self._par[layout.PAR_GRAVITY_ANOMALY] = parameters.gravity_anomaly()
+        self._par[layout.PAR_LINEAR] = parameters.linear
+        self._par[layout.PAR_EVERY] = parameters.every
+        noise = parameters.noise
+        densities = np.concatenate([noise.accel_vrw, noise.gyro_arw, noise.accel_walk, noise.gyro_walk])
+        self._par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
+        self._par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
+        self._par[layout.PAR_WHITE :] = densities[:6] ** 2
+        self._effects = parameters.effects
+        self._extra, self._across = _extra_of(parameters.effects)
+        self._work = np.zeros(kernels.WORK)
+
+    def start(self, nav: NavState, P0_sd: Array) -> None:
+        """Begin with this belief."""
+        self.core[: layout.NAV] = row_of(nav)
+        self._P = _padded(np.diag(P0_sd**2))
+        self._extra, self._across = _extra_of(self._effects)
+
+    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
+        """Feed samples; see `Engine`."""
+        k, rows, why, row = kernels.advance(
+            self.core,
+            self._P,
+            self._par,
+            feed.t,
+            feed.gyro,
+            feed.accel,
+            feed.known.reshape(-1),
+            feed.draws,
+            feed.phi,
+            feed.noise_scale,
+            first,
+            stop,
+            self.sums,
+            self.moments,
+            self.out,
+            self._work,
+            self._extra,
+            self._across,
+        )
+        if why == layout.INDEFINITE:
+            raise DivergenceError(f"the covariance is not positive definite at {_STATES[row]}")
+        if why == layout.NOT_FINITE:
+            raise DivergenceError("the state is not finite")
+        return int(k), int(rows)
+
+    def belief(self) -> Belief:
+        """Present belief."""
+        return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._P))
+
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases and their standard deviations."""
+        variances = self._P[9 * (STRIDE + 1) :: STRIDE + 1]
+        return self.core[layout.NAV_BA : layout.NAV].copy(), np.sqrt(variances)
+
+    def extra(self) -> tuple[Array, Array]:
+        """The extra states, and the covariance of all errors."""
+        p = self._across.size // (2 * STRIDE)
+        extra = self._extra.reshape(-1, p) if p else np.empty((EXTRA_OWN, 0))
+        across = self._across.reshape(2 * p, STRIDE)[:p, : state.SIZE]
+        own = extra[EXTRA_OWN : EXTRA_OWN + p]
+        return extra[EXTRA_MEAN].copy(), np.block([[covariance_of(self._P), across.T], [across, own]])
+
+    def alarm(self) -> str | None:
+        """None: no attitude is special to it."""
+        return None
+
+
+class Stepwise:
+    """A filter written as functions of one step: `start`, `predict`, `correct`, `common`, perhaps `alarm`.
+
+    Parameters
+    ----------
+    module : module
+        `filters.kalman.spkf`, `ekf` or `spkf_paper`.
+    parameters : Parameters
+        Of the run.
+    """
+
+    def __init__(self, module: ModuleType, parameters: Parameters) -> None:
+        self.core, self.sums, self.moments, self.out = _totals(parameters)
+        self._module = module
+        self._parameters = parameters
+        self._anomaly = parameters.gravity_anomaly()
+        self._gates = nis_gates()
+        self._belief: Any = None
+        self._alarm: str | None = None
+
+    def start(self, nav: NavState, P0_sd: Array) -> None:
+        """Begin with this belief."""
+        self._belief = self._module.start(nav, P0_sd)
+
+    def belief(self) -> Belief:
+        """Present belief."""
+        common: Belief = self._module.common(self._belief)
+        return common
+
+    def biases(self) -> tuple[Array, Array]:
+        """The six biases and their standard deviations."""
+        belief = self.belief()
+        bias = np.concatenate([belief.nav.accel_bias, belief.nav.gyro_bias])
+        return bias, np.sqrt(np.diag(belief.P)[9:])
+
+    def extra(self) -> tuple[Array, Array]:
+        """No extra states: effects join `spkf` only."""
+        return np.empty(0), self.belief().P
+
+    def alarm(self) -> str | None:
+        """What the filter says of itself, or last said: what the biases went through stays in them."""
+        return self._alarm
+
+    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
+        """Feed samples; see `Engine`."""
+        rows, k, core = 0, first, self.core
+        while k < feed.t.size and feed.t[k] < stop and rows < len(self.out):
+            known = feed.known[k if len(feed.known) > 1 else 0]
+            if core[layout.CORE_SAMPLES] > 0.0:
+                draw = feed.draws[k] if feed.draws.size else None
+                self._step(feed.t[k], feed.gyro[k], feed.accel[k], known, draw)
+            core[layout.CORE_T] = feed.t[k]
+            core[layout.CORE_GYRO : layout.CORE_GYRO + 3] = feed.gyro[k]
+            core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3] = feed.accel[k]
+            belief = self.belief()
+            if hasattr(self._module, "alarm"):
+                self._alarm = self._module.alarm(self._belief) or self._alarm
+            self._tally(belief, feed.gyro[k], feed.accel[k], known)
+            core[layout.CORE_SAMPLES] += 1.0
+            if feed.t[k] >= core[layout.CORE_NEXT_OUT] - 1e-9:
+                self._write(self.out[rows], feed.t[k], belief)
+                rows += 1
+            k += 1
+        return k, rows
+
+    def _step(self, t: float, gyro: Array, accel: Array, known: Array, draw: Array | None) -> None:
+        core, p = self.core, self._parameters
+        dt = t - core[layout.CORE_T]
+        held = max(1.0, dt / p.period)
+        gyros, accels = np.array([gyro, gyro]), np.array([accel, accel])
+        if p.linear:
+            gyros[0] = core[layout.CORE_GYRO : layout.CORE_GYRO + 3]
+            accels[0] = core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3]
+        nav = self.belief().nav
+        turned = 0.0
+        if held > kernels.GAP:
+            turned = float(np.linalg.norm(np.max(np.abs(gyros - nav.gyro_bias), axis=0))) * dt
+        Q_d = spkf.process_noise(p.noise, nav.C_nb, dt, held, turned)
+        gravity = self._anomaly + float(earth.normal_gravity(nav.latitude, nav.height))
+        self._belief = self._module.predict(self._belief, gyros, accels, dt, gravity, Q_d, p.kappa)
+        self._correct(known, draw)
+
+    def _correct(self, known: Array, draw: Array | None) -> None:
+        core = self.core
+        variances = known[reference.VARIANCES]
+        rows = np.flatnonzero(variances >= 0.0)
+        core[layout.CORE_NU :] = np.nan
+        core[layout.CORE_DOF_LAST] = rows.size
+        core[layout.CORE_NIS_LAST] = np.nan
+        if not rows.size:
+            return
+        gate = self._gates[rows.size] if core[layout.CORE_IN_A_ROW] < kernels.MAX_REJECTIONS else np.inf
+        self._belief, innovation = self._module.correct(
+            self._belief,
+            nav_of(np.concatenate([known[:10], np.zeros(6)])),
+            rows,
+            np.sqrt(variances[rows]),
+            None if draw is None else draw[rows],
+            gate,
+        )
+        if not np.isfinite(innovation.nis):
+            raise DivergenceError("the state is not finite")
+        core[layout.CORE_NU + rows] = innovation.nu
+        core[layout.CORE_NIS_LAST] = innovation.nis
+        if core[layout.CORE_NIS_COUNT] == 0.0:
+            core[layout.CORE_NIS_FIRST] = innovation.nis
+        core[layout.CORE_NIS_SUM] += innovation.nis
+        core[layout.CORE_DOF_SUM] += rows.size
+        core[layout.CORE_NIS_COUNT] += 1.0
+        if not innovation.accepted:
+            core[layout.CORE_REJECTED] += 1.0
+            core[layout.CORE_IN_A_ROW] += 1.0
+            return
+        core[layout.CORE_OVERRULED] += innovation.nis > self._gates[rows.size]
+        core[layout.CORE_IN_A_ROW] = 0.0
+
+    def _tally(self, belief: Belief, gyro: Array, accel: Array, known: Array) -> None:
+        nav, sums = belief.nav, self.sums
+        sums[layout.SUM_BIAS : layout.SUM_BIAS + 6] += np.concatenate([nav.accel_bias, nav.gyro_bias])
+        sums[layout.SUM_BIASES] += 1.0
+        if np.isfinite(known[reference.RATE.start]):
+            residual = np.concatenate([accel - known[reference.FORCE], gyro - known[reference.RATE]])
+            sums[layout.SUM_RESIDUAL : layout.SUM_RESIDUAL + 6] += residual
+            sums[layout.SUM_RESIDUALS] += 1.0
+        if self.core[layout.CORE_SPREAD]:
+            error = nav.minus(nav_of(np.concatenate([known[:10], np.zeros(6)])))
+            moments = self.moments
+            moments[layout.MOMENT_COUNT] += 1.0
+            mean = moments[layout.MOMENT_MEAN : layout.MOMENT_SCATTER]
+            before = error - mean
+            mean += before / moments[layout.MOMENT_COUNT]
+            moments[layout.MOMENT_SCATTER :] += np.outer(before, error - mean).ravel()
+
+    def _write(self, row: Array, t: float, belief: Belief) -> None:
+        core = self.core
+        row[layout.OUT_INDEX], row[layout.OUT_T] = core[layout.CORE_SAMPLES] - 1.0, t
+        row[layout.OUT_NAV : layout.OUT_NIS] = row_of(belief.nav)
+        row[layout.OUT_NIS] = core[layout.CORE_NIS_LAST]
+        row[layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
+        row[layout.OUT_NU : layout.OUT_P] = core[layout.CORE_NU :]
+        row[layout.OUT_P :] = _padded(belief.P)
+        core[layout.CORE_NEXT_OUT] += self._parameters.every
+        if core[layout.CORE_NEXT_OUT] <= t:
+            core[layout.CORE_NEXT_OUT] = t + self._parameters.every
+
+
+def _totals(parameters: Parameters) -> tuple[Array, Array, Array, Array]:
+    core = np.zeros(layout.CORE)
+    core[layout.CORE_NU :] = np.nan
+    core[layout.CORE_NIS_LAST] = np.nan
+    core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(parameters.every) else 0.0
+    return core, np.zeros(layout.SUMS), np.zeros(layout.MOMENTS), np.zeros((_ROOM, layout.OUT))
+
+
+def _extra_of(effects: Effects | None) -> tuple[Array, Array]:
+    """The extra states at the start and their covariances with the 15, laid out for `kernels`."""
+    p = 0 if effects is None else effects.mean.size
+    extra = np.zeros((EXTRA_OWN + 2 * p, p))
+    if effects is not None:
+        extra[EXTRA_MEAN], extra[EXTRA_TAU], extra[EXTRA_DENSITY] = effects.mean, effects.tau, effects.q
+        extra[EXTRA_OWN : EXTRA_OWN + p] = effects.covariance
+    return extra.ravel(), np.zeros(2 * p * STRIDE)
+
+
+def engine_of(settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> Engine:
+    """Engine for a filter by name; `linear`, `every` and `effects` as in `Parameters`."""
+    noise = settings.process_noise()
+    parameters = Parameters(settings.period, settings.kappa, settings.site, linear, noise, every, effects)
+    return ENGINES[settings.filter](parameters)
+
+
+ENGINES: dict[str, Callable[[Parameters], Engine]] = {
+    "spkf": Compiled,
+    "spkf-paper": partial(Stepwise, spkf_paper),
+    "ekf": partial(Stepwise, ekf),
+}
+assert tuple(ENGINES) == FILTERS
+
+_STATES = [f"{axis} {name}" for name in ("position", "velocity", "attitude") for axis in ("north", "east", "down")] + [
+    f"{axis} {name} bias" for name in ("accelerometer", "gyro") for axis in "xyz"
+]
+
+
+def compile_all() -> None:
+    """Compile the step, or load it from the cache, by running it once on two samples."""
+    engine = Compiled(Parameters(1.0, 0.0, state.PAPER_SITE, False, Noise((1.0,) * 3, (1.0,) * 3), np.inf))
+    still = reference.level(state.PAPER_SITE)
+    nav, P0_sd = still.start()
+    engine.start(nav, np.append(P0_sd, np.ones(6)))
+    t = np.array([0.0, 1.0])
+    _, force = still.rates_and_forces()
+    known = still.known(t, -np.inf, np.zeros((2, 3)))
+    engine.advance(Feed(t, np.zeros((2, 3)), np.tile(force, (2, 1)), known, np.empty((0, 9))), 0, np.inf)

@@ -1,0 +1,256 @@
+"""The 15-state sigma-point Kalman filter, equations (11)-(15) and the correction of (10).
+
+Written to be read, in numpy: all 31 sigma points go through `strapdown.propagate` in one array. The errors live in the
+tangent space of the state (metres, m/s, rotation vector in n, biases), so that neither latitude's nor attitude's size
+matters and no attitude is special. What runs is `kernels`, the same step compiled; a test holds the two together.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from filters import state
+from filters.imu import Noise
+from filters.kalman import strapdown
+from filters.state import NavState
+from filters.types import Array
+
+PAPER_KAPPA = -12.0
+"""κ with n + κ = 3, as the paper suggests; the centre weight is then -4 and P can lose definiteness without updates."""
+
+
+class DivergenceError(ArithmeticError):
+    """The covariance lost definiteness, or the state stopped being finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """Estimate and its covariance.
+
+    Attributes
+    ----------
+    nav : NavState
+        The 15 estimated quantities.
+    P : Array
+        Covariance of their errors, shape (15, 15), order of `filters.state`, SI.
+    """
+
+    nav: NavState
+    P: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """Reference minus prediction, before the update.
+
+    Attributes
+    ----------
+    nu : Array
+        Shape (m,): m, m/s, rad.
+    S : Array
+        Its covariance H P Hᵀ + R, shape (m, m).
+    nis : float
+        νᵀ S⁻¹ ν; chi-square with m degrees of freedom if ν is a draw from S.
+    accepted : bool
+        Whether it passed the gate; if not, the update was left out.
+    """
+
+    nu: Array
+    S: Array
+    nis: float
+    accepted: bool = True
+
+
+def start(nav: NavState, P0_sd: Array) -> Belief:
+    """Belief before the first sample.
+
+    Parameters
+    ----------
+    nav : NavState
+        What is known, or found by alignment.
+    P0_sd : Array
+        Standard deviations of its errors, shape (15,).
+
+    Returns
+    -------
+    Belief
+    """
+    return Belief(nav, np.diag(P0_sd**2))
+
+
+def common(belief: Belief) -> Belief:
+    """Belief in the errors of `filters.state`: this filter's own."""
+    return belief
+
+
+def predict(
+    belief: Belief, gyro: Array, accel: Array, dt: float, gravity: float, Q_d: Array, kappa: float = 0.0
+) -> Belief:
+    """Prediction phase, equations (11)-(15) with Q_d added in (15).
+
+    χ⁰ = x̂, χ^{i, i+n} = x̂ ± (columns of L √(n+κ)), P = L Lᵀ; each integrated over dt; the mean is that of the
+    differences to the propagated centre, which is exact where the plain sum of angles is not.
+
+    Parameters
+    ----------
+    belief : Belief
+        At the start of the step.
+    gyro, accel : Array
+        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
+        over the step, shape (3,).
+    dt : float
+        s, positive.
+    gravity : float
+        Local gravity, m/s².
+    Q_d : Array
+        Discrete process noise, shape (15, 15).
+    kappa : float
+        κ of (11); n + κ must be positive. 0 keeps every weight non-negative.
+
+    Returns
+    -------
+    Belief
+        At the end of the step.
+
+    Raises
+    ------
+    DivergenceError
+        If P has no Cholesky factor or the state is not finite.
+    ValueError
+        If `dt` or n + `kappa` is not positive.
+    """
+    if not dt > 0.0:
+        raise ValueError(f"`dt` is {dt}, not positive")
+    n = state.SIZE
+    if not n + kappa > 0.0:
+        raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {n}")
+    L = np.sqrt(n + kappa) * cholesky(belief.P, "state covariance")
+    deviations = np.concatenate([np.zeros((1, n)), L.T, -L.T])
+    weights = np.full(2 * n + 1, 0.5 / (n + kappa))
+    weights[0] = kappa / (n + kappa)
+
+    points = strapdown.propagate(belief.nav.plus(deviations), gyro, accel, dt, gravity)
+    centre = points.at(0)
+    errors = points.minus(centre)
+    mean = weights @ errors
+    spread = errors - mean
+    P = (weights * spread.T) @ spread + Q_d
+    return Belief(centre.plus(mean), P)
+
+
+def process_noise(noise: Noise, C_nb: Array, dt: float, held: float = 1.0, turned: float = 0.0) -> Array:
+    """Q_d = G Q Gᵀ dt: white noise on velocity and attitude, turned into n, and the walk of the biases.
+
+    Parameters
+    ----------
+    noise : Noise
+        Densities, body axes. The paper's set has no bias walk.
+    C_nb : Array
+        Attitude, shape (3, 3).
+    dt : float
+        s.
+    held : float
+        How many sample periods one sample stands for. Across a gap it stands for many, and its noise, held,
+        adds up coherently: the variance grows with dt times this number.
+    turned : float
+        Angle that the unit may have turned unseen, in a gap, rad.
+
+    Returns
+    -------
+    Array
+        Shape (15, 15).
+    """
+    Q_d = np.zeros((state.SIZE, state.SIZE))
+    Q_d[state.VELOCITY, state.VELOCITY] = (C_nb * np.square(noise.accel_vrw) * dt * held) @ C_nb.T
+    Q_d[state.ATTITUDE, state.ATTITUDE] = (C_nb * np.square(noise.gyro_arw) * dt * held) @ C_nb.T
+    Q_d[state.ATTITUDE, state.ATTITUDE] += np.eye(3) * turned**2
+    np.fill_diagonal(Q_d[state.ACCEL_BIAS, state.ACCEL_BIAS], np.square(noise.accel_walk) * dt)
+    np.fill_diagonal(Q_d[state.GYRO_BIAS, state.GYRO_BIAS], np.square(noise.gyro_walk) * dt)
+    return Q_d
+
+
+def correct(
+    belief: Belief,
+    known: NavState,
+    rows: NDArray[np.int_],
+    R_sd: Array,
+    drawn: Array | None = None,
+    gate: float = np.inf,
+) -> tuple[Belief, Innovation]:
+    """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
+
+    Parameters
+    ----------
+    belief : Belief
+        Predicted.
+    known : NavState
+        The reference.
+    rows : integer array
+        Indices of the error states that are known, shape (m,).
+    R_sd : Array
+        Standard deviations of those rows, m, m/s, rad about n, shape (m,).
+    drawn : Array or None
+        A draw from N(0, I), shape (m,): the pseudo-measurement is then the reference plus noise of covariance R, and
+        NIS is a test. None feeds the reference exact.
+    gate : float
+        NIS above which the update is left out.
+
+    Returns
+    -------
+    Belief
+        Corrected.
+    Innovation
+        Before the update.
+
+    Raises
+    ------
+    DivergenceError
+        If S has no Cholesky factor.
+    """
+    nu = known.minus(belief.nav)[rows]
+    if drawn is not None:
+        nu = nu + R_sd * drawn
+    K, P, innovation = gain(belief.P, nu, rows, R_sd)
+    if innovation.nis > gate:
+        return belief, replace(innovation, accepted=False)
+    return Belief(belief.nav.plus(K @ nu), P), innovation
+
+
+def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Array, Array, Innovation]:
+    """Gain and covariance of (10), for any number of states n.
+
+    Parameters
+    ----------
+    P : Array
+        Covariance before, shape (n, n).
+    nu, rows, R_sd : Array
+        Innovation, which states it is of, standard deviations of the measurement; shape (m,).
+
+    Returns
+    -------
+    K, P : Array
+        Shapes (n, m) and (n, n).
+    innovation : Innovation
+        With S and NIS.
+    """
+    PHt = P[:, rows]
+    S = PHt[rows] + np.diag(R_sd**2)
+    L = cholesky(S, "innovation covariance")
+    # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
+    whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
+    K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
+    nis = float(whitened[:, -1] @ whitened[:, -1])
+    A = np.eye(len(P))
+    A[:, rows] -= K
+    after = A @ P @ A.T + (K * R_sd**2) @ K.T
+    return K, 0.5 * (after + after.T), Innovation(nu, S, nis)
+
+
+def cholesky(P: Array, name: str) -> Array:
+    """Lower factor of P; its definiteness does not depend on the states' units, so nothing is added to help it."""
+    try:
+        return np.asarray(np.linalg.cholesky(P), float)
+    except np.linalg.LinAlgError as error:
+        raise DivergenceError(f"the {name} is not positive definite") from error

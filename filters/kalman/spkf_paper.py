@@ -1,0 +1,387 @@
+"""The sigma-point filter as the paper writes it, equations (1)-(15), with its misprints corrected.
+
+State: latitude, longitude (rad), height (m), V_N, V_E, V_D (m/s), roll, pitch, yaw (rad, 3-2-1), b_a (m/s²),
+b_g (rad/s). For comparison and teaching: near ±90° of pitch Euler angles are singular and the biases go wrong without
+a word from the covariance, so `alarm` has one from 85° on. `filters.kalman.spkf` has no such place.
+
+Corrected: sigma points are columns of the lower Cholesky factor in (11); (13) integrates from t_k to t_{k+1} with the
+measured input, by the classical Runge-Kutta rule; (14) and (15) average differences to the centre point, those of
+angles wrapped; Q_d is added in (15); P in (10) is (I - KH) P, here in Joseph's form.
+
+Units at the edge: Q_d, P0 and R arrive in the errors of `filters.state` (m, m/s, rotation vector in n), x = x̂ + T e
+to first order takes them here: T is diag(1/R_n, 1/(R_e cos φ), -1) for position and `attitude.rpy_jacobian` for
+attitude. Level and at zero yaw, T of the attitude is the identity.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from filters import attitude, earth
+from filters.kalman import spkf, strapdown
+from filters.kalman.spkf import DivergenceError, Innovation
+from filters.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATION, POSITION, SIZE, VELOCITY, NavState
+from filters.types import Array
+
+LATITUDE, LONGITUDE, HEIGHT, ROLL, PITCH, YAW = 0, 1, 2, 6, 7, 8
+_CIRCULAR = [LONGITUDE, ROLL, PITCH, YAW]
+
+PITCH_ALARM = np.deg2rad(85.0)
+"""rad of pitch up to which the biases were measured to be right."""
+_PITCH_LIMIT = np.deg2rad(89.99)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperBelief:
+    """Estimate and its covariance in the paper's coordinates.
+
+    Attributes
+    ----------
+    x : Array
+        lat, lon (rad), h (m), V_N, V_E, V_D (m/s), roll, pitch, yaw (rad), b_a (m/s²), b_g (rad/s); shape (15,).
+        Longitude, roll and yaw within ±π.
+    P : Array
+        Covariance in the squares of those units, shape (15, 15).
+    """
+
+    x: Array
+    P: Array
+
+
+def start(nav: NavState, P0_sd: Array) -> PaperBelief:
+    """Belief before the first sample.
+
+    Parameters
+    ----------
+    nav : NavState
+        The state to start from.
+    P0_sd : Array
+        Standard deviations of its 15 errors, m, m/s, rad about n, m/s², rad/s, shape (15,).
+
+    Returns
+    -------
+    PaperBelief
+
+    Raises
+    ------
+    ValueError
+        If `P0_sd` has another shape.
+    DivergenceError
+        If the pitch of `nav` is ±90°.
+    """
+    if P0_sd.shape != (SIZE,):
+        raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({SIZE},)")
+    x = _from_nav(nav)
+    T = _to_paper(x) * P0_sd
+    return PaperBelief(x, T @ T.T)
+
+
+def predict(
+    belief: PaperBelief, gyro: Array, accel: Array, dt: float, gravity: float, Q_d: Array, kappa: float = 0.0
+) -> PaperBelief:
+    """Prediction phase, equations (11)-(15) with Q_d added in (15).
+
+    χ⁰ = x̂, χ^{i, i+n} = x̂ ± (columns of L √(n+κ)), P = L Lᵀ; each integrated over dt by (1)-(4).
+
+    Parameters
+    ----------
+    belief : PaperBelief
+        At the start of the step.
+    gyro, accel : Array
+        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
+        over the step, shape (3,).
+    dt : float
+        s, positive.
+    gravity : float
+        Local gravity, m/s².
+    Q_d : Array
+        Discrete process noise in the errors of `filters.state`, shape (15, 15).
+    kappa : float
+        κ of (11); n + κ must be positive. 0 keeps every weight non-negative, `spkf.PAPER_KAPPA` is the paper's.
+
+    Returns
+    -------
+    PaperBelief
+        At the end of the step.
+
+    Raises
+    ------
+    DivergenceError
+        If P has no Cholesky factor, the state is not finite, or its pitch reaches ±90°.
+    ValueError
+        If `dt` or n + `kappa` is not positive.
+    """
+    if not dt > 0.0:
+        raise ValueError(f"`dt` is {dt}, not positive")
+    if not SIZE + kappa > 0.0:
+        raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {SIZE}")
+    L = np.sqrt(SIZE + kappa) * _cholesky(belief.P, "state covariance")
+    weights = np.full(2 * SIZE + 1, 0.5 / (SIZE + kappa))
+    weights[0] = kappa / (SIZE + kappa)
+
+    points = belief.x + np.concatenate([np.zeros((1, SIZE)), L.T, -L.T])
+    points = integrate(points, gyro, accel, dt, gravity)
+    # the branch of the centre point is kept until all is averaged: 179.9° and -179.9° are 0.2° apart
+    errors = _wrapped(points - points[0])
+    mean = weights @ errors
+    spread = errors - mean
+    x = points[0] + mean
+    T = _to_paper(x)
+    P = (weights * spread.T) @ spread + T @ Q_d @ T.T
+    return PaperBelief(_wrapped(x), 0.5 * (P + P.T))
+
+
+def correct(
+    belief: PaperBelief,
+    known: NavState,
+    rows: NDArray[np.int_],
+    R_sd: Array,
+    drawn: Array | None = None,
+    gate: float = np.inf,
+) -> tuple[PaperBelief, Innovation]:
+    """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
+
+    Parameters
+    ----------
+    belief : PaperBelief
+        Predicted.
+    known : NavState
+        What is known; its biases mean nothing.
+    rows : integer array
+        Which of the states 0..8 are known, shape (m,). 6, 7, 8 are roll, pitch, yaw here.
+    R_sd : Array
+        Standard deviations of those rows, m, m/s, rad about n, shape (m,). Known rows of attitude that turn into
+        roll, pitch and yaw together are correlated, as T of the known attitude makes them.
+    drawn : Array or None
+        A draw from N(0, I), shape (m,): the pseudo-measurement is then the known state plus noise of covariance R.
+        None feeds the known state exact.
+    gate : float
+        NIS above which the update is not applied.
+
+    Returns
+    -------
+    PaperBelief
+        Corrected, or `belief` itself if the gate stayed shut.
+    Innovation
+        Before the update: m north, east, down, m/s, and rad of roll, pitch, yaw.
+
+    Raises
+    ------
+    DivergenceError
+        If S has no Cholesky factor, or the known or corrected pitch reaches ±90°.
+    """
+    z = _from_nav(known)
+    T_known = _to_paper(z)
+    T = T_known[np.ix_(rows, rows)] * R_sd
+    nu = _wrapped(z - belief.x)[rows]
+    if drawn is not None:
+        nu = nu + T @ drawn
+    R = T @ T.T
+    PHt = belief.P[:, rows]
+    S = PHt[rows] + R
+    L = _cholesky(S, "innovation covariance")
+    # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
+    whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
+    K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
+    nis = float(whitened[:, -1] @ whitened[:, -1])
+    # only position has other units than the innovation that is handed out
+    units = np.ones(SIZE)
+    units[POSITION] = 1.0 / np.diag(T_known)[POSITION]
+    units = units[rows]
+    innovation = Innovation(units * nu, units[:, None] * S * units, nis, not nis > gate)
+    if not innovation.accepted:
+        return belief, innovation
+    A = np.eye(SIZE)
+    A[:, rows] -= K
+    P = A @ belief.P @ A.T + K @ R @ K.T
+    x = _wrapped(belief.x + K @ nu)
+    _refuse_vertical(x)
+    return PaperBelief(x, 0.5 * (P + P.T)), innovation
+
+
+def common(belief: PaperBelief) -> spkf.Belief:
+    """Estimate and covariance in the errors of `filters.state`: metres and the rotation vector ε in n, to first order.
+
+    Parameters
+    ----------
+    belief : PaperBelief
+        In the paper's coordinates.
+
+    Returns
+    -------
+    spkf.Belief
+    """
+    x = belief.x
+    nav = NavState(
+        np.array(x[LATITUDE]),
+        np.array(x[LONGITUDE]),
+        np.array(x[HEIGHT]),
+        x[VELOCITY].copy(),
+        attitude.from_rpy(x[ROLL], x[PITCH], x[YAW]),
+        x[ACCEL_BIAS].copy(),
+        x[GYRO_BIAS].copy(),
+    )
+    T = _from_paper(x)
+    P = T @ belief.P @ T.T
+    return spkf.Belief(nav, 0.5 * (P + P.T))
+
+
+def alarm(belief: PaperBelief) -> str | None:
+    """Sentence about a pitch at which this filter is not to be believed; None below 85°.
+
+    At 88° the gyro biases were measured to be off by 1.3 standard deviations, at 89° by 7.5, at 89.9° by 50.
+    """
+    pitch = float(belief.x[PITCH])
+    if abs(pitch) < PITCH_ALARM:
+        return None
+    return (
+        f"pitch is {np.rad2deg(pitch):.1f}°: Euler angles are singular at 90°, biases are no longer to be trusted;"
+        " use --filter spkf"
+    )
+
+
+def integrate(x: Array, gyro: Array, accel: Array, dt: float, gravity: float) -> Array:
+    """States after `dt`: equations (1)-(5) by the classical Runge-Kutta rule, all points in step.
+
+    Parameters
+    ----------
+    x : Array
+        States, shape (..., 15).
+    gyro, accel : Array
+        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
+        over the step, shape (3,).
+    dt : float
+        s, cut into substeps h <= min(dt, 0.2 rad/|ω|, 1 s), ω being the fastest of all points and of both ends.
+    gravity : float
+        Local gravity, m/s².
+
+    Returns
+    -------
+    Array
+        Same shape; angles on the branch they started on.
+    """
+    gyro, accel = np.broadcast_to(gyro, (2, 3)), np.broadcast_to(accel, (2, 3))
+    n = strapdown.substeps([reading - x[..., GYRO_BIAS] for reading in gyro], dt)
+    h = dt / n
+    share = np.linspace(0.0, 1.0, 2 * n + 1)[:, None]
+    rates, forces = gyro[0] + share * (gyro[1] - gyro[0]), accel[0] + share * (accel[1] - accel[0])
+    for i in range(0, 2 * n, 2):
+        k1 = derivative(x, rates[i], forces[i], gravity)
+        k2 = derivative(x + 0.5 * h * k1, rates[i + 1], forces[i + 1], gravity)
+        k3 = derivative(x + 0.5 * h * k2, rates[i + 1], forces[i + 1], gravity)
+        k4 = derivative(x + h * k3, rates[i + 2], forces[i + 2], gravity)
+        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return x
+
+
+def derivative(x: Array, gyro: Array, accel: Array, gravity: float) -> Array:
+    """Time derivative of the state, equations (1)-(5) as printed.
+
+    Parameters
+    ----------
+    x : Array
+        States, shape (..., 15).
+    gyro, accel : Array
+        Readings, rad/s and m/s², body, shape (3,).
+    gravity : float
+        Local gravity, m/s².
+
+    Returns
+    -------
+    Array
+        Units of the state per second, same shape.
+    """
+    phi, height, roll, pitch, yaw = (x[..., i] for i in (LATITUDE, HEIGHT, ROLL, PITCH, YAW))
+    v_n, v_e, v_d = x[..., 3], x[..., 4], x[..., 5]
+    s, c, t = np.sin(phi), np.cos(phi), np.tan(phi)
+    R_n, R_e = earth.meridian_radius(phi) + height, earth.transverse_radius(phi) + height
+    spin = earth.EARTH_RATE
+    C_nb = _matrix(roll, pitch, yaw)
+    f_n, f_e, f_d = np.moveaxis(np.squeeze(C_nb @ (accel - x[..., ACCEL_BIAS])[..., None], -1), -1, 0)  # (4)
+    rate_n = np.stack([spin * c + v_e / R_e, -v_n / R_n, -spin * s - v_e * t / R_e], axis=-1)
+    # the braces of (3): body against navigation frame, in body axes
+    p, q, r = np.moveaxis(
+        gyro - x[..., GYRO_BIAS] - np.squeeze(np.swapaxes(C_nb, -1, -2) @ rate_n[..., None], -1), -1, 0
+    )
+    out = np.zeros_like(x)
+    out[..., LATITUDE] = v_n / R_n  # (1)
+    out[..., LONGITUDE] = v_e / (R_e * c)
+    out[..., HEIGHT] = -v_d
+    out[..., 3] = f_n - 2.0 * spin * v_e * s + v_n * v_d / R_n - v_e**2 * t / R_e  # (2)
+    out[..., 4] = f_e + 2.0 * spin * (v_n * s + v_d * c) + v_e * (v_n * t + v_d) / R_e
+    out[..., 5] = f_d + gravity - 2.0 * spin * v_e * c - v_e**2 / R_e - v_n**2 / R_n
+    turning = q * np.sin(roll) + r * np.cos(roll)
+    out[..., ROLL] = p + turning * np.tan(pitch)  # (3)
+    out[..., PITCH] = q * np.cos(roll) - r * np.sin(roll)
+    out[..., YAW] = turning / np.cos(pitch)
+    return out
+
+
+def _matrix(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """R_p2n of equation (4), Rz(yaw) Ry(pitch) Rx(roll), of angles of shape (...); shape (..., 3, 3)."""
+    sr, cr, sp, cp, sy, cy = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _from_nav(nav: NavState) -> Array:
+    """The paper's coordinates of one state, shape (15,)."""
+    position = np.array([nav.latitude, nav.longitude, nav.height], float)
+    rpy = attitude.to_rpy(nav.C_nb)
+    return _wrapped(np.concatenate([position, nav.velocity_n, rpy, nav.accel_bias, nav.gyro_bias]))
+
+
+def _wrapped(x: Array) -> Array:
+    """The same states, or differences of states, with longitude and angles within ±π; shape (..., 15)."""
+    out = x.copy()
+    angles = x[..., _CIRCULAR]
+    # those within are left to the bit
+    out[..., _CIRCULAR] = np.where(np.abs(angles) > np.pi, np.remainder(angles + np.pi, 2 * np.pi) - np.pi, angles)
+    return out
+
+
+def _to_paper(x: Array) -> Array:
+    """T of dx = T e at a state: from the errors of `filters.state` to the paper's coordinates, shape (15, 15)."""
+    _refuse_vertical(x)
+    T = np.diag(_position_units(x))
+    T[ATTITUDE, ATTITUDE] = attitude.rpy_jacobian(attitude.from_rpy(x[ROLL], x[PITCH], x[YAW]))
+    return T
+
+
+def _from_paper(x: Array) -> Array:
+    """The inverse of `_to_paper`, which exists at every pitch, shape (15, 15)."""
+    T = np.diag(1.0 / _position_units(x))
+    sp, cp, sy, cy = np.sin(x[PITCH]), np.cos(x[PITCH]), np.sin(x[YAW]), np.cos(x[YAW])
+    # columns: the axes about which roll, pitch and yaw turn, in n
+    T[ATTITUDE, ATTITUDE] = np.array([[cy * cp, -sy, 0.0], [sy * cp, cy, 0.0], [-sp, 0.0, 1.0]])
+    return T
+
+
+def _position_units(x: Array) -> Array:
+    """rad or m of the state a metre north, east, down; ones for all other states; shape (15,)."""
+    phi = x[LATITUDE]
+    R_n, R_e = earth.meridian_radius(phi) + x[HEIGHT], earth.transverse_radius(phi) + x[HEIGHT]
+    out = np.ones(SIZE)
+    out[POSITION] = 1.0 / R_n, 1.0 / (R_e * np.cos(phi)), -1.0
+    return out
+
+
+def _refuse_vertical(x: Array) -> None:
+    if not np.all(np.isfinite(x[NAVIGATION])):
+        raise DivergenceError("the state is not finite")
+    if abs(x[PITCH]) > _PITCH_LIMIT:
+        raise DivergenceError(f"pitch is {np.rad2deg(x[PITCH]):.2f}°: Euler angles are singular at 90°")
+
+
+def _cholesky(P: Array, name: str) -> Array:
+    """Lower factor of P; its definiteness does not depend on the states' units, so nothing is added to help it."""
+    try:
+        return np.asarray(np.linalg.cholesky(P), float)
+    except np.linalg.LinAlgError as error:
+        raise DivergenceError(f"the {name} is not positive definite") from error

@@ -1,0 +1,267 @@
+"""The motion and the temperatures that would separate an effect from its rivals.
+
+Of two effects A and B that the runs at hand show alike, with S all else that was found, a further run adds
+
+    d² = Σ_c |(I - P[const, S, B]) φ_A θ_A|² / σ_c²   over all runs together, less the same over the runs at hand
+
+if A is what there is: what no mixture of the others can follow, in standard deviations of the noise. Parameters of S
+and B hold for all runs, the constant is each run's own. Regressors of the further run need no data; white noise, and
+drift where a channel has it, are those found. d ≥ 5 separates.
+
+With several rivals the plan counts that separates most of them, by the least d that it adds there for its time.
+
+What it leaves out: what can be done at all (`filters.tracing.candidate_motions`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from filters.effects.events import Event
+from filters.motion import profile
+from filters.tracing import candidate_motions, residual
+from filters.tracing.candidate_motions import Plan
+from filters.tracing.design_matrix import Atom, Design, Stack, columns_on
+from filters.tracing.residual import Run
+from filters.tracing.whitening import unbiased, whiten
+from filters.types import Array
+
+SEPARATES = 5.0
+"""A d of this separates."""
+_NOTHING = 1.0
+_UNIT_S = 600.0
+_BLOCK_S = {candidate_motions.STILL_HZ: 2.0, candidate_motions.MOVING_HZ: 0.5}
+_DEPENDENT = 1e-7
+_ABSURD = 100.0
+
+
+@dataclass(frozen=True)
+class Option:
+    """A plan, and the d that it adds against each rival, in their order."""
+
+    plan: Plan
+    d: tuple[float, ...]
+
+    @property
+    def separated(self) -> tuple[int, ...]:
+        """Numbers of the rivals that it separates."""
+        return tuple(n for n, d in enumerate(self.d) if d >= SEPARATES)
+
+    @property
+    def hardest(self) -> int:
+        """Number of the rival of the least d that it separates; of the greatest where there is none."""
+        if self.separated:
+            return min(self.separated, key=lambda n: self.d[n])
+        return int(np.argmax(self.d))
+
+    @property
+    def expected(self) -> float:
+        """The d of that rival."""
+        return self.d[self.hardest]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What it separates, and its d per √(10 min); the d alone where it separates nothing."""
+        time = math.sqrt(self.plan.seconds / _UNIT_S) if self.separated else 1.0
+        return len(self.separated), self.expected / time
+
+
+class Library:
+    """Plans for a unit whose runs are in a design, made ready once for any number of effects.
+
+    Parameters
+    ----------
+    design : Design
+        Of the runs at hand, with their noise.
+    like : Run
+        One of them: how the unit sits.
+    """
+
+    def __init__(self, design: Design, like: Run) -> None:
+        self.design = design
+        self._like = like
+        self._seen = candidate_motions.Seen.of(design.stack)
+        self._plans: dict[bool, list[Plan]] = {}
+        self._stacks: dict[int, Stack] = {}
+
+    def options(self, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom] = ()) -> list[Option]:
+        """What each plan adds, the best first.
+
+        Parameters
+        ----------
+        a : Atom
+            What was found,
+        theta : Array
+            with its parameters, SI, shape (k,).
+        rivals : sequence of Atom
+            At least one.
+        rest : sequence of Atom
+            All else that was found.
+        """
+        pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
+        lasting = list({atom.key: atom for pair in pairs for atom in pair.lasting}.values())
+        moving = any(atom.hypothesis.source == "motion" for atom in (a, *rivals))
+        made = []
+        for plan in self._of(moving):
+            stack = self._stack(plan)
+            columns = columns_on(stack, lasting)
+            made.append(Option(plan, tuple(pair.added(stack, columns) for pair in pairs)))
+        return sorted(made, key=lambda option: option.rank, reverse=True)
+
+    def _of(self, moving: bool) -> list[Plan]:
+        """Plans without motion for what does not depend on any."""
+        if True not in self._plans:
+            self._plans = {True: candidate_motions.library(self._seen, moving=True)}
+            self._plans[False] = [plan for plan in self._plans[True] if plan.still]
+        return self._plans[moving]
+
+    def _stack(self, plan: Plan) -> Stack:
+        if id(plan) not in self._stacks:
+            blocks = residual.blocks(plan.run(self._like), _BLOCK_S.get(plan.rate_hz, self.design.stack.period))
+            self._stacks[id(plan)] = Stack.of([blocks])
+        return self._stacks[id(plan)]
+
+
+class _Pair:
+    """Two rivals, beside the rest: what runs tell of the first that the others can't follow."""
+
+    def __init__(self, design: Design, a: Atom, theta: Array, b: Atom, rest: Sequence[Atom]) -> None:
+        self._design, self._a, self._theta = design, a, theta
+        self._channels = sorted({*a.places, *b.places})
+        self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
+        self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, Event)]
+        self._known = self._triangle(design.stack, {})
+        self._before = _unfollowed(self._known)
+
+    def added(self, stack: Stack, columns: dict[tuple[object, int], Array]) -> float:
+        """D that a further run adds, with the columns of all that lasts on it."""
+        both = np.vstack([self._known, self._triangle(stack, columns)])
+        return math.sqrt(max(0.0, _unfollowed(both) ** 2 - self._before**2))
+
+    def _triangle(self, stack: Stack, made: dict[tuple[object, int], Array]) -> Array:
+        """R of the QR decomposition of whitened columns of all channels: the others, then that of A."""
+        return np.asarray(np.linalg.qr(np.vstack([self._white(stack, made, c) for c in self._channels]), mode="r"))
+
+    def _white(self, stack: Stack, made: dict[tuple[object, int], Array], c: int) -> Array:
+        parts = [self._columns(stack, made, atom, c) for atom in self._others]
+        raw = np.column_stack([*parts, self._columns(stack, made, self._a, c) @ self._theta])
+        design = self._design
+        if stack is design.stack:
+            return design.white(raw, c)
+        variance = np.full(stack.t.size, design.sd[c] ** 2 * design.stack.period / stack.period)
+        drift = design.drift[c]
+        if drift.level == 0.0:
+            return unbiased(raw, stack.run, variance)
+        return whiten(raw, stack.t, stack.starts, variance, drift)[0]
+
+    def _columns(self, stack: Stack, made: dict[tuple[object, int], Array], atom: Atom, c: int) -> Array:
+        """Columns of an atom on a channel; an event of the runs at hand does not happen again."""
+        if c not in atom.places:
+            return np.zeros((stack.t.size, atom.size))
+        if stack is self._design.stack:
+            return self._design.columns[:, atom.places[c]]
+        return made.get((atom.key, c), np.zeros((stack.t.size, atom.size)))
+
+
+def _unfollowed(columns: Array) -> float:
+    """Norm of the last column's part that the others can't follow."""
+    scale = np.linalg.norm(columns[:, :-1], axis=0)
+    others = columns[:, :-1] / np.where(scale > 0.0, scale, 1.0)
+    theta = np.linalg.lstsq(others, columns[:, -1], rcond=_DEPENDENT)[0]
+    return float(np.linalg.norm(columns[:, -1] - others @ theta))
+
+
+def separating(
+    design: Design,
+    a: Atom,
+    theta: Array,
+    rivals: Sequence[Atom],
+    run: Run,
+    rest: Sequence[Atom] = (),
+    library: Library | None = None,
+) -> dict[str, Any] | None:
+    """The run to make next to tell an effect from its rivals.
+
+    Parameters
+    ----------
+    design : Design
+        Of the runs at hand, with their noise.
+    a : Atom
+        What was found,
+    theta : Array
+        with its parameters, SI, shape (k,).
+    rivals : sequence of Atom
+        What would do in its place, the strongest first; none of them contains it. Whatever would have to be a hundred
+        times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a drift
+        of Earth rate. If that is `a`, the strongest rival takes its place.
+    run : Run
+        One of the runs at hand.
+    rest : sequence of Atom
+        All else that was found.
+    library : Library or None
+        That of the design, where several effects are asked for.
+
+    Returns
+    -------
+    dict or None
+        `a`, `b` effects, b the hardest of the rivals that it separates; `profile` text of a table profile; `thermal`
+        temperature in the case, [[s, degC], …] or None; `duration_s`; `d_expected` against b; `motion` a sentence for
+        an operator, which says so if d is below 5; `leaves` effects of the rivals that stay possible. None if nothing
+        would tell them apart at all.
+    """
+    a, theta, rivals = _possible(design, a, theta, rivals, rest)
+    if not rivals:
+        return None
+    options = (library or Library(design, run)).options(a, theta, rivals, rest)
+    if options[0].expected < _NOTHING:
+        return None
+    best = options[0]
+    left = [b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated]
+    thermal = best.plan.thermal
+    return {
+        "a": a.hypothesis.effect,
+        "b": rivals[best.hardest].hypothesis.effect,
+        "profile": profile.to_toml(best.plan.profile),
+        "thermal": None if thermal is None else [list(point) for point in thermal],
+        "duration_s": best.plan.seconds,
+        "d_expected": best.expected,
+        "motion": _sentence(options, left),
+        "leaves": left,
+    }
+
+
+def _possible(
+    design: Design, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom]
+) -> tuple[Atom, Array, Sequence[Atom]]:
+    """An effect and its rivals without those that are absurd in size."""
+    others = [s for s in rest if s is not a]
+    fitted = [(a, theta), *((b, design.fit([*others, b]).theta[-1]) for b in rivals)]
+    able = [(atom, own) for atom, own in fitted if not _absurd(atom, own)]
+    if len(able) < 2:
+        return a, theta, rivals
+    return able[0][0], able[0][1], [atom for atom, _ in able[1:]]
+
+
+def _absurd(atom: Atom, theta: Array) -> bool:
+    """Whether a parameter is a hundred times of plausible size."""
+    sizes = zip(atom.hypothesis.parameters(), theta.tolist(), strict=True)
+    return any(p.prior > 0.0 and abs(value / p.si) > _ABSURD * p.prior for p, value in sizes)
+
+
+def _sentence(options: Sequence[Option], left: Sequence[str]) -> str:
+    """What to do; without a chamber too, if that will do as well; or that nothing will."""
+    best = options[0]
+    if not best.separated:
+        return (
+            f"nothing known separates them; nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.plan.said}"
+        )
+    text = best.plan.said
+    if left:
+        text += f" ({' and '.join(left)} would stay possible)"
+    plain = next((o for o in options if not o.plan.chamber), best)
+    if plain is best or not set(plain.separated) >= set(best.separated):
+        return text
+    return f"{text}; or, without a chamber: {plain.plan.said} (d = {plain.expected:.0f})"

@@ -1,0 +1,93 @@
+"""What else would do in the place of an effect that was found: same evidence, or the same part explained."""
+
+from dataclasses import dataclass
+
+from filters.effects import reference_errors
+from filters.effects.events import Event
+from filters.tracing.design_matrix import Atom
+from filters.tracing.selection import Selection
+
+_EVIDENCE = 6.0
+_SAME_PART = 0.97
+_MOST = 6
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that would do in the place of one that was found."""
+
+    atom: Atom
+    score_difference: float
+
+
+def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
+    """Effects that would explain the same, the best first, one form of each.
+
+    Parameters
+    ----------
+    chosen : Selection
+        With the atom in it.
+    atom : Atom
+        Whose place they would take.
+
+    Returns
+    -------
+    list of Rival
+    """
+    design = chosen.design
+    if isinstance(atom.hypothesis, Event):
+        return []
+    rest = [a for a in chosen.atoms if a is not atom]
+    own = float(design.gains(rest, [atom])[0])
+    score = own - chosen.price(atom)
+    taken = {a.key for a in rest}
+    others = [
+        b
+        for b in design.atoms
+        if b.key not in taken
+        and b.hypothesis.effect != atom.hypothesis.effect
+        and (set(atom.places) <= set(b.places) or (len(atom.places) > 1 and len(b.places) > 1))
+    ]
+    gains = design.gains(rest, others)
+    found: dict[str, Rival] = {}
+    if isinstance(atom.hypothesis, reference_errors.Gravity):
+        found["scale"] = Rival(
+            Atom(reference_errors.CommonScale(), atom.places), 0.0
+        )  # always a pair: no motion separates them
+    for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
+        difference = gain - chosen.price(b) - score
+        close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)
+        if not close or b.hypothesis.effect in found or contains(b, atom):
+            continue
+        found[b.hypothesis.effect] = Rival(b, difference)
+        if len(found) >= _MOST:
+            break
+    return list(found.values())
+
+
+def contains(b: Atom, a: Atom) -> bool:
+    """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
+    h, wide = a.hypothesis, b.hypothesis.effect
+    if b.size <= a.size:
+        return False
+    if wide == "thermal_poly":
+        return h.effect == "thermal_lin"
+    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
+    axes = str(h.shape().get("axes", ""))
+    drivers = {
+        "thermal_lin": "temperature",
+        "thermal_poly": "temperature",
+        "thermal_rate": "temperature_rate",
+        "ramp": "time",
+        "warmup": "time",
+        "scale": own,
+        "asymmetry": own,
+        "nonlinearity_quadratic": own,
+        "nonlinearity_cubic": own,
+        "g_squared": f"f{h.shape().get('axis', '')}",
+        "g_sensitivity": f"f{axes}",
+        "cross_axis": f"{own[0]}{axes}",
+        "harmonic": f"angle_{h.shape().get('axis', '')}",
+        "driver:temperature_threshold": "temperature",
+    }
+    return h.effect in drivers and wide == f"driver:{drivers[h.effect]}"

@@ -1,0 +1,380 @@
+import numpy as np
+import pytest
+
+from filters import attitude, simulation
+from filters.imu import IMU400CD_200, Noise
+from filters.kalman import consistency, engines, kernels, layout, runner, spkf
+from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.settings import Settings
+from filters.motion import alignment, reference
+from filters.motion.profile import Dwell, Profile
+from filters.motion.reference import Trajectory
+from filters.state import PAPER_SITE, NavState
+
+DT = 0.05
+RATE, FORCE = reference.level(PAPER_SITE).rates_and_forces()
+
+
+def noisy(
+    n: int, seed: int = 0, C_nb: np.ndarray | None = None, bias: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples at 20 Hz of a still unit with Table 1 noise, body axes: t, gyro, accel; bias is accel then gyro."""
+    rng = np.random.default_rng(seed)
+    C_nb = np.eye(3) if C_nb is None else C_nb
+    bias = np.zeros(6) if bias is None else bias
+    gyro = C_nb.T @ RATE + bias[3:] + rng.normal(size=(n, 3)) * np.deg2rad(0.075) / np.sqrt(DT)
+    accel = C_nb.T @ FORCE + bias[:3] + rng.normal(size=(n, 3)) / 60 / np.sqrt(DT)
+    return np.arange(n) * DT, gyro, accel
+
+
+def feed(estimator: Estimator, samples: tuple[np.ndarray, np.ndarray, np.ndarray], last: bool = True) -> list[Estimate]:
+    return list(runner.run(estimator, *samples, last=last))
+
+
+def test_equal_samples_give_equal_estimates_bit_for_bit() -> None:
+    """Two runs over the same samples agree in every bit of state and covariance."""
+    samples = noisy(200)
+    first, second = (feed(Estimator(Settings(DT)), samples) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.belief.P, b.belief.P)
+        assert np.array_equal(a.belief.nav.gyro_bias, b.belief.nav.gyro_bias)
+
+
+def test_drawn_noise_depends_on_seed_and_sample_number_alone() -> None:
+    """The same seed repeats the innovations, another one does not."""
+    samples = noisy(20)
+
+    def innovations(seed: int) -> list[float]:
+        estimator = Estimator(Settings(DT, measurements="drawn", seed=seed))
+        return [e.nis for e in feed(estimator, samples) if e.dof]
+
+    assert innovations(3) == innovations(3)
+    assert innovations(3) != innovations(4)
+
+
+@pytest.mark.parametrize("name", ["spkf", "spkf-paper", "ekf"])
+def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(name: str) -> None:
+    """Live feeds single samples, replay arrays: states, covariances, verdicts and totals are equal."""
+    n = 600 if name == "spkf" else 250
+    t, gyro, accel = noisy(n, bias=np.array([0.05, 0, 0, 0, 0.01, 0]))
+    for reference_name, measurements in (("level", "exact"), ("gravity", "drawn")):
+        settings = Settings(DT, filter=name, reference=reference_name, measurements=measurements, seed=3)
+        whole, single = Estimator(settings), Estimator(settings)
+        at_once = feed(whole, (t, gyro, accel))
+        one_by_one = [e for k in range(n) for e in runner.step(single, float(t[k]), gyro[k], accel[k])]
+        one_by_one += list(runner.finish(single))
+        assert len(at_once) == len(one_by_one) == n
+        for a, b in zip(at_once, one_by_one, strict=True):
+            assert np.array_equal(a.belief.P, b.belief.P)
+            assert np.array_equal(a.nu, b.nu, equal_nan=True)
+        assert whole.gauge.convergence().since == single.gauge.convergence().since
+        assert (whole.nis_sum, whole.samples) == (single.nis_sum, single.samples)
+        if n > 500:
+            assert whole.after_convergence is not None
+            assert single.after_convergence is not None
+            assert np.array_equal(whole.after_convergence.covariance, single.after_convergence.covariance)
+
+
+def test_the_compiled_step_is_the_readable_one() -> None:
+    """Still, tilted, turning and across a gap: compiled and numpy agree to a millionth of a standard deviation."""
+    rng = np.random.default_rng(5)
+    n = 300
+    t = np.arange(n) * DT
+    t[200:] += 3.0
+    turn = np.zeros((n, 3))
+    turn[60:160] = np.deg2rad([40.0, -90.0, 150.0])
+    gyro = RATE + turn + rng.normal(size=(n, 3)) * 5e-3
+    accel = FORCE + rng.normal(size=(n, 3)) * 0.1
+    noise = Noise((0.02, 0.01, 0.03), (1e-3, 2e-3, 3e-3), (1e-4, 0.0, 0.0), (0.0, 1e-5, 0.0))
+    still = alignment.level_by_gravity(PAPER_SITE, attitude.from_rpy(0.3, -1.3, 0.0).T @ FORCE, 0.1)
+    for linear, found in ((False, reference.level(PAPER_SITE)), (True, still)):
+        parameters = engines.Parameters(DT, 0.0, PAPER_SITE, linear, noise, 0.0)
+        fast, slow = engines.Compiled(parameters), engines.Stepwise(spkf, parameters)
+        nav, P0_sd = found.start()
+        known = np.repeat(found.known(t, -np.inf, gyro), n, axis=0)
+        # rows are known now and then only, as on a table that moves
+        known[60:200, reference.VARIANCES] = -1.0
+        known[::3, reference.VARIANCES][:, 2:5] = -1.0
+        samples = engines.Feed(t, gyro, accel, known, engines.draws(7, 0, n))
+        for engine in (fast, slow):
+            engine.start(nav, np.append(P0_sd, [0.2] * 3 + [0.03] * 3))
+        k = 0
+        while k < n:
+            after = fast.advance(samples, k, np.inf)
+            assert after == slow.advance(samples, k, np.inf)
+            a, b = (engine.out[: after[1]] for engine in (fast, slow))
+            for x, y in zip(a, b, strict=True):
+                p, q = (runner.estimate_of(row).belief for row in (x, y))
+                sd = np.sqrt(np.diag(q.P))
+                assert np.max(np.abs(p.nav.minus(q.nav)) / sd) < 1e-6
+                assert np.max(np.abs(p.P - q.P) / np.outer(sd, sd)) < 1e-6
+                assert x[layout.OUT_DOF] == y[layout.OUT_DOF]
+                assert np.allclose(x[layout.OUT_NIS], y[layout.OUT_NIS], rtol=1e-6, equal_nan=True)
+            k = after[0]
+        assert np.allclose(fast.sums, slow.sums, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["spkf", "ekf", "spkf-paper"])
+def test_a_gap_is_counted_and_widens_the_band_as_a_held_sample_does(name: str) -> None:
+    """Five seconds missing: one gap, and the attitude's variance grows as N² T²/period, not N² T."""
+    t, gyro, accel = noisy(105)
+    t[100:] += 5.0
+    estimator = Estimator(Settings(DT, filter=name))
+    estimates = feed(estimator, (t, gyro, accel))
+    assert len(estimator.gaps) == 1
+    assert estimator.gaps[0] == pytest.approx((4.95, 5.05))
+    predicted = spkf.process_noise(Noise.of(IMU400CD_200), np.eye(3), 5.05, 5.05 / DT)
+    assert np.isclose(np.sqrt(predicted[6, 6]), np.deg2rad(0.075) * 5.05 / np.sqrt(DT))
+    # after the update the reference is all that is left of attitude
+    assert np.sqrt(estimates[100].belief.P[6, 6]) == pytest.approx(np.deg2rad(0.1), rel=0.05)
+    assert np.sqrt(estimates[99].belief.P[6, 6]) < np.deg2rad(0.06)
+
+
+def test_flagged_and_missing_samples_leave_errors_within_their_band() -> None:
+    """A fifth of the samples missing, over 40 seeds: 240 squared normalised errors within their 99.8 % band."""
+    total = 0.0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        bias = np.concatenate([rng.uniform(-0.1, 0.1, 3), rng.uniform(-0.015, 0.015, 3)])
+        t, gyro, accel = noisy(500, seed=seed, bias=bias)
+        keep = rng.random(500) > 0.2
+        estimator = Estimator(Settings(DT), every=np.inf)
+        feed(estimator, (t[keep], gyro[keep], accel[keep]))
+        assert estimator.latest is not None
+        nav, P = estimator.latest.belief.nav, estimator.latest.belief.P
+        error = np.concatenate([nav.accel_bias, nav.gyro_bias]) - bias
+        total += float(np.sum(error**2 / np.diag(P)[9:]))
+    assert 177.0 < total < 312.0, f"{total:.1f} of 240"  # chi2.ppf([.001, .999], 240)
+
+
+def test_rotation_between_slow_samples_is_refused_with_the_reason() -> None:
+    """20 deg/s at 0.1 Hz turns 200 deg between two samples; the same rate at 20 Hz is welcome."""
+    t, gyro, accel = np.arange(5) * 10.0, np.tile(np.deg2rad([0, 0, 20.0]), (5, 1)), np.tile(FORCE, (5, 1))
+    with pytest.raises(ValueError, match=r"200 deg between two samples .* nothing is known of the rate"):
+        feed(Estimator(Settings(10.0)), (t, gyro, accel))
+    assert len(feed(Estimator(Settings(DT)), (t / 200, gyro, accel))) == 5
+
+
+def test_a_profile_too_fast_for_the_rate_is_refused_before_it_starts() -> None:
+    """A table that turns between two samples by more than a radian cannot be filtered."""
+    profile = Profile((Dwell((0.0, 0.0, 0.0), 5.0), Dwell((0.0, 1.5, 0.0), 5.0)))
+    with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz"):
+        Estimator(Settings(10.0, reference="profile", motion=profile))
+
+
+def test_outliers_of_a_reference_are_left_out_and_counted() -> None:
+    """One row of a trajectory 3 m/s off: one rejection, and the estimate does not move; a lasting one is believed."""
+    n = 400
+    t, gyro, accel = noisy(n)
+    values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (n, 1))
+    values[200, 3] = 3.0
+    settings = Settings(DT, reference="trajectory", motion=Trajectory(t, values))
+    estimator = Estimator(settings)
+    estimates = feed(estimator, (t, gyro, accel))
+    assert estimator.rejected == 1
+    assert abs(estimates[200].belief.nav.velocity_n[0]) < 0.1
+    assert estimator.alarms() == []
+    values[200:, 3] = 3.0
+    lasting = Estimator(Settings(DT, reference="trajectory", motion=Trajectory(t, values)))
+    feed(lasting, (t, gyro, accel))
+    assert lasting.rejected >= kernels.MAX_REJECTIONS
+    assert any("left out as outliers" in alarm for alarm in lasting.alarms())
+
+
+def test_a_partly_known_attitude_corrects_what_it_knows() -> None:
+    """Yaw alone in the trajectory: the vertical gyro bias is seen; without it, it is not."""
+    n = 200
+    bias = np.array([0, 0, 0, 0, 0, 0.01])
+    t, gyro, accel = noisy(n, bias=bias)
+    values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, np.nan, np.nan, 0], (n, 1))
+    values[0, 6:] = 0.0
+    sds = []
+    for unknown in (False, True):
+        values[1:, 8] = np.nan if unknown else 0.0
+        estimator = Estimator(Settings(DT, reference="trajectory", motion=Trajectory(t, values)))
+        last = feed(estimator, (t, gyro, accel))[-1]
+        sds.append(np.sqrt(last.belief.P[14, 14]))
+        if not unknown:
+            assert abs(last.belief.nav.gyro_bias[2] - 0.01) < 4 * sds[0]
+            assert estimator.observable[5]
+        else:
+            assert not estimator.observable[5]
+    assert sds[0] < 0.1 * sds[1]
+
+
+def test_attitude_is_found_from_a_trajectory_that_moves() -> None:
+    """Still, then driving off on a bend: the heading of 2.2 rad comes out of the velocities, and biases with it."""
+    rng = np.random.default_rng(8)
+    n = 2400
+    t = np.arange(n) * DT
+    speed = np.clip(t - 40.0, 0.0, 15.0)
+    heading = 2.2 + 0.1 * np.clip(t - 50.0, 0.0, None)
+    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), np.zeros(n)], axis=1)
+    gyro, accel = np.empty((n, 3)), np.empty((n, 3))
+    change = np.gradient(velocity, DT, axis=0)
+    bias = np.array([0.01, -0.006, 0.004])
+    position = np.cumsum(velocity, axis=0) * DT
+    values = np.full((n, 9), np.nan)
+    nav = NavState.at_rest(PAPER_SITE, np.eye(3))
+    for k in range(n):
+        C = attitude.from_rpy(0.1, -0.05, float(heading[k]))
+        gyro[k] = C.T @ (RATE + np.array([0, 0, 0.1 * (t[k] > 50.0)])) + bias + rng.normal(size=3) * 1e-3 / np.sqrt(DT)
+        accel[k] = C.T @ (change[k] + FORCE) + rng.normal(size=3) * 0.01 / np.sqrt(DT)
+        moved = nav.plus(np.concatenate([position[k], np.zeros(12)]))
+        if k % 5 == 0:
+            values[k, :6] = moved.latitude, moved.longitude, moved.height, *velocity[k]
+    fixes = Trajectory(t[::5], values[::5])
+    estimator = Estimator(Settings(DT, reference="trajectory", motion=fixes))
+    estimates = feed(estimator, (t, gyro, accel))
+    assert len(estimates) == n
+    assert abs(attitude.to_rpy(estimates[0].belief.nav.C_nb)[2] - 2.2) < np.deg2rad(10)
+    nav, sd = estimates[-1].belief.nav, np.sqrt(np.diag(estimates[-1].belief.P))
+    assert np.all(np.abs(nav.gyro_bias - bias) < 4 * sd[12:])
+    assert sd[14] < np.deg2rad(0.2)
+
+
+def test_time_that_does_not_increase_is_refused() -> None:
+    """The error names the sample and both times."""
+    estimator = Estimator(Settings(DT))
+    runner.step(estimator, 0.0, RATE, FORCE)
+    with pytest.raises(ValueError, match="sample 1"):
+        runner.step(estimator, 0.0, RATE, FORCE)
+
+
+@pytest.mark.parametrize("field", ["filter", "reference", "measurements"])
+def test_a_name_that_is_none_is_refused_with_those_there_are(field: str) -> None:
+    """Settings say what they may be."""
+    with pytest.raises(ValueError, match=f'`{field}` is "nonsense", not one of'):
+        Settings(DT, **{field: "nonsense"})
+
+
+def test_gravity_reference_finds_the_attitude_and_the_vertical_bias() -> None:
+    """Tilted by 20°: gyro biases and the vertical accelerometer bias within 4 sd; horizontals are not observable."""
+    C_nb = attitude.from_rpy(np.deg2rad(12), np.deg2rad(-16), 0.0)
+    bias = np.array([0.0, 0.0, 0.08, 0.004, -0.003, 0.006])
+    estimator = Estimator(Settings(DT, reference="gravity"))
+    estimates = feed(estimator, noisy(1200, C_nb=C_nb, bias=bias))
+    assert len(estimates) == 1200
+    assert estimator.observable == (False, False, True, True, True, True)
+    nav, sd = estimates[-1].belief.nav, np.sqrt(np.diag(estimates[-1].belief.P))
+    assert np.all(np.abs(nav.gyro_bias - bias[3:]) < 4 * sd[12:] + np.deg2rad(0.0042))
+    assert abs(nav.accel_bias[2] - bias[2]) < 4 * sd[11]
+    assert np.all(sd[9:11] > 5e-3 * 9.8), "horizontal accelerometer biases must not look known"
+    assert np.all(np.abs(attitude.to_rpy(nav.C_nb)[:2] - np.deg2rad([12, -16])) < np.deg2rad(1.0))
+
+
+def test_a_log_shorter_than_the_alignment_is_used_all_the_same() -> None:
+    """Five seconds with reference gravity give a hundred estimates at the end."""
+    assert len(feed(Estimator(Settings(DT, reference="gravity")), noisy(100))) == 100
+
+
+def test_a_moving_unit_has_no_gravity_reference() -> None:
+    """A mean force that is not gravity is an error, not an attitude."""
+    with pytest.raises(ValueError, match="not at rest"):
+        alignment.level_by_gravity(PAPER_SITE, np.array([0.0, 5.0, -5.0]), 0.1)
+
+
+def test_a_wrong_accelerometer_sign_raises_an_alarm_that_names_it() -> None:
+    """The filter would converge on a bias of 2 g; the alarm says what is wrong instead."""
+    estimator = Estimator(Settings(DT))
+    t, gyro, accel = noisy(400)
+    feed(estimator, (t, gyro, -accel))
+    assert any("accelerometer sign" in alarm for alarm in estimator.alarms())
+
+
+def test_a_bias_of_several_times_the_limit_raises_an_alarm_that_names_it() -> None:
+    """5 deg/s on x is five times Table 1."""
+    estimator = Estimator(Settings(DT))
+    feed(estimator, noisy(400, bias=np.array([0, 0, 0, np.deg2rad(5.0), 0, 0])))
+    assert ["x gyro" in alarm for alarm in estimator.alarms()] == [True]
+
+
+def test_a_bias_that_jumps_loses_its_convergence_after_ten_seconds() -> None:
+    """Ten seconds of residuals outside the band take the verdict back, on that axis alone."""
+    estimator = Estimator(Settings(DT))
+    jump = np.array([0, 0, 0, 0, np.deg2rad(3.0), 0])
+    feed(estimator, noisy(800), last=False)
+    assert estimator.converged
+    for t, gyro, accel in zip(*noisy(700, seed=1, bias=jump), strict=True):
+        runner.step(estimator, float(t) + 40.0, gyro, accel)
+        since = estimator.gauge.convergence().since
+        if since[4] is None:
+            break
+    assert since[4] is None
+    assert since[3] is not None
+    assert 49.0 <= t + 40.0 <= 62.0
+
+
+def test_a_clean_hour_never_loses_its_convergence() -> None:
+    """3600 s of clean blocks at 1 Hz: once declared, no bias is taken back."""
+    rng = np.random.default_rng(12)
+    gauge = consistency.Gauge(1.0)
+    sigma = np.repeat([1 / 60, np.deg2rad(0.075)], 3)
+    sums = np.zeros(6)
+    lost = 0
+    before: tuple[float | None, ...] = (None,) * 6
+    gauge.begin(0.0)
+    for k in range(1, 3601):
+        residual = rng.normal(size=6) * sigma
+        sums += residual
+        gauge.close(float(k), residual, sums / k, sums / k, sigma / np.sqrt(k))
+        since = gauge.convergence().since
+        lost += sum(b is not None and s is None for b, s in zip(before, since, strict=True))
+        before = since
+    assert all(s is not None for s in before)
+    assert lost == 0
+
+
+def test_noise_is_measured_through_drift_and_steps() -> None:
+    """The median of block differences gives the white level within 15 % though the mean wanders and jumps."""
+    rng = np.random.default_rng(13)
+    gauge = consistency.Gauge(0.1)
+    gauge.begin(0.0)
+    for t in range(1, 600):
+        residual = rng.normal(size=6) * 0.02 + 1e-4 * t + 0.5 * (t > 300)
+        gauge.close(float(t), residual, np.zeros(6), np.zeros(6), np.ones(6))
+    noise = gauge.noise()
+    assert noise is not None
+    assert np.all(np.abs(noise / 0.02 - 1.0) < 0.15)
+
+
+def test_the_nis_band_is_that_of_the_mean_of_chi_squares() -> None:
+    """9 rows, 1000 updates: 8.74 to 9.26."""
+    low, high = consistency.nis_band(9, 1000)
+    assert (round(low, 2), round(high, 2)) == (8.74, 9.26)
+
+
+def test_spread_is_the_scatter_after_convergence() -> None:
+    """The moments over converged samples are those of numpy over the estimates."""
+    estimator = Estimator(Settings(DT))
+    estimates = feed(estimator, noisy(900))
+    moments = estimator.after_convergence
+    assert moments is not None
+    errors = np.array([e.belief.nav.minus(reference.level(PAPER_SITE).nav) for e in estimates[-moments.count :]])
+    assert np.allclose(moments.mean, errors.mean(axis=0), rtol=1e-6, atol=1e-12)
+    assert np.max(np.abs(moments.covariance - np.cov(errors.T)) / np.outer(errors.std(0), errors.std(0))) < 1e-6
+
+
+def test_draws_are_standard_normal_and_each_samples_own() -> None:
+    """A stretch from the middle is that stretch of the whole; mean and variance of 90 000 draws fit."""
+    whole = engines.draws(4, 0, 10_000)
+    assert np.array_equal(engines.draws(4, 500, 20), whole[500:520])
+    assert abs(whole.mean()) < 4 / np.sqrt(whole.size)
+    assert abs(whole.var() - 1.0) < 4 * np.sqrt(2 / whole.size)
+    assert np.max(np.abs(np.corrcoef(whole.T) - np.eye(9))) < 0.05
+
+
+def test_simulated_readings_go_forward_only() -> None:
+    """A block that is gone is an error, not a wrong number."""
+    unit = simulation.StillUnit(0, 133.0)
+    unit.reading(5000)
+    with pytest.raises(ValueError, match="gone"):
+        unit.reading(10)
+
+
+def test_equal_seeds_make_equal_units_and_others_do_not() -> None:
+    """Truth and readings are functions of the seed."""
+    a, b, c = (simulation.StillUnit(seed, 133.0).samples(10) for seed in (1, 1, 2))
+    assert np.array_equal(a.gyro, b.gyro)
+    assert not np.array_equal(a.gyro, c.gyro)
+    assert np.all(np.abs(simulation.draw(1).gyro_bias) <= np.deg2rad(1.0))

@@ -1,0 +1,164 @@
+import numpy as np
+import pytest
+
+from filters import attitude, simulation, state
+from filters.imu import IMU400CD_200, Noise
+from filters.kalman import runner, spkf, strapdown
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import Settings
+from filters.motion import reference
+from filters.motion.profile import Dwell, Profile
+from filters.state import PAPER_SITE, NavState
+
+LEVEL = reference.level(PAPER_SITE)
+LOOP_HZ = 400 / 3
+
+
+def averaged(unit: simulation.StillUnit, seconds: float, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings of a unit averaged down by a whole factor: t, gyro, accel."""
+    n = int(seconds * LOOP_HZ) // factor
+    s = unit.samples(n * factor)
+    return np.arange(n) * factor / LOOP_HZ, s.gyro.reshape(n, factor, 3).mean(1), s.accel.reshape(n, factor, 3).mean(1)
+
+
+def filtered(
+    unit_seed: int, seconds: float = 40.0, factor: int = 7, **settings: object
+) -> tuple[Estimator, simulation.Truth]:
+    """Run the filter over a simulated still unit."""
+    unit = simulation.StillUnit(unit_seed, LOOP_HZ)
+    t, gyro, accel = averaged(unit, seconds, factor)
+    estimator = Estimator(Settings(factor / LOOP_HZ, **settings), every=np.inf)  # type: ignore[arg-type]
+    list(runner.run(estimator, t, gyro, accel))
+    return estimator, unit.truth
+
+
+def bias_errors(estimator: Estimator, truth: simulation.Truth) -> np.ndarray:
+    """Errors of the six biases over their own standard deviations."""
+    assert estimator.latest is not None
+    nav, P = estimator.latest.belief.nav, estimator.latest.belief.P
+    error = np.concatenate([nav.accel_bias - truth.accel_bias, nav.gyro_bias - truth.gyro_bias])
+    return error / np.sqrt(np.diag(P)[9:])
+
+
+def test_bias_errors_fit_their_standard_deviations_over_twenty_seeds() -> None:
+    """Simulated units with Table 1 noise: 120 squared normalised errors sum to within their 99.8 % chi-square band."""
+    z = np.array([bias_errors(*filtered(seed, seconds=30.0, factor=14)) for seed in range(20)])
+    total = float(np.sum(z**2))
+    assert 77.0 < total < 174.0, f"{total:.1f} of 120"  # chi2.ppf([.001, .999], 120)
+    assert np.all(np.abs(z) < 4.0)
+    assert np.all(np.abs(z.mean(axis=0)) < 3.5 / np.sqrt(20))
+
+
+def test_standard_deviations_and_convergence_meet_the_operators_bar_in_a_minute() -> None:
+    """After 60 s at 20 Hz: below 0.6 mg and 0.05 deg/s, every bias declared converged, no alarm."""
+    estimator, _ = filtered(11, seconds=60.0)
+    assert estimator.latest is not None
+    sd = np.sqrt(np.diag(estimator.latest.belief.P))
+    assert np.all(sd[state.ACCEL_BIAS] < 0.6e-3 * 9.80665)
+    assert np.all(sd[state.GYRO_BIAS] < np.deg2rad(0.05))
+    assert estimator.converged
+    assert estimator.alarms() == []
+
+
+@pytest.mark.parametrize("kappa", [0.0, spkf.PAPER_KAPPA])
+def test_drawn_measurements_make_nis_a_test_that_the_filter_passes(kappa: float) -> None:
+    """With noise of covariance R fed, the mean NIS of 9 rows lies in its 99.9 % band, for both kappas."""
+    estimator, _ = filtered(2, measurements="drawn", seed=5, kappa=kappa)
+    mean = estimator.nis_sum / estimator.nis_count
+    assert abs(mean - 9.0) < 3.3 * np.sqrt(2 * 9 / estimator.nis_count)
+
+
+def test_exact_measurements_make_nis_small() -> None:
+    """Fed exact, the mean NIS is far below 9: no test, as the results say."""
+    estimator, _ = filtered(2)
+    assert estimator.nis_sum / estimator.nis_count < 1.0
+
+
+def test_both_kappas_agree_in_the_papers_case() -> None:
+    """Level and still, kappa 0 and -12 give estimates within a thousandth of a standard deviation."""
+    a, truth = filtered(4, seconds=10.0)
+    b, _ = filtered(4, seconds=10.0, kappa=spkf.PAPER_KAPPA)
+    assert np.max(np.abs(bias_errors(a, truth) - bias_errors(b, truth))) < 1e-3
+
+
+def test_prediction_is_that_of_a_linear_filter_for_small_errors() -> None:
+    """One sigma-point prediction equals Φ P Φᵀ + Q with Φ by central differences, to a millionth."""
+    rng = np.random.default_rng(8)
+    C_nb = attitude.from_rpy(0.5, 1.2, -2.0)
+    nav = NavState.at_rest(PAPER_SITE, C_nb)
+    A = rng.normal(size=(15, 15))
+    scale = np.repeat([1e-2, 1e-4, 1e-6, 1e-5, 1e-7], 3)
+    P = (A @ A.T) * np.outer(scale, scale)
+    gyro, accel, dt = np.array([0.3, -0.2, 0.5]), C_nb.T @ np.array([0.0, 0.0, -9.8]), 0.05
+    Q_d = spkf.process_noise(Noise.of(IMU400CD_200), C_nb, dt)
+    after = spkf.predict(spkf.Belief(nav, P), gyro, accel, dt, PAPER_SITE.gravity, Q_d)
+    plus = strapdown.propagate(nav.plus(np.diag(scale)), gyro, accel, dt, PAPER_SITE.gravity)
+    minus = strapdown.propagate(nav.plus(-np.diag(scale)), gyro, accel, dt, PAPER_SITE.gravity)
+    centre = strapdown.propagate(nav, gyro, accel, dt, PAPER_SITE.gravity)
+    Phi = ((plus.minus(centre) - minus.minus(centre)) / (2 * scale[:, None])).T
+    expected = Phi @ P @ Phi.T + Q_d
+    sd = np.sqrt(np.diag(expected))
+    assert np.max(np.abs(after.P - expected) / np.outer(sd, sd)) < 1e-6
+
+
+def test_correction_is_that_of_the_information_form() -> None:
+    """P⁻¹ grows by Hᵀ R⁻¹ H, whatever form the gain is written in."""
+    rng = np.random.default_rng(9)
+    A = rng.normal(size=(15, 15))
+    P = A @ A.T + 15 * np.eye(15)
+    belief, innovation = spkf.correct(spkf.Belief(LEVEL.nav, P), LEVEL.nav, LEVEL.rows, LEVEL.R_sd)
+    information = np.linalg.inv(P)
+    information[:9, :9] += np.diag(LEVEL.R_sd**-2)
+    assert np.allclose(belief.P, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
+    assert innovation.nis == 0.0
+
+
+def test_the_start_is_the_papers_noise_set() -> None:
+    """P0 of the nine navigation states is R; biases start at 18 mg and 1.5 deg/s."""
+    estimator = Estimator(Settings(0.05))
+    runner.step(estimator, 0.0, *LEVEL.rates_and_forces())
+    assert estimator.latest is not None
+    sd = np.sqrt(np.diag(estimator.latest.belief.P))
+    assert np.allclose(sd[:9], [10, 10, 30, 0.1, 0.1, 0.1, *np.deg2rad([0.1, 0.1, 0.5])])
+    assert np.allclose(sd[9:], [18e-3 * 9.80665] * 3 + [np.deg2rad(1.5)] * 3)
+
+
+def test_process_noise_is_table_1_times_dt() -> None:
+    """4.5 deg/√h and 1 m/s/√h over 1 s: 0.075 deg and 1/60 m/s; none on position and biases."""
+    sd = np.sqrt(np.diag(spkf.process_noise(Noise.of(IMU400CD_200), np.eye(3), 1.0)))
+    assert np.allclose(sd[state.VELOCITY], 1 / 60)
+    assert np.allclose(sd[state.ATTITUDE], np.deg2rad(0.075))
+    assert np.all(sd[[0, 1, 2, 9, 10, 11, 12, 13, 14]] == 0.0)
+
+
+def test_a_covariance_that_is_none_is_an_error_in_words() -> None:
+    """Nothing is added to help a factorisation: the error names the matrix."""
+    P = np.eye(15)
+    P[9, 9] = -1.0
+    with pytest.raises(spkf.DivergenceError, match="state covariance"):
+        spkf.predict(spkf.Belief(LEVEL.nav, P), np.zeros(3), np.zeros(3), 0.1, 9.8, np.zeros((15, 15)))
+
+
+def test_a_gated_correction_changes_nothing() -> None:
+    """Beyond the gate the belief is the same object, and the innovation says so."""
+    belief = spkf.start(LEVEL.nav, np.ones(15))
+    far = LEVEL.nav.plus(np.concatenate([np.zeros(3), [50.0], np.zeros(11)]))
+    after, innovation = spkf.correct(belief, far, LEVEL.rows, LEVEL.R_sd, gate=66.0)
+    assert after is belief
+    assert not innovation.accepted
+    assert innovation.nis > 66.0
+
+
+def test_attitude_near_ninety_degrees_of_pitch_is_nothing_special() -> None:
+    """At 89.9° of pitch a still unit's biases come out as at level: errors within 4 standard deviations."""
+    tilted = Profile((Dwell((0.0, np.deg2rad(89.9), 0.0), 20.0),))
+    C_nb = attitude.table(0.0, np.deg2rad(89.9), 0.0)
+    rate, force = (C_nb.T @ v for v in LEVEL.rates_and_forces())
+    rng = np.random.default_rng(3)
+    truth = simulation.draw(1)
+    gyro = rate + truth.gyro_bias + rng.normal(size=(400, 3)) * IMU400CD_200.gyro_arw / np.sqrt(0.05)
+    accel = force + truth.accel_bias + rng.normal(size=(400, 3)) * IMU400CD_200.accel_vrw / np.sqrt(0.05)
+    estimator = Estimator(Settings(0.05, reference="profile", motion=tilted))
+    list(runner.run(estimator, np.arange(400) * 0.05, gyro, accel))
+    assert np.all(np.abs(bias_errors(estimator, truth)) < 4.0)
+    assert np.all(np.abs(bias_errors(estimator, simulation.Truth(np.zeros(3), np.zeros(3)))) > 1e-3)

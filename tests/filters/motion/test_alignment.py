@@ -1,0 +1,333 @@
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from filters import attitude, earth
+from filters.imu import IMU400CD_200, Samples
+from filters.kalman import runner
+from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.settings import Settings
+from filters.motion import alignment, reference
+from filters.motion import profile as motion
+from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion.reference import TableMotion, Trajectory
+from filters.state import PAPER_SITE
+
+SPEC = IMU400CD_200
+
+
+def dwell(outer: float, middle: float, inner: float, seconds: float = 5.0) -> Dwell:
+    return Dwell((np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner)), seconds)
+
+
+def rate(axis: str, dps: float, seconds: float) -> Rate:
+    return Rate(axis, np.deg2rad(dps), seconds)
+
+
+BOTH_WAYS = Profile(
+    (dwell(0, 0, 0), rate("inner", 30.0, 15.0), rate("inner", -30.0, 15.0), dwell(0, 0, 0)), align="gyro"
+)
+TUMBLE = Profile(
+    (
+        dwell(0, 0, 0),
+        dwell(90, 0, 0),
+        dwell(180, 0, 0),
+        dwell(0, 0, 0),
+        dwell(0, 90, 0),
+        dwell(0, 0, 45),
+        dwell(0, 0, 0),
+    ),
+    align="gyro",
+)
+ONE_WAY = Profile((dwell(0, 0, 0), rate("inner", 30.0, 40.0), dwell(0, 0, 0)), align="gyro")
+SHORT = Profile((dwell(0, 0, 0), dwell(0, 90, 0), dwell(0, 0, 0)), align="gyro")
+
+
+def recorded(
+    profile: Profile, offset: float, seconds: float, hz: float = 20.0, seed: int = 0
+) -> tuple[Samples, np.ndarray]:
+    """Log of a unit with noise and biases of Table 1 whose table starts its profile at `offset`; with the biases."""
+    rng = np.random.default_rng([seed, 3])
+    t = np.arange(round(seconds * hz)) / hz
+    angles, rates = profile.angles(t - offset), profile.rates(t - offset)
+    C = motion.attitudes(angles)
+    bias = rng.uniform(-1.0, 1.0, 6) * np.repeat([SPEC.accel_bias_limit, SPEC.gyro_bias_limit], 3)
+    gyro = motion.body_rate(angles, rates) + C.transpose(0, 2, 1) @ earth.earth_rate_n(np.array(PAPER_SITE.latitude))
+    accel = C.transpose(0, 2, 1) @ np.array([0.0, 0.0, -PAPER_SITE.gravity])
+    gyro = gyro + bias[3:] + rng.standard_normal(gyro.shape) * SPEC.gyro_arw * np.sqrt(hz)
+    accel = accel + bias[:3] + rng.standard_normal(accel.shape) * SPEC.accel_vrw * np.sqrt(hz)
+    return Samples(t, gyro, accel), bias
+
+
+def found(profile: Profile, samples: Samples) -> tuple[float, float]:
+    return alignment.offset_of_profile(profile, samples.t, samples.gyro)
+
+
+# --------------------------------------------------------------------------------------------- finding a profile's time
+
+
+@pytest.mark.parametrize(("profile", "hz"), [(BOTH_WAYS, 133.0), (BOTH_WAYS, 20.0), (TUMBLE, 50.0), (ONE_WAY, 20.0)])
+def test_the_offset_is_found_to_within_what_it_claims(profile: Profile, hz: float) -> None:
+    """Two to twelve seconds late, 20 logs: no error beyond 4 sd, and their squares in the 99.8 % band of chi-square."""
+    errors = []
+    for seed in range(20):
+        offset = float(np.random.default_rng([seed, 9]).uniform(2.0, 12.0))
+        samples, _ = recorded(profile, offset, profile.duration + 18.0, hz, seed)
+        at, sd = found(profile, samples)
+        assert 0.0 < sd < 0.01
+        errors.append((at - offset) / sd)
+    assert np.max(np.abs(errors)) < 4.0
+    low, high = chi2.ppf([0.001, 0.999], len(errors))
+    assert low < np.sum(np.square(errors)) < high
+
+
+@pytest.mark.parametrize(("offset", "seconds"), [(-3.0, 60.0), (40.0, 80.0), (60.0, 110.0)])
+def test_a_profile_is_found_anywhere_in_a_log(offset: float, seconds: float) -> None:
+    """Begun before the log, late in it, or long before its end."""
+    at, sd = found(SHORT, recorded(SHORT, offset, seconds)[0])
+    assert abs(at - offset) < 4.0 * sd
+
+
+@pytest.mark.parametrize(("offset", "seconds"), [(110.0, 150.0), (103.0, 140.0), (700.0, 750.0)])
+def test_a_profile_is_found_late_in_a_long_log(offset: float, seconds: float) -> None:
+    """A log much longer than the profile, which comes in its last third."""
+    at, sd = found(SHORT, recorded(SHORT, offset, seconds)[0])
+    assert abs(at - offset) < 4.0 * sd
+
+
+def test_a_profile_that_never_turns_has_no_time_to_be_found() -> None:
+    """The error names the way out."""
+    still = Profile((dwell(0, 0, 0, 20.0),), align="gyro")
+    with pytest.raises(ValueError, match=r"never turns.*use marks"):
+        found(still, recorded(still, 0.0, 20.0)[0])
+
+
+def _other_axis(profile: Profile) -> Profile:
+    """The same segments with outer taken for inner and the like."""
+    turn = {"outer": "middle", "middle": "inner", "inner": "outer"}
+    return replace(
+        profile,
+        segments=tuple(
+            replace(segment, axis=turn[segment.axis])
+            if isinstance(segment, Rate)
+            else replace(segment, angles=segment.angles[2:] + segment.angles[:2])
+            for segment in profile.segments
+            if isinstance(segment, Rate | Dwell)
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        replace(BOTH_WAYS, sign=(1, 1, -1)),
+        _other_axis(BOTH_WAYS),
+        Profile((dwell(0, 0, 0), rate("inner", 60.0, 15.0), rate("inner", -60.0, 15.0), dwell(0, 0, 0)), align="gyro"),
+    ],
+    ids=["sign", "axis", "rate"],
+)
+def test_a_profile_of_another_unit_is_refused_in_words(told: Profile) -> None:
+    """The wrong sign, the wrong axis, or another motion: an error that names what may be wrong."""
+    with pytest.raises(ValueError, match=r"another profile, another `sign`, or another mounting"):
+        found(told, recorded(BOTH_WAYS, 5.0, 60.0)[0])
+
+
+def test_a_table_that_only_ever_turns_one_way_has_a_sign_too() -> None:
+    """A rate of +30 deg/s is no rate of -30 deg/s with a gyro bias of 30 deg/s, whatever the time."""
+    with pytest.raises(ValueError, match="sign"):
+        found(replace(ONE_WAY, sign=(1, 1, -1)), recorded(ONE_WAY, 5.0, 60.0)[0])
+
+
+@pytest.mark.parametrize("sign", [(-1, 1, 1), (1, -1, 1), (1, 1, -1)])
+def test_each_axis_is_looked_at_for_its_sign(sign: tuple[int, int, int]) -> None:
+    """A tumble that turns little about inner is refused for the sign of inner as well."""
+    profile = replace(TUMBLE, segments=TUMBLE.segments[:-1])
+    with pytest.raises(ValueError, match="sign"):
+        found(replace(profile, sign=sign), recorded(profile, 5.0, profile.duration + 12.0)[0])
+
+
+# --------------------------------------------------------------------------------------------- using an aligned profile
+
+
+def test_moving_segments_are_used_once_aligned_and_only_then() -> None:
+    """With the joint's sd rows of the whole motion are known, wider by rate × sd; without it the dwells' alone."""
+    samples, _ = recorded(BOTH_WAYS, 6.0, 60.0)
+    offset, sd = found(BOTH_WAYS, samples)
+    tables = [
+        TableMotion(profile, PAPER_SITE, SPEC, 0.05, offset, joint)
+        for profile, joint in ((BOTH_WAYS, sd), (replace(BOTH_WAYS, align="none"), None))
+    ]
+    aligned, apart = (table.known(samples.t, -np.inf, samples.gyro) for table in tables)
+    assert (aligned[:, reference.VARIANCES] > 0.0).all()
+    turning = np.abs(BOTH_WAYS.rates(samples.t - offset)[:, 2]) > np.deg2rad(29.9)
+    assert turning.any()
+    assert (apart[turning, reference.VARIANCES] < 0.0).all()
+    down = aligned[turning, reference.VARIANCES.start + 8]
+    assert np.allclose(down, reference.PAPER_R_SD[8] ** 2 + (np.deg2rad(30.0) * sd) ** 2, rtol=1e-6)
+
+
+def test_biases_of_a_log_aligned_by_its_gyros_are_within_the_band() -> None:
+    """Offset from the log, profile over the log, 20 units: NEES of six biases in its 99.8 % band, nothing left out."""
+    nees = 0.0
+    for seed in range(20):
+        samples, bias = recorded(TUMBLE, 4.0 + 0.1 * seed, TUMBLE.duration + 10.0, seed=seed)
+        offset, sd = found(TUMBLE, samples)
+        settings = Settings(
+            0.05, reference="profile", motion=TUMBLE, offset=offset, offset_sd=sd, measurements="drawn", seed=seed
+        )
+        estimator = Estimator(settings, every=np.inf)
+        assert not list(runner.run(estimator, samples.t, samples.gyro, samples.accel))
+        assert estimator.latest is not None
+        nav, P = estimator.latest.belief.nav, estimator.latest.belief.P[9:, 9:]
+        error = np.concatenate([nav.accel_bias, nav.gyro_bias]) - bias
+        nees += float(error @ np.linalg.solve(P, error))
+        assert estimator.rejected == 0
+        assert estimator.nis_count == samples.t.size - 1
+    low, high = chi2.ppf([0.001, 0.999], 120)
+    assert low < nees < high, f"{nees:.1f} of 120"
+
+
+def test_a_profile_aligned_by_gyros_is_refused_live() -> None:
+    """Its place in time is found in the whole log; the error says to record and replay, or to use marks."""
+    with pytest.raises(ValueError, match=r"cannot be used live.*marks"):
+        Estimator(Settings(0.05, reference="profile", motion=BOTH_WAYS))
+
+
+# ----------------------------------------------------------------------------- live and replay are the same, bit by bit
+
+
+def same(a: Iterable[Estimate], b: Iterable[Estimate]) -> None:
+    for x, y in zip(a, b, strict=True):
+        assert (x.index, x.t, x.dof) == (y.index, y.t, y.dof)
+        assert np.array_equal(x.belief.P, y.belief.P)
+        assert np.array_equal(x.belief.nav.C_nb, y.belief.nav.C_nb)
+        assert np.array_equal(x.belief.nav.velocity_n, y.belief.nav.velocity_n)
+        assert np.array_equal(x.belief.nav.accel_bias, y.belief.nav.accel_bias)
+        assert np.array_equal(x.belief.nav.gyro_bias, y.belief.nav.gyro_bias)
+        assert np.array_equal(x.nu, y.nu, equal_nan=True)
+        assert np.array_equal(x.nis, y.nis, equal_nan=True)
+
+
+def at_once(settings: Settings, samples: Samples, marks: list[tuple[float, str]]) -> tuple[Estimator, list[Estimate]]:
+    estimator = Estimator(settings)
+    for mark in marks:
+        estimator.mark(*mark)
+    return estimator, list(runner.run(estimator, samples.t, samples.gyro, samples.accel))
+
+
+def in_parts(
+    settings: Settings, samples: Samples, marks: list[tuple[float, str]], sizes: Iterable[int]
+) -> tuple[Estimator, list[Estimate]]:
+    """As they come: each mark is made known before the first sample that is not before it."""
+    estimator, out, waiting, first = Estimator(settings), [], list(marks), 0
+    for size in sizes:
+        part = slice(first, min(first + size, samples.t.size))
+        if part.start >= samples.t.size:
+            break
+        while waiting and waiting[0][0] <= samples.t[part.stop - 1]:
+            estimator.mark(*waiting.pop(0))
+        if size == 1:
+            k = part.start
+            out += runner.step(estimator, float(samples.t[k]), samples.gyro[k], samples.accel[k])
+        else:
+            out += runner.run(estimator, samples.t[part], samples.gyro[part], samples.accel[part], last=False)
+        first = part.stop
+    out += runner.finish(estimator)
+    return estimator, out
+
+
+def ways(n: int) -> list[list[int]]:
+    rng = np.random.default_rng(17)
+    return [[1] * n, rng.integers(1, 60, n).tolist()]
+
+
+MARKS = [(0.2, "segment 1"), (12.33, "next"), (24.0, "segment 5"), (24.01, "no, segment 3"), (36.0, "segment 4")]
+
+
+@pytest.mark.parametrize(
+    ("align", "joint", "marks"),
+    [("marks", None, MARKS), ("none", None, MARKS), ("none", 0.01, []), ("gyro", 0.002, [])],
+)
+@pytest.mark.parametrize("measurements", ["exact", "drawn"])
+def test_a_profile_live_and_all_at_once_are_the_same_to_the_last_bit(
+    align: str, joint: float | None, marks: list[tuple[float, str]], measurements: str
+) -> None:
+    """Sample by sample, in parts of any size, and whole: estimates, verdicts, sentences and totals are equal."""
+    samples, _ = recorded(TUMBLE, 2.5, 45.0)
+    # marks at the dwells' true times; in "none" they are text and nothing else
+    settings = Settings(
+        0.05,
+        reference="profile",
+        motion=replace(TUMBLE, align=align),
+        offset=2.5,
+        offset_sd=joint,
+        measurements=measurements,
+        seed=5,
+    )
+    whole, estimates = at_once(settings, samples, marks)
+    assert len(estimates) == samples.t.size
+    assert 0 < whole.nis_count < samples.t.size
+    for sizes in ways(samples.t.size):
+        other, live = in_parts(settings, samples, marks, sizes)
+        same(estimates, live)
+        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert (whole.nis_sum, whole.rejected, whole.observable) == (other.nis_sum, other.rejected, other.observable)
+        assert (whole.alarms(), whole.confounded()) == (other.alarms(), other.confounded())
+
+
+def _followed(samples: Samples, hz: float, kind: str) -> Trajectory:
+    """What is known of a table's motion, written down as a trajectory every 1 / hz s, partly unknown."""
+    t = np.arange(0.0, samples.t[-1], 1.0 / hz) + (0.0 if kind == "whole" else 0.013)
+    values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
+    values[:, 6:9] = attitude.to_rpy(motion.attitudes(BOTH_WAYS.angles(t - 2.5)))
+    if kind == "yaw":
+        values[1:, 6:8] = np.nan
+        values[3::7, :3] = np.nan
+    if kind == "velocity":
+        values[:, 6:9] = np.nan
+    return Trajectory(t, values)
+
+
+@pytest.mark.parametrize("kind", ["whole", "yaw", "velocity"])
+def test_a_trajectory_live_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> None:
+    """All known, yaw alone (filled in by the filter's own roll and pitch), or no attitude at all: equal either way."""
+    samples, _ = recorded(BOTH_WAYS, 2.5, 45.0)
+    settings = Settings(0.05, reference="trajectory", motion=_followed(samples, 4.0, kind))
+    whole, estimates = at_once(settings, samples, [])
+    assert len(estimates) == samples.t.size
+    for sizes in ways(samples.t.size):
+        other, live = in_parts(settings, samples, [], sizes)
+        same(estimates, live)
+        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert whole.nis_sum == other.nis_sum
+
+
+def test_biases_along_a_known_trajectory_are_right() -> None:
+    """Attitude known four times a second on a table that turns both ways: six biases within 4 sd."""
+    samples, bias = recorded(BOTH_WAYS, 2.5, 45.0)
+    settings = Settings(0.05, reference="trajectory", motion=_followed(samples, 4.0, "whole"))
+    estimator, _ = at_once(settings, samples, [])
+    assert estimator.latest is not None
+    nav, P = estimator.latest.belief.nav, estimator.latest.belief.P
+    error = np.concatenate([nav.accel_bias, nav.gyro_bias]) - bias
+    assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(P)[9:]))
+    assert estimator.rejected == 0
+
+
+def test_a_trajectory_known_from_before_the_log_starts_the_filter_at_the_first_sample() -> None:
+    """Rows before the first sample are the past: the filter begins with what is known then, here 90° of yaw later."""
+    samples, bias = recorded(BOTH_WAYS, 2.5, 45.0)
+    begin = 11.0
+    known = _followed(samples, 20.0, "whole")
+    use = samples.t >= begin
+    part = Samples(samples.t[use] - begin, samples.gyro[use], samples.accel[use])
+    settings = Settings(0.05, reference="trajectory", motion=Trajectory(known.t - begin, known.values))
+    estimator, estimates = at_once(settings, part, [])
+    expected = motion.attitudes(BOTH_WAYS.angles(np.array([begin - 2.5])))[0]
+    error = np.concatenate([estimates[-1].belief.nav.accel_bias, estimates[-1].belief.nav.gyro_bias]) - bias
+    assert estimator.rejected == 0
+    assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(estimates[-1].belief.P)[9:]))
+    assert np.allclose(attitude.log(expected @ estimates[0].belief.nav.C_nb.T), 0.0, atol=np.deg2rad(0.5))

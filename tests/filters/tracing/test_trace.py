@@ -1,0 +1,296 @@
+"""The whole trace on simulated power-ons: clean stays clean, what is there is named, doubt is said, contracts hold."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from runs import HISTORIES, TUMBLE, power_ons
+
+from filters.effects import catalogue
+from filters.effects.records import Trace
+from filters.effects.runtime import CausalEffects
+from filters.imu import AxisMap
+from filters.simulation import Effect
+from filters.state import PAPER_SITE
+from filters.tracing.trace import trace
+
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+STATUSES = {"clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained"}
+METRICS = {"e10", "nis", "drift_10s", "drift_60s", "bias_prediction", "coverage", "gravity_norm", "gravity_direction"}
+
+
+@cache
+def many(seed: int) -> Trace:
+    """Something of everything, on channels of their own; two power-ons to learn from and one held out."""
+    runs = power_ons(
+        Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}),
+        Effect("warmup", ("ax",), {"mg": 4.0, "tau_s": 120.0}),
+        Effect("noise_level", ("ay",), {"log_variance_per_unit": 0.12, "driver": "temperature"}),
+        Effect("gauss_markov", ("az",), {"mg": 2.0, "tau_s": 40.0}),
+        Effect("tone", ("gx",), {"dps": 0.3, "hz": 4.3}),
+        Effect("step", ("gz",), {"dps": 0.15, "at_s": 350.0}),
+        seed=seed,
+    )
+    return trace(runs[:2], runs[2], seed=seed, asked=("thermal_lin",))
+
+
+def found(t: Trace) -> dict[tuple[str, str], dict[str, Any]]:
+    return {(f["effect"], " ".join(f["channels"])): f for f in t.document["findings"]}
+
+
+def errors(t: Trace, metric: str, channel: str) -> dict[str, Any]:
+    (figure,) = [e for e in t.document["error"] if (e["metric"], e["channel"]) == (metric, channel)]
+    return dict(figure)
+
+
+def test_clean_logs_stay_clean() -> None:
+    """Ten units of biases and white noise: at most one finding in all, and one drift, fault, line or noise level."""
+    findings, others, states = 0, 0, []
+    for seed in range(1, 11):
+        runs = power_ons(seed=seed, count=2, seconds=500.0)
+        document = trace(runs[:1], runs[1]).document
+        findings += len(document["findings"])
+        others += sum(len(document[name]) for name in ("drift", "integrity", "lines", "noise_level", "remainder"))
+        states += list(document["status"].values())
+    assert findings <= 1
+    assert others <= 1
+    assert states.count("clean") >= len(states) - 3
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_several_effects_at_once_are_named_each_on_its_channel(seed: int) -> None:
+    """Names, parameters within 3 sd, statuses; nothing else is found."""
+    t = many(seed)
+    own = found(t)
+    assert set(own) == {("thermal_lin", "gy"), ("warmup", "ax"), ("step", "gz")}
+    for key, truth in ((("thermal_lin", "gy"), 0.02), (("warmup", "ax"), 4.0)):
+        k = own[key]["params"][0]
+        assert abs(k["value"] - truth) < 3.0 * k["sd"]
+        assert k["sd"] < 0.1 * truth
+        assert k["plausible"] is True
+        assert own[key]["confirmed"] is True
+        assert own[key]["share_of_excess"] > 0.8
+    assert t.document["status"] == {
+        "gx": "explained",
+        "gy": "explained",
+        "gz": "run_specific",
+        "ax": "explained",
+        "ay": "explained",
+        "az": "stochastic",
+    }
+    assert [d["channels"] for d in t.document["drift"]] == [["az"]]
+    assert [(level["channels"], level["driver"]) for level in t.document["noise_level"]] == [(["ay"], "temperature")]
+    assert [line["channels"] for line in t.document["lines"]] == [["gx"]]
+    assert t.document["lines"][0]["hz"] == pytest.approx(4.3, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_held_out_error_comes_down_to_its_floor(seed: int) -> None:
+    """What was found on two power-ons holds on a third: E10 and √NIS of the channels it is on."""
+    for channel, before in (("gy", 3.0), ("ax", 1.2)):
+        error = errors(many(seed), "e10", channel)
+        assert error["before_x_floor"] > before
+        assert error["after_x_floor"] < 1.3
+        assert errors(many(seed), "nis", channel)["after"] < 1.25
+    assert errors(many(seed), "drift_60s", "all")["after"] < errors(many(seed), "drift_60s", "all")["before"]
+
+
+def test_one_cold_start_is_never_better_than_confounded() -> None:
+    """With one run a term in time or temperature may be named or called drift, but it is not explained."""
+    for seed in range(1, 4):
+        runs = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=seed, count=1, histories=(None,))
+        document = trace(runs, None).document
+        assert document["status"]["gy"] in ("confounded", "stochastic", "partial")
+        named = {f["effect"] for f in document["findings"]}
+        named |= {r["effect"] for f in document["findings"] for r in f["rivals"]}
+        assert "thermal_lin" in named or document["status"]["gy"] == "stochastic"
+        assert all(f["confirmed"] is None for f in document["findings"])
+        assert {e["heldout"] for e in document["error"]} == {"folds"}
+
+
+def test_one_run_does_not_explain_by_temperature_even_without_a_rival() -> None:
+    """Heating and cooling within one power-on: the term stands alone, and transfer is still not shown."""
+    t = trace(power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), count=1), None)
+    assert found(t)["thermal_lin", "gy"]["rivals"] == []
+    assert t.document["status"]["gy"] == "confounded"
+
+
+def test_a_still_log_says_what_it_cannot_show() -> None:
+    """One attitude, one cold start: all that motion excites, and the thermal family that looks alike."""
+    runs = power_ons(count=1, seconds=1800.0, hz=10.0, histories=(None,))
+    hidden = trace(runs, None).document["untestable"]
+    assert {u["effect"] for u in hidden if u["reason"] != "collinear_with"} == {
+        *("scale", "asymmetry", "nonlinearity_cubic", "nonlinearity_quadratic", "cross_axis", "mounting"),
+        *("g_sensitivity", "g_squared", "tilt", "gravity", "lever_arm", "delay", "harmonic", "earth_rate"),
+    }
+    assert {u["effect"] for u in hidden if u["reason"] == "no_excitation"} == {"delay", "lever_arm"}
+    alike = {frozenset((u["effect"], u["with"])) for u in hidden if u["reason"] == "collinear_with"}
+    assert frozenset(("thermal_lin", "thermal_rate")) in alike
+    assert frozenset(("thermal_lin", "warmup")) in alike
+    assert all(0.99 < u["rho"] <= 1.0 + 1e-9 for u in hidden if u["reason"] == "collinear_with")
+
+
+def test_a_table_that_turns_shows_nearly_all() -> None:
+    """Nothing that motion excites is untestable, a clean unit is clean; gravity is found and its pair named."""
+    runs = power_ons(Effect("gravity", (), {"relative": 3e-3}), profile=TUMBLE, seconds=TUMBLE.duration)
+    t = trace(runs[:2], runs[2])
+    hidden = {u["effect"] for u in t.document["untestable"] if u["reason"] != "collinear_with"}
+    assert hidden <= {"earth_rate"}
+    gravity = found(t)["gravity", "ax ay az"]
+    assert gravity["params"][0]["value"] == pytest.approx(3e-3, abs=3.0 * gravity["params"][0]["sd"])
+    assert "scale" in [r["effect"] for r in gravity["rivals"]]
+    assert [t.document["status"][c] for c in CHANNELS] == ["clean"] * 3 + ["confounded"] * 3
+    assert "does not tell it from scale" in t.document["sentence"]
+
+
+def test_what_does_not_help_the_held_out_run_is_not_confirmed() -> None:
+    """A thermal term of the runs that were fitted, not of the third: said, partial, and not taken into the filter."""
+    with_it = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}))
+    without = power_ons()
+    t = trace(with_it[:2], without[2])
+    assert found(t)["thermal_lin", "gy"]["confirmed"] is False
+    assert t.document["status"]["gy"] == "partial"
+    assert t.included == ()
+    error = errors(t, "e10", "gy")
+    assert error["after"] == error["before"]
+
+
+@pytest.mark.parametrize("axes", [AxisMap(accel_sign=1), AxisMap(np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]))])
+def test_sign_and_mounting_do_not_matter(axes: AxisMap) -> None:
+    """A finding on ax is what ax reads, whatever way the unit sits."""
+    runs = power_ons(Effect("thermal_lin", ("ax",), {"mg_per_k": 0.5}), axes=axes, seconds=600.0)
+    t = trace(runs[:2], runs[2])
+    k = found(t)["thermal_lin", "ax"]["params"][0]
+    assert abs(k["value"] - 0.5) < 3.0 * k["sd"]
+
+
+NUMBER = (int, float)
+FIELDS: dict[str, dict[str, Any]] = {
+    "untestable": {"effect": str, "reason": str, "with": (str, type(None)), "rho": (float, type(None))},
+    "integrity": {"effect": str, "channels": list, "count": int, "where": str},
+    "lines": {"channels": list, "hz": float, "width_hz": float, "rms": float, "unit": str},
+    "noise_level": {"channels": list, "driver": str, "ratio": float},
+    "findings": {
+        "effect": str,
+        "label": str,
+        "channels": list,
+        "params": list,
+        "score": float,
+        "gain": float,
+        "heldout_gain": (float, type(None)),
+        "share_of_excess": (float, type(None)),
+        "driver_curve": (dict, type(None)),
+        "proposed_form": (str, type(None)),
+        "rivals": list,
+        "include_as": str,
+        "confirmed": (bool, type(None)),
+    },
+    "weak": {"effect": str, "channels": list},
+    "drift": {"channels": list, "kind": str, "tau_s": (float, type(None)), "level": float, "unit": str},
+    "remainder": {"channel": str, "scale_s": float, "ratio": float, "p": float},
+    "error": {
+        "metric": str,
+        "channel": str,
+        "unit": str,
+        **dict.fromkeys(("before", "after", "floor", "before_x_floor", "after_x_floor"), float),
+        "ci95": list,
+        "floor_band95": list,
+        "n": int,
+        "heldout": str,
+    },
+}
+
+
+def test_a_document_is_what_the_contract_says() -> None:
+    """Every field, of its type, all plain JSON; names of effects, channels and statuses are those that there are."""
+    document = many(1).document
+    again = json.loads(json.dumps(document, allow_nan=False))
+    assert set(again) >= {"version", *FIELDS, "status", "separating_experiment", "sentence", "seed"}
+    for name, fields in FIELDS.items():
+        for entry in again[name]:
+            for field, kind in fields.items():
+                assert isinstance(entry[field], kind), (name, field, entry[field])
+    assert set(again["status"]) == set(CHANNELS)
+    assert set(again["status"].values()) <= STATUSES
+    for f in again["findings"]:
+        assert f["effect"] in catalogue.EFFECTS or f["effect"].startswith("driver:")
+        assert set(f["channels"]) <= set(CHANNELS)
+        assert f["include_as"] in "ANSP"
+        for p in f["params"]:
+            assert isinstance(p["name"], str)
+            assert isinstance(p["value"], NUMBER)
+            assert isinstance(p["sd"], (float, type(None)))
+            assert isinstance(p["unit"], str)
+            assert isinstance(p["plausible"], bool)
+        for r in f["rivals"]:
+            assert set(r) == {"effect", "label", "score_difference"}
+    for e in again["error"]:
+        assert e["metric"] in METRICS
+        assert len(e["ci95"]) == len(e["floor_band95"]) == 2
+        assert e["floor_band95"][0] <= e["floor_band95"][1]
+        assert e["after_x_floor"] == pytest.approx(e["after"] / e["floor"])
+    assert {"e10", "nis", "drift_10s", "drift_60s", "bias_prediction", "coverage"} <= {
+        e["metric"] for e in again["error"]
+    }
+
+
+def test_an_effect_that_was_asked_for_has_its_limit_said() -> None:
+    """On the channels where it was not found: below what this log can show, with the size that would show."""
+    limits = {limit["channels"][0]: limit for limit in many(1).document["limits"]}
+    assert "gy" not in limits
+    assert 0.0 < limits["gx"]["limit"] < 0.02
+    assert "below what this log can show" in limits["gx"]["text"]
+
+
+def test_what_was_found_joins_the_filter() -> None:
+    """Terms with their fit, drift with its density, the noise level's curve: the filter takes them as they are."""
+    t = many(1)
+    kinds = {(i.effect, i.channels): i for i in t.included}
+    drift = t.document["drift"][0]["kind"]
+    assert set(kinds) == {("thermal_lin", ("gy",)), ("warmup", ("ax",)), (drift, ("az",)), ("noise_level", ("ay",))}
+    effects = CausalEffects(t.included, t.correlation, AxisMap(), PAPER_SITE, 0.05)
+    assert effects.covariance.shape == (3, 3)
+    assert np.allclose(np.diag(t.correlation), 1.0)
+    thermal = kinds["thermal_lin", ("gy",)].states[0]
+    assert thermal.mean == pytest.approx(0.02, abs=3.0 * thermal.sd)
+
+
+def test_series_show_the_residual_before_and_after() -> None:
+    """All runs, the held-out one last; after is smaller where something was found, the same where nothing was."""
+    t = many(1)
+    assert [s.run for s in t.series] == ["run 1", "run 2", "run 3"]
+    held = t.series[-1]
+    assert np.nanstd(held.after[:, 1]) < np.nanstd(held.before[:, 1])
+    assert np.array_equal(held.after[:, 0], held.before[:, 0])
+    assert held.t.size == held.before.shape[0]
+
+
+def test_what_cannot_be_traced_is_refused() -> None:
+    """No run, or one that is too short; the message says how long it must be."""
+    with pytest.raises(ValueError, match="empty"):
+        trace([], None)
+    (short,) = power_ons(count=1, seconds=50.0)
+    with pytest.raises(ValueError, match="60 s"):
+        trace([short], None)
+
+
+def test_progress_goes_from_nothing_to_all() -> None:
+    """Shares that never go back."""
+    shares: list[float] = []
+    runs = power_ons(count=1, seconds=120.0, histories=HISTORIES)
+    trace(runs, None, progress=lambda share, text: shares.append(share))
+    assert shares[0] == 0.0
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
+
+
+def test_a_run_without_temperature_is_traced_all_the_same() -> None:
+    """Thermal effects are then not excited; nothing is found in noise."""
+    runs = [replace(run, temperature=None) for run in power_ons(count=2, seconds=600.0)]
+    document = trace(runs[:1], runs[1]).document
+    assert document["findings"] == []
+    hidden = {u["effect"]: u["reason"] for u in document["untestable"]}
+    assert hidden["thermal_lin"] == "no_excitation"

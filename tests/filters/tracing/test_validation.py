@@ -1,0 +1,188 @@
+"""Figures of error: one times the floor for white noise, honest bands, first-order drift against the mechanisation."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from runs import QUIET, run_of
+
+from filters.earth import meridian_radius, transverse_radius
+from filters.effects.hypothesis import DPS
+from filters.imu import AxisMap
+from filters.kalman import strapdown
+from filters.motion.profile import Dwell, Profile, Rate
+from filters.simulation import Scenario
+from filters.state import NavState
+from filters.tracing import validation
+from filters.tracing.design_matrix import Stack
+from filters.tracing.residual import blocks, perfect
+from filters.tracing.validation import e10, folded, nis, prediction, windows
+from filters.tracing.whitening import NONE, Drift
+
+DEG = np.pi / 180.0
+WHITE = 0.02  # unit·√s
+FLOOR = WHITE * np.sqrt(1 / 10 + 1 / 60) / DPS
+
+
+@cache
+def still(seconds: float = 900.0) -> Stack:
+    """A unit at rest that leaves nothing."""
+    scene = Scenario(spec=QUIET, accel_bias=(0.0,) * 3, gyro_bias=(0.0,) * 3)
+    return Stack.of([blocks(run_of(scene, 0, 8.0, seconds))])
+
+
+def white(seed: int, stack: Stack | None = None, scale: float = 1.0) -> np.ndarray:
+    stack = stack or still()
+    return scale * WHITE / np.sqrt(stack.period) * np.random.default_rng(seed).standard_normal(stack.t.size)
+
+
+def test_white_noise_is_once_the_floor_within_its_band() -> None:
+    """E10 over sixty seeds: mean square one, and within the 95 % band of this length as often as it should be."""
+    figures = [e10(still(), white(k), white(k), 0, WHITE, k) for k in range(60)]
+    ratio = np.array([f.after / f.floor for f in figures if f])
+    inside = [f.floor_band95[0] <= f.after <= f.floor_band95[1] for f in figures if f]
+    assert len(ratio) == 60
+    assert abs(np.mean(ratio**2) - 1.0) < 4.0 * np.std(ratio**2) / np.sqrt(60)
+    assert sum(inside) >= 52
+    assert figures[0] is not None
+    assert figures[0].floor == pytest.approx(FLOOR)
+    assert (figures[0].n, figures[0].heldout, figures[0].unit) == (84, "run", "deg/s")
+
+
+def test_an_error_that_is_known_is_what_e10_says() -> None:
+    """A ramp without noise: rms of the ramp at the windows less its mean over the hold."""
+    stack = still()
+    ramp = 1e-3 * stack.t
+    figure = e10(stack, ramp, 0.0 * ramp, 0, WHITE, 0)
+    assert figure is not None
+    expected = 1e-3 * (np.arange(65.0, 900.0, 10.0) - 30.0)
+    assert figure.before == pytest.approx(np.sqrt(np.mean(expected**2)) / DPS, rel=1e-3)
+    assert figure.after == 0.0
+
+
+def test_a_run_without_a_hold_or_a_rest_has_no_e10() -> None:
+    """No verdict where most of the first minute is missing, or nothing follows it."""
+    stack = still()
+    weight = stack.weight.copy()
+    weight[: round(40.0 / stack.period), 0] = 0.0
+    assert e10(replace(stack, weight=weight), white(0), white(0), 0, WHITE, 0) is None
+    short = still(65.0)
+    assert e10(short, white(0, short), white(0, short), 0, WHITE, 0) is None
+
+
+def test_windows_do_not_cross_a_change_of_motion() -> None:
+    """No longer than ten seconds, together the whole run, each within one rate: else +rate and -rate cancel."""
+    profile = Profile((Dwell((0.0,) * 3, 27.0), Rate("inner", 30 * DEG, 17.0), Rate("inner", -30 * DEG, 17.0)))
+    scene = Scenario(spec=QUIET, profile=profile)
+    stack = Stack.of([blocks(run_of(scene, 0, 40.0, profile.duration))])
+    rates = stack.blocks[0].run.rates[stack.blocks[0]._edges[:-1], 2]
+    own = windows(stack, rates, 0)
+    assert own.seconds.max() <= 10.0 + stack.period
+    assert own.seconds.sum() == pytest.approx(stack.t.size * stack.period, abs=stack.period)
+    long = own.seconds > 1.0
+    assert np.allclose(np.min(np.abs(own.mean[long, None] / DEG - [0.0, 30.0, -30.0]), axis=1), 0.0, atol=0.5)
+
+
+def test_nis_is_one_for_the_noise_that_is_believed_and_two_for_twice_it() -> None:
+    """Its root, with the drift that was drawn as with none; a drift that is not believed makes it large."""
+    stack = still()
+    honest = [nis(stack, white(k), white(k), 0, WHITE, NONE) for k in range(30)]
+    values = np.array([f.after for f in honest if f])
+    assert np.mean(values**2) == pytest.approx(1.0, abs=0.08)
+    assert sum(f.floor_band95[0] < f.after < f.floor_band95[1] for f in honest if f) >= 25
+    twice = nis(stack, white(0, scale=2.0), white(0, scale=2.0), 0, WHITE, NONE)
+    assert twice is not None
+    assert twice.after == pytest.approx(2.0 * values[0])
+    q, walked = 0.5 * WHITE / np.sqrt(30.0), []
+    for k in range(30):
+        steps = np.random.default_rng(1000 + k).standard_normal(stack.t.size)
+        y = white(k) + q * np.sqrt(stack.period) * np.cumsum(steps)
+        figure = nis(stack, y, y, 0, WHITE, Drift(np.inf, q))
+        assert figure is not None
+        walked.append((figure.before, figure.after))
+    before, after = np.array(walked).T
+    assert np.mean(after**2) == pytest.approx(1.0, abs=0.12)
+    assert np.mean(before**2) > 3.0
+
+
+def test_what_is_not_known_of_a_correction_counts() -> None:
+    """More variance after makes NIS smaller, and nothing else."""
+    stack = still()
+    plain = nis(stack, white(0), white(0), 0, WHITE, NONE)
+    wide = nis(stack, white(0), white(0), 0, WHITE, NONE, np.full(stack.t.size, 3.0 * WHITE**2 / 10.0))
+    assert plain is not None
+    assert wide is not None
+    assert wide.before == plain.before
+    assert wide.after == pytest.approx(0.5 * plain.after, rel=1e-3)
+
+
+def test_the_next_minute_is_foretold_to_its_floor_and_within_three_sigma() -> None:
+    """White noise: rms a little above σ/√60 for the bias is not known either; almost all within 3 sd."""
+    made = [prediction(still(), white(k), white(k), 0, WHITE, NONE) for k in range(30)]
+    ratio = np.array([m[0].after / m[0].floor for m in made])
+    assert 1.0 < np.sqrt(np.mean(ratio**2)) < 1.25
+    assert np.mean([m[1].after for m in made]) > 0.985
+    assert made[0][0].metric == "bias_prediction"
+    # a walk that is not believed is not covered, one that is believed is
+    q = WHITE / np.sqrt(30.0)
+    y = white(0) + q * np.sqrt(still().period) * np.cumsum(np.random.default_rng(5).standard_normal(still().t.size))
+    lost, found = (
+        prediction(still(), y, y, 0, WHITE, Drift(np.inf, q))[1].before,
+        prediction(still(), y, y, 0, WHITE, Drift(np.inf, q))[1].after,
+    )
+    assert lost < 0.8 < found
+
+
+def test_folds_find_an_effect_and_white_noise_its_floor() -> None:
+    """Within a run: a line is fitted away on cells that were left out, and noise stays at one."""
+    stack = still()
+    line = (stack.t / 900.0)[:, None]
+    y = white(0) + 0.1 * line[:, 0]
+    figure = folded(stack, y, line, 0, WHITE, 0)
+    assert figure is not None
+    assert figure.before / figure.floor > 3.0
+    assert figure.floor_band95[0] < figure.after < figure.floor_band95[1] * 1.1
+    assert figure.heldout == "folds"
+
+
+def reached(stack: Stack, r: np.ndarray, start: int, seconds: float) -> float:
+    """Horizontal and vertical error of the mechanisation itself, started true with the mean of the past as bias, m."""
+    run = stack.blocks[0].run
+    axes, site, steps = run.axes, run.site, round(seconds / stack.period)
+    reading = np.broadcast_to(perfect(run), r.shape) + r
+    bias = r[:start].mean(axis=0)
+    state = NavState.at_rest(site, np.eye(3))
+    state = replace(state, gyro_bias=axes.gyro_to_body(bias[:3]), accel_bias=axes.accel_to_body(bias[3:]))
+    for row in reading[start : start + steps]:
+        gyro, accel = axes.gyro_to_body(row[:3]), axes.accel_to_body(row[3:])
+        state = strapdown.propagate(state, gyro, accel, stack.period, site.gravity)
+    north = (state.latitude - site.latitude) * (meridian_radius(state.latitude) + site.height)
+    east = (state.longitude - site.longitude) * (transverse_radius(state.latitude) + site.height)
+    return float(np.linalg.norm([north, east * np.cos(site.latitude), state.height - site.height]))
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize(("seconds", "tolerance"), [(10.0, 0.01), (60.0, 0.01)])
+def test_free_inertial_drift_is_that_of_the_mechanisation(sign: int, seconds: float, tolerance: float) -> None:
+    """Errors that grow with time and noise on all six channels: equations (1)-(4) come to the same place."""
+    scene = Scenario(spec=QUIET, accel_bias=(0.0,) * 3, gyro_bias=(0.0,) * 3, axes=AxisMap(accel_sign=sign))
+    stack = Stack.of([blocks(run_of(scene, 0, 8.0, 240.0))])
+    rng = np.random.default_rng(3)
+    r = rng.standard_normal((stack.t.size, 6)) * np.repeat([2e-3, 2e-2], 3)
+    r += stack.t[:, None] * np.array([2e-5, -1e-5, 3e-5, 2e-4, 1e-4, -3e-4])
+    figure = validation.drift(stack, r, 0.0 * r, np.repeat([1e-3, 1e-2], 3), [NONE] * 6, seconds, 0)
+    assert figure is not None
+    starts = [k for k in (240, 480, 720) if k + round(seconds / stack.period) <= stack.t.size]
+    own = [reached(stack, r, k, seconds) for k in starts]
+    assert figure.n == len(own)
+    assert figure.before == pytest.approx(np.sqrt(np.mean(np.square(own))), rel=tolerance)
+    assert figure.after == 0.0
+
+
+@pytest.mark.parametrize(("sign", "believed", "expected"), [(-1, -1, 1.0), (1, 1, 1.0), (-1, 1, -1.0)])
+def test_a_wrong_sign_of_the_accelerometers_shows(sign: int, believed: int, expected: float) -> None:
+    """About 1 for the right one, -1 for the wrong one."""
+    own = run_of(Scenario(seed=2, axes=AxisMap(accel_sign=sign)), 0, 20.0, 60.0)
+    stack = Stack.of([blocks(replace(own, axes=AxisMap(accel_sign=believed)))])
+    assert validation.vertical_sign(stack) == pytest.approx(expected, abs=0.03)
