@@ -37,12 +37,13 @@ Names
     arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
 
 Where things are
-    Ground: `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise · `state`
-    the navigation state and the order of the errors · `allan` white noise and drift of a log.
+    Ground: `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise ·
+    `state` the navigation state and the order of the errors · `allan` white noise and drift of a log.
 
     `motion`      what is known of it: `profile` what a table does · `reference` what the filter is fed · `alignment`
                   how that is found in data
-    `kalman`      the filters: `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the same
+    `kalman`      the filters: `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the
+    same
                   step, compiled · `augmentation` effects as further states and noise · `spkf_paper` the paper's own
                   form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its arrays · `settings`,
                   `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences on

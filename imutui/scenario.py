@@ -61,7 +61,7 @@ from filters.motion import profile
 from filters.motion.profile import Profile
 from filters.simulation import FAULT_KINDS, Effect, Fault, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
-from imutui.logbook import motions
+from imutui.logbook import reference_file
 
 _DPS = math.pi / 180.0
 _MG = 1e-3 * STANDARD_GRAVITY
@@ -169,7 +169,7 @@ def _profile(document: Mapping[str, Any], path: Path) -> Profile:
 
 def _csv_profile(path: Path) -> Profile:
     try:
-        return motions.parse_angles(path.read_text(encoding="utf-8-sig"), str(path))
+        return reference_file.parse_angles(path.read_text(encoding="utf-8-sig"), str(path))
     except OSError as error:
         raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error
     except ValueError as error:

@@ -18,7 +18,7 @@ FLOORS = {
     "imutui.report": {"filters", "imutui.jobs"},
     "imutui.tui": {"imutui.session.client", "imutui.session.plan", "imutui.jobs", "imutui.report"},
     "imutui.config": {"filters"},
-    "imutui.scenario": {"filters", "imutui.logbook.motions"},
+    "imutui.scenario": {"filters", "imutui.logbook.reference_file"},
     "imutui.cli": {"filters", "imutui"},
 }
 

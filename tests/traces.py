@@ -10,8 +10,8 @@ from filters.effects.records import Included, Series, State, Trace
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion import profile
 from filters.state import PAPER_SITE
-from imutui.logbook import importer, known
-from imutui.logbook.session import SessionInfo
+from imutui.logbook import import_reference, importer
+from imutui.logbook.session_info import SessionInfo
 
 PROFILE = '[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 60.0\n'
 
@@ -57,7 +57,7 @@ def imported(path: Path, given: dict[str, np.ndarray], **info: Any) -> Path:
     np.savez(source, **given)
     session = SessionInfo(**({"instrument": "unknown"} | info))
     recording = importer.load(source)
-    reference = known.from_arrays(recording.t, recording.known, session.axes().mount)
+    reference = import_reference.from_arrays(recording.t, recording.known, session.axes().mount)
     if reference is not None:
         session = SessionInfo(**({"instrument": "unknown"} | info | {"reference": reference.kind}))
     importer.write(recording, session, source, path, overwrite=True, reference=reference)

@@ -2,8 +2,8 @@
 
 `inputs`      what the effects are functions of, at some instants of a run
 `additive`    a sensor's own errors: temperature, time, what it senses (thermal_lin … g_squared)
-`reference_errors`      errors of the reference, one parameter over several channels (delay, lever_arm, tilt, gravity, …)
-`drivers`     free curves over anything that was logged, where the physics has no name (driver:NAME)
+`reference_errors`      errors of the reference, one parameter over several channels (delay, lever_arm, tilt, gravity,
+…) `drivers`     free curves over anything that was logged, where the physics has no name (driver:NAME)
 `stochastic`  drift that nothing logged drives (random_walk, gauss_markov)
 `noise`       level, bandwidth and correlation of the noise    `lines` tones at the full rate    `faults` data faults
 

@@ -11,8 +11,8 @@ from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Mount, 
 
 if TYPE_CHECKING:
     from imutui.logbook.importer import Recording
-    from imutui.logbook.motions import ReferenceFile
-    from imutui.logbook.session import SessionInfo
+    from imutui.logbook.reference_file import ReferenceFile
+    from imutui.logbook.session_info import SessionInfo
 
 
 def command(
@@ -55,7 +55,7 @@ def command(
     from imutui import config
     from imutui.cli.outcome import USAGE, fail, refuse_existing, say
     from imutui.cli.session_options import session_from
-    from imutui.logbook import importer, known
+    from imutui.logbook import import_reference, importer
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
@@ -66,7 +66,7 @@ def command(
     if output.exists() and file.exists() and output.samefile(file):
         raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
     refuse_existing(output, force)
-    beside = known.from_file(Path(reference)) if reference is not None and _is_file(reference) else None
+    beside = import_reference.from_file(Path(reference)) if reference is not None and _is_file(reference) else None
     flags = {
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,
@@ -110,11 +110,11 @@ def _reference(
     file: Path, recording: "Recording", info: "SessionInfo", asked: str | None, beside: "ReferenceFile | None"
 ) -> "tuple[ReferenceFile | None, set[str]]":
     """What goes into the log as its reference, and the names of arrays that then don't."""
-    from imutui.logbook import importer, known
+    from imutui.logbook import import_reference, importer
 
     if beside is not None or asked not in (None, "trajectory"):
         return beside, set(recording.known)
-    made = known.from_arrays(recording.t, recording.known, info.axes().mount, info.site())
+    made = import_reference.from_arrays(recording.t, recording.known, info.axes().mount, info.site())
     if made is None and asked == "trajectory":
         raise importer.ImportDataError(
             f"{file} says nothing of the motion: --reference trajectory needs one of ang, ref_quat, gps_pos,"
@@ -127,7 +127,7 @@ def _reference(
 
 
 def _bursts(recording: "Recording", stamps: str) -> str:
-    from imutui.logbook.stamps import bursts
+    from imutui.logbook.arrival_stamps import bursts
 
     figures = bursts(recording.t) if stamps == "sampling" else ""
     return figures and (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 if TYPE_CHECKING:
-    from imutui.logbook.motions import ReferenceFile
+    from imutui.logbook.reference_file import ReferenceFile
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
@@ -68,9 +68,9 @@ def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":
     """File that --reference names, if it names one, and the reference's kind."""
     if text is None or Path(text).suffix.lower() not in (".csv", ".toml"):
         return None, text
-    from imutui.logbook import known
+    from imutui.logbook import import_reference
 
-    file = known.from_file(Path(text))
+    file = import_reference.from_file(Path(text))
     return file, file.kind
 
 
@@ -78,9 +78,9 @@ def effects_of(text: str | None) -> bytes | None:
     """Content of the file that --effects names; empty for "none", None if the option is not given."""
     if text is None:
         return None
-    from imutui.logbook import effects
+    from imutui.logbook import effects_file
 
-    return effects.NONE if text == "none" else effects.from_file(Path(text))
+    return effects_file.NONE if text == "none" else effects_file.from_file(Path(text))
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:

@@ -8,7 +8,7 @@ from imutui.config import Config
 from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
-    from imutui.logbook.session import SessionInfo
+    from imutui.logbook.session_info import SessionInfo
 
 
 def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[float, float, float]:
@@ -23,7 +23,7 @@ def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[fl
 def session_from(config: Config, site: tuple[float, float, float] | None) -> "SessionInfo":
     """Session of an imported recording, as far as configuration and flags tell."""
     from filters.state import Site
-    from imutui.logbook.session import SessionInfo
+    from imutui.logbook.session_info import SessionInfo
 
     latitude, longitude, height = site_of(config, site)
     gravity = Site.at(latitude, longitude, height, config.number("site.gravity_mps2") or None).gravity
@@ -105,7 +105,7 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
 
 def _refuse(plan: Plan) -> None:
     """Refuse what the filter could not run with, before the instrument is touched."""
-    from imutui.logbook.session import SessionInfo
+    from imutui.logbook.session_info import SessionInfo
     from imutui.session.info import check_live, effects_of, motion_of
 
     probe = SessionInfo(

@@ -96,9 +96,9 @@ def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], f
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
     from imutui.cli.outcome import say
-    from imutui.logbook import effects, whole
+    from imutui.logbook import atomic_file, effects_file
 
-    whole.write(output, effects.dumps(traced.trace, traced.source), overwrite=force)
+    atomic_file.write(output, effects_file.dumps(traced.trace, traced.source), overwrite=force)
     included = traced.trace.included
     if included:
         names = ", ".join(f"{effect.effect} ({' '.join(effect.channels)})" for effect in included)
@@ -109,7 +109,7 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
     if experiment and experiment.get("profile"):
         beside = output.with_name("experiment.toml")
         try:
-            whole.write(beside, experiment["profile"], overwrite=force)
+            atomic_file.write(beside, experiment["profile"], overwrite=force)
             say(f"imutui: {beside}: the motion that would separate the causes")
         except FileExistsError:
             say(f"imutui: {beside} exists and is left as it is; --force replaces it")

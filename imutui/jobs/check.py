@@ -14,7 +14,7 @@ from imutui.jobs import check_data, check_file, damage
 from imutui.jobs.damage import plural
 from imutui.jobs.looked import SHOWN, Looked
 from imutui.logbook import reader, scan, summary
-from imutui.logbook.audit import Audit, audit
+from imutui.logbook.message_arrays import Audit, audit
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import Scan
 

@@ -7,8 +7,8 @@ import numpy as np
 from imutui.jobs import damage
 from imutui.jobs.damage import plural
 from imutui.jobs.looked import SHOWN, Finding, Looked
-from imutui.logbook import effects, motions, scan, schemas, summary
-from imutui.logbook.audit import Audit
+from imutui.logbook import effects_file, reference_file, scan, schemas, summary
+from imutui.logbook.message_arrays import Audit
 
 
 def _bytes(log: Looked) -> Iterator[Finding]:
@@ -130,13 +130,13 @@ _NO_CURE = "The samples are usable; what was set when they were recorded is only
 
 def _hashes(a: Audit) -> Iterator[Finding]:
     """Whether attached files are those that the session names."""
-    held = a.attachments.get(effects.ATTACHMENT, effects.NONE)
-    if a.session.get("effects_sha256", "") != effects.digest(held):
+    held = a.attachments.get(effects_file.ATTACHMENT, effects_file.NONE)
+    if a.session.get("effects_sha256", "") != effects_file.digest(held):
         what = "The effects file is not the one that the session names."
-        where = f"attachment {effects.ATTACHMENT}"
+        where = f"attachment {effects_file.ATTACHMENT}"
         yield Finding("attachment", what, where, "Name the right one on replay: --effects FILE.")
     kind = a.session.get("reference", "")
-    if kind in ("profile", "trajectory") and not any(name in a.attachments for name in motions.ATTACHMENTS):
+    if kind in ("profile", "trajectory") and not any(name in a.attachments for name in reference_file.ATTACHMENTS):
         what = f'The reference is "{kind}", and the file that it comes from is missing.'
         yield Finding("reference", what, "attachment reference.toml or reference.csv", "Name it: --reference FILE.")
 

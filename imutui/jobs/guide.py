@@ -13,7 +13,7 @@ from filters.motion import profile as motion
 from filters.motion.profile import Dwell, Profile, Rate, Segment, Sine
 from filters.tracing import candidate_motions, prospect
 from filters.tracing.prospect import BIAS, TESTABLE, Quantity
-from imutui.logbook import motions
+from imutui.logbook import reference_file
 
 VERSION = 1
 _ACCELS = ("ax", "ay", "az")
@@ -119,7 +119,7 @@ def offer_of(path: Path) -> Offer:
         return Offer(path.name, place, error="is neither .toml nor .csv by its name")
     try:
         content = path.read_bytes()
-        profile = motions.parse(path.name, content)
+        profile = reference_file.parse(path.name, content)
         if not isinstance(profile, Profile):
             raise ValueError(f"{path.name} is a trajectory: nothing for an operator to follow")
         text = content.decode("utf-8-sig")
@@ -149,7 +149,7 @@ def _meant_as_profile(path: Path) -> bool:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             if path.suffix.lower() == ".csv":
                 heading = stream.readline(256).split(",")
-                return tuple(cell.strip() for cell in heading) == motions.PROFILE_COLUMNS
+                return tuple(cell.strip() for cell in heading) == reference_file.PROFILE_COLUMNS
             return any(line.strip().startswith("[[segment]]") for line in stream)
     except OSError:
         return False
@@ -166,7 +166,7 @@ def by_hand(offer: Offer) -> Offer | None:
 
 def load(name: str, text: str) -> Profile:
     """Profile of a text; ValueError with what is wrong."""
-    found = motions.parse(name, text.encode())
+    found = reference_file.parse(name, text.encode())
     if not isinstance(found, Profile):
         raise ValueError(f"{name} is a trajectory, not a table profile")
     return found

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imutui.logbook import summary
-from imutui.logbook.session import MEASURED, SIMULATED, UNKNOWN
+from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 
 if TYPE_CHECKING:
-    from imutui.logbook.audit import Audit
+    from imutui.logbook.message_arrays import Audit
     from imutui.logbook.scan import Scan
 
 SUFFIX = ".mcap"
@@ -153,7 +153,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         If there is no such file, or it is no MCAP file.
     """
     # reading all of a log takes the compiled walks; a list of logs does without
-    from imutui.logbook.audit import audit
+    from imutui.logbook.message_arrays import audit
     from imutui.logbook.scan import scan
 
     found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
@@ -214,13 +214,13 @@ def _temperature(content: "Audit") -> dict[str, float] | None:
 
 
 def _effects(content: "Audit") -> list[str]:
-    from imutui.logbook import effects
+    from imutui.logbook import effects_file
 
-    attached = content.attachments.get(effects.ATTACHMENT)
+    attached = content.attachments.get(effects_file.ATTACHMENT)
     if not attached:
         return []
     try:
-        return [f"{e.effect} ({' '.join(e.channels)})" for e in effects.parse(attached).effects]
+        return [f"{e.effect} ({' '.join(e.channels)})" for e in effects_file.parse(attached).effects]
     except ValueError as error:
         return [f"a file that cannot be used: {error}"]
 

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from imutui.logbook import effects, whole
+from imutui.logbook import atomic_file
+from imutui.logbook import effects_file as effects
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ def keep(log: Path, ending: str, text: str) -> Path:
     """
     for path in _names(log, ending):
         try:
-            whole.write(path, text, overwrite=False)
+            atomic_file.write(path, text, overwrite=False)
         except FileExistsError:
             continue
         return path

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imutui.logbook import reader, schemas
-from imutui.logbook.audit import Audit
+from imutui.logbook.message_arrays import Audit
 from imutui.logbook.scan import Scan
 
 SHOWN = 10

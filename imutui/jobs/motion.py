@@ -14,7 +14,7 @@ from filters.types import Array
 from imutui.jobs import replay
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 _IMPORTED = "imported"
 _MOSTLY = 0.5

@@ -8,12 +8,12 @@ import numpy as np
 
 from imutui.jobs import damage
 from imutui.jobs.damage import plural
-from imutui.logbook import reader, schemas, summary, whole
+from imutui.logbook import atomic_file, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.recover import Kept, NotAsWrittenError
 from imutui.logbook.scan import Scan, scan
-from imutui.logbook.session import METADATA
+from imutui.logbook.session_info import METADATA
 
 VERSION = 1
 _SCANNED, _WRITTEN = 0.3, 0.9
@@ -63,7 +63,7 @@ def recover(
         raise ValueError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
     digest = reader.sha256(path)
     try:
-        with whole.part_of(output, overwrite=overwrite) as part:
+        with atomic_file.part_of(output, overwrite=overwrite) as part:
             kept = rebuilding.rebuild(
                 found,
                 part,

@@ -18,12 +18,19 @@ from filters.kalman.settings import Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.logbook import effects, estimates, motions, reader, results, schemas
+from imutui.logbook import (
+    effects_file,
+    estimates,
+    reader,
+    reference_file,
+    results,
+    schemas,
+)
 from imutui.logbook.estimates import Verdict
-from imutui.logbook.motions import ReferenceFile
 from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, Timings
-from imutui.logbook.session import FROM_LOG, SessionInfo
+from imutui.logbook.session_info import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 
 ESTIMATES_HZ = 1.0
@@ -179,7 +186,7 @@ def prepare(log: Log, part: Part, options: Options) -> tuple[SessionInfo, Settin
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
     noise = measured_noise(info, part) if info.noise == FROM_LOG else None
     try:
-        make = effects.maker(effects_of(log, options), info)
+        make = effects_file.maker(effects_of(log, options), info)
     except ValueError as error:
         raise ValueError(f"{log.path}: {error}. --effects none leaves effects out") from error
     return info, info.settings(motion, noise, offset, offset_sd, make)
@@ -200,13 +207,15 @@ def session_of(log: Log, options: Options) -> SessionInfo:
     if options.reference is not None:
         digest = hashlib.sha256(options.reference.content).hexdigest()
         info = replace(info, reference=options.reference.kind, reference_sha256=digest)
-    info = replace(info, effects_sha256=effects.digest(effects_of(log, options)))
+    info = replace(info, effects_sha256=effects_file.digest(effects_of(log, options)))
     return replace(info, **(options.overrides or {}))
 
 
 def effects_of(log: Log, options: Options) -> bytes:
     """Content of the effects file that a replay takes: the one asked for, else the log's own."""
-    return log.attachments.get(effects.ATTACHMENT, effects.NONE) if options.effects is None else options.effects
+    return (
+        log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE) if options.effects is None else options.effects
+    )
 
 
 def motion_of(log: Log, info: SessionInfo, options: Options, start: float) -> Profile | Trajectory | None:
@@ -216,13 +225,13 @@ def motion_of(log: Log, info: SessionInfo, options: Options, start: float) -> Pr
     if options.reference is not None:
         motion = options.reference.motion()
     else:
-        name = next((name for name in motions.ATTACHMENTS if name in log.attachments), None)
+        name = next((name for name in reference_file.ATTACHMENTS if name in log.attachments), None)
         if name is None:
             raise ValueError(
                 f'{log.path}: the reference is "{info.reference}", and the log has none of its own (an attachment'
                 " reference.toml or reference.csv). Name its file: --reference FILE."
             )
-        motion = motions.parse(name, log.attachments[name])
+        motion = reference_file.parse(name, log.attachments[name])
     wanted = Profile if info.reference == "profile" else Trajectory
     if not isinstance(motion, wanted):
         raise ValueError(f'{log.path}: the reference is "{info.reference}", but its file is something else')

@@ -16,7 +16,7 @@ from imutui.jobs import replay
 from imutui.jobs.motion import motion_of
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 CROSSBOW = "IMU400CD"
 # the unit's own loop: 400/3 Hz

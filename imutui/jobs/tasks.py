@@ -54,7 +54,7 @@ def trace_logs(logs: Sequence[Path], options: "trace.Options | None", tell: Tell
     """A trace over logs, one log a run."""
     tell(0.0, "starting")
     from imutui.jobs import trace
-    from imutui.logbook import effects
+    from imutui.logbook import effects_file
 
     traced = trace.trace(list(logs), options or trace.Options(), tell)
     experiment = traced.document.get("separating_experiment") or {}
@@ -62,7 +62,7 @@ def trace_logs(logs: Sequence[Path], options: "trace.Options | None", tell: Tell
         traced.document,
         traced.source,
         traced.damage,
-        effects.dumps(traced.trace, traced.source),
+        effects_file.dumps(traced.trace, traced.source),
         tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in traced.trace.included),
         experiment.get("profile") or "",
     )

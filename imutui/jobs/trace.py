@@ -16,7 +16,7 @@ from filters.effects.records import Trace
 from imutui.jobs import agreement, replay, runs
 from imutui.jobs.runs import Read
 from imutui.logbook import reader
-from imutui.logbook.motions import ReferenceFile
+from imutui.logbook.reference_file import ReferenceFile
 
 VERSION = 1
 _READING = 0.1

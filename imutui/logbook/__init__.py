@@ -4,6 +4,6 @@
 made elsewhere · `results` the JSON document of a replay or a live run. The only user of mcap.
 """
 
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 __all__ = ["SessionInfo"]

@@ -3,8 +3,8 @@
 import numpy as np
 from mcap.records import Message
 
-from imutui.logbook import fast, schemas
-from imutui.logbook.records import Batch
+from imutui.logbook import mcap_kernels, schemas
+from imutui.logbook.mcap_format import Batch
 
 _BLOCK = 2**16
 
@@ -49,7 +49,7 @@ class Columns:
     def __init__(self) -> None:
         self._imu = Growing(9, np.uint64)
         self._temperature = Growing(2, np.uint64)
-        self._raw = Growing(fast.RAW_SIZE, np.uint8)
+        self._raw = Growing(mcap_kernels.RAW_SIZE, np.uint8)
         self._table = Growing(7, np.uint64)
 
     def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
@@ -71,7 +71,7 @@ class Columns:
         """
         _, _, imu, temperature, raw, table = counts.tolist()
         rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw), self._table.room(table)
-        if not fast.gather(batch.data, batch.table, roles, *rooms):
+        if not mcap_kernels.gather(batch.data, batch.table, roles, *rooms):
             return False
         self._imu.keep(imu)
         self._temperature.keep(temperature)
@@ -133,4 +133,4 @@ class Columns:
 
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
-        return self._raw.columns(0, fast.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]
+        return self._raw.columns(0, mcap_kernels.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]

@@ -8,7 +8,7 @@ from filters import attitude, state
 from filters.kalman import layout
 from filters.kalman.runner import Estimator
 from imutui.logbook import results, schemas
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 import imutui
-from imutui.logbook import schemas, stamps
-from imutui.logbook.motions import ReferenceFile
-from imutui.logbook.session import SessionInfo
-from imutui.logbook.stamps import Instants
+from imutui.logbook import arrival_stamps, schemas
+from imutui.logbook.arrival_stamps import Instants
+from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 
 _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
@@ -129,7 +129,7 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
 
 def at_sampling_instants(recording: Recording) -> tuple[Recording, Instants]:
     """A recording whose `t` are arrivals, with the sampling instants fitted to them."""
-    fitted = stamps.from_arrivals(recording.t)
+    fitted = arrival_stamps.from_arrivals(recording.t)
     how = "one regular grid" if fitted.pieces == 1 else f"{fitted.pieces} joined regular grids"
     text = (
         f"sampling instants fitted under the recording's arrival times ({how}; arrivals late by"

@@ -19,10 +19,10 @@ from mcap.stream_reader import CRCValidationError
 from rosbags.serde import SerdeError
 
 from imutui.logbook import schemas
-from imutui.logbook.session import METADATA, SessionInfo
+from imutui.logbook.session_info import METADATA, SessionInfo
 
 if TYPE_CHECKING:
-    from imutui.logbook.records import Batch
+    from imutui.logbook.mcap_format import Batch
 
 _MAGIC = b"\x89MCAP0\r\n"
 _UNDECODABLE = (SerdeError, struct.error, IndexError, KeyError)
@@ -199,23 +199,23 @@ class _Content:
 
     def __init__(self, log: Log, raw: bool) -> None:
         # what brings the compiler with it is loaded by who reads a log, not by who writes one
-        from imutui.logbook import fast
+        from imutui.logbook import mcap_kernels
         from imutui.logbook.columns import Columns
 
         self.log = log
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str, str]] = {}
         self.imu_channel: int | None = None
-        self._fast = fast
+        self._fast = mcap_kernels
         self._columns = Columns()
         self._topics = {
-            schemas.RAW: fast.RAW if raw else fast.IGNORED,
-            schemas.TEMPERATURE: fast.TEMPERATURE,
-            schemas.REFERENCE: fast.TABLE,
-            schemas.DIAGNOSTICS: fast.OTHER,
-            schemas.EVENTS: fast.OTHER,
+            schemas.RAW: mcap_kernels.RAW if raw else mcap_kernels.IGNORED,
+            schemas.TEMPERATURE: mcap_kernels.TEMPERATURE,
+            schemas.REFERENCE: mcap_kernels.TABLE,
+            schemas.DIAGNOSTICS: mcap_kernels.OTHER,
+            schemas.EVENTS: mcap_kernels.OTHER,
         }
-        self._roles = np.full(2**16, fast.IGNORED, np.uint8)
+        self._roles = np.full(2**16, mcap_kernels.IGNORED, np.uint8)
         self._last: dict[str, Message] = {}
 
     def take(self, record: "McapRecord | Batch") -> None:
@@ -317,14 +317,14 @@ class _Content:
 
 def _records(path: Path, log: Log) -> "Iterator[McapRecord | Batch]":
     """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
-    from imutui.logbook import records
+    from imutui.logbook import mcap_format
 
     with contextlib.closing(opened(path)) as stream:
         if not _MAGIC.startswith(stream.read(len(_MAGIC))):
             raise UnreadableLogError(foreign(path))
         stream.seek(0)
         try:
-            yield from records.walk(stream)
+            yield from mcap_format.walk(stream)
         except InvalidMagic:
             log.damage = "the file's end is damaged"
         except (EndOfFile, struct.error):

@@ -20,11 +20,11 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import records, schemas
+from imutui.logbook import mcap_format, schemas
 from imutui.logbook import scan as scanning
-from imutui.logbook.records import Batch
+from imutui.logbook.mcap_format import Batch
 from imutui.logbook.scan import RECOVERED, Piece, Scan
-from imutui.logbook.session import METADATA
+from imutui.logbook.session_info import METADATA
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -145,7 +145,7 @@ class _Copy:
         body = scanning.content(self._data, piece)
         if piece.opcode == Opcode.CHUNK:
             self.kept.chunks += 1
-            inside = records.inflated(records.chunk_of(body), self._decompressor)
+            inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
             at = 0
             while at < len(inside):
                 opcode, length = _HEAD.unpack_from(inside, at)
@@ -268,7 +268,7 @@ def _read_back(path: Path, kept: Kept) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
     with path.open("rb") as stream:
-        for record in records.walk(stream):
+        for record in mcap_format.walk(stream):
             if isinstance(record, Batch):
                 for _, _, at, length in record.table.tolist():
                     digest.update(record.content[at - _MESSAGE.size : at + length])

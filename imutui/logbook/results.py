@@ -15,7 +15,7 @@ from filters.imu import AxisMap
 from filters.kalman import consistency
 from filters.kalman.runner import Estimator
 from filters.state import NavState
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")

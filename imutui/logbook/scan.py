@@ -32,10 +32,18 @@ from mcap.records import (
 )
 from mcap.stream_reader import CRCValidationError
 
-from imutui.logbook import effects, fast, held, motions, reader, records, summary
+from imutui.logbook import (
+    effects_file,
+    file_lock,
+    mcap_format,
+    mcap_kernels,
+    reader,
+    reference_file,
+    summary,
+)
+from imutui.logbook.mcap_format import LIMIT, MAGIC
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.records import LIMIT, MAGIC
-from imutui.logbook.session import METADATA
+from imutui.logbook.session_info import METADATA
 
 RECOVERED = "imutui.recovered"
 """Metadata record of a file that was rebuilt: from what, and what was lost."""
@@ -56,7 +64,7 @@ def _mark(name: str) -> bytes:
     return struct.pack("<I", len(name)) + name.encode()
 
 
-_ATTACHED = (CONFIGURATION, effects.ATTACHMENT, summary.SUMMARY, *motions.ATTACHMENTS)
+_ATTACHED = (CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
 _MARKS: tuple[tuple[bytes, int, int], ...] = (
     *((_mark(name), _CHUNK_MARK, Opcode.CHUNK) for name in ("zstd", "lz4")),
     *((_mark(name), _HEAD.size, Opcode.METADATA) for name in (METADATA, RECOVERED)),
@@ -185,7 +193,7 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> 
     """
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
-        found.held = held.is_held(stream)
+        found.held = file_lock.is_held(stream)
         walk = _Walk(data, found, progress)
         walk.run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
@@ -309,8 +317,8 @@ class _Walk:
     def _check(self, opcode: int, body: bytes) -> None:
         """Raise if a record's content is not what it must be."""
         if opcode == Opcode.CHUNK:
-            inside = records.inflated(records.chunk_of(body), self._decompressor)
-            _, end = fast.count(np.frombuffer(inside, np.uint8), 0, len(inside))
+            inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
+            _, end = mcap_kernels.count(np.frombuffer(inside, np.uint8), 0, len(inside))
             if end != len(inside):
                 raise McapError("its content ends in the middle of a record")
         elif opcode == Opcode.ATTACHMENT:

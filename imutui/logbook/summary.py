@@ -20,8 +20,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
-from imutui.logbook import held, schemas
-from imutui.logbook.session import METADATA
+from imutui.logbook import file_lock, schemas
+from imutui.logbook.session_info import METADATA
 
 MAGIC = b"\x89MCAP0\r\n"
 FINISHED = "finished"
@@ -114,7 +114,7 @@ def read(path: Path) -> Summary:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
         if not whole:
             _from_ends(stream, found)
-        if held.is_held(stream):
+        if file_lock.is_held(stream):
             found.state, found.why = WRITING, "a recorder has it open"
     _judge(found)
     return found

@@ -11,9 +11,9 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import imutui
-from imutui.logbook import held, schemas
+from imutui.logbook import file_lock, schemas
 from imutui.logbook.schemas import RawPacket
-from imutui.logbook.session import METADATA, SessionInfo
+from imutui.logbook.session_info import METADATA, SessionInfo
 
 
 class LogWriter:
@@ -50,7 +50,7 @@ class LogWriter:
             raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", error.filename) from error
         flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
         self._file = os.fdopen(os.open(path, flags, 0o644), "wb")
-        held.claim(self._file)
+        file_lock.claim(self._file)
         self._good = 0
         self._channels: dict[str, int] = {}
         self._counts = dict.fromkeys(schemas.TYPES, 0)

@@ -19,7 +19,7 @@ from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES, Scaling
 from imutui.instrument.port import Port
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import guide, wire, zeroing
 from imutui.session.connect import Identity, InstrumentError

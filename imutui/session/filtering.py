@@ -13,7 +13,7 @@ from filters.kalman.spkf import DivergenceError
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.logbook import estimates, reader
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 ESTIMATE_PERIOD_S = 0.1
 _ready = threading.Event()

@@ -21,8 +21,8 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
 from imutui.instrument.port import Port
-from imutui.logbook import effects, motions
-from imutui.logbook.session import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
+from imutui.logbook import effects_file, reference_file
+from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.connect import Identity
 from imutui.session.plan import Plan
@@ -65,7 +65,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         kappa=plan.kappa,
         noise=plan.noise,
         reference_sha256=_reference_sha256(plan),
-        effects_sha256=effects.digest(plan.effects.encode()),
+        effects_sha256=effects_file.digest(plan.effects.encode()),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
     )
@@ -88,7 +88,7 @@ class Setup:
     effects: MakeEffects | None
 
 
-_CSV = (motions.ATTACHMENTS[1], "text/csv")
+_CSV = (reference_file.ATTACHMENTS[1], "text/csv")
 _CHANGES = ("reference", "reference_file", "effects")
 _WITHOUT_FILE = ("level", "gravity")
 
@@ -127,25 +127,25 @@ def changed(plan: Plan, info: SessionInfo, changes: Mapping[str, Any]) -> Setup:
             )
     motion = motion_of(plan)
     info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
-    info = replace(info, effects_sha256=effects.digest(plan.effects.encode()))
+    info = replace(info, effects_sha256=effects_file.digest(plan.effects.encode()))
     make = effects_of(plan, info)
     check_live(info, motion, make)
     return Setup(plan, info, motion, make)
 
 
 def _kind(name: str, text: str) -> str:
-    return "profile" if isinstance(motions.parse(name, text.encode()), Profile) else "trajectory"
+    return "profile" if isinstance(reference_file.parse(name, text.encode()), Profile) else "trajectory"
 
 
 def motion_of(plan: Plan) -> Profile | Trajectory | None:
     """Motion of the file that the reference comes from, if it comes from one."""
     name, text = plan.reference_file
-    return motions.parse(name, text.encode()) if name else None
+    return reference_file.parse(name, text.encode()) if name else None
 
 
 def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
     """What makes the effects of the plan's effects file, if it has one."""
-    return effects.maker(plan.effects.encode(), info)
+    return effects_file.maker(plan.effects.encode(), info)
 
 
 def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: MakeEffects | None = None) -> None:
@@ -164,16 +164,16 @@ def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
     name, text = plan.reference_file
     if name:
         toml = name.lower().endswith(".toml")
-        attachment, media_type = (motions.ATTACHMENTS[0], "application/toml") if toml else _CSV
+        attachment, media_type = (reference_file.ATTACHMENTS[0], "application/toml") if toml else _CSV
         writer.attach(attachment, media_type, text.encode(), now_ns)
     if plan.effects:
-        writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, plan.effects.encode(), now_ns)
+        writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, plan.effects.encode(), now_ns)
 
 
 @lru_cache(maxsize=1)
 def effect_labels(text: str) -> tuple[str, ...]:
     """What effects a file's text has, in words: channels and the effect; nothing for no text."""
-    found = effects.parse(text.encode()).effects if text else ()
+    found = effects_file.parse(text.encode()).effects if text else ()
     return tuple(f"{'/'.join(effect.channels)} {effect.effect}" for effect in found)
 
 

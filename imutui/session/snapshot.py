@@ -14,7 +14,7 @@ from filters.kalman.runner import Estimator
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.logbook import results
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 from imutui.session.disk import Growth, Room
 from imutui.session.guide import Guide
 from imutui.session.info import effect_labels

@@ -20,7 +20,7 @@ from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Packet, Scaling
 from imutui.logbook import reader, results, schemas
 from imutui.logbook.results import Counters, Timings
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.averaging import Averager, Sample
 from imutui.session.filtering import LiveFilter

@@ -13,7 +13,7 @@ from imutui.instrument.crossbow import Mode, Packet
 from imutui.jobs.check import check
 from imutui.logbook import schemas
 from imutui.logbook.reader import UnreadableLogError
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.take import Take, Timebase
 

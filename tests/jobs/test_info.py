@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from imutui.jobs.info import Brief, brief, info, recordings
-from imutui.logbook import SessionInfo, held, schemas
+from imutui.logbook import SessionInfo, file_lock, schemas
 from imutui.logbook.writer import LogWriter
 
 START = 1_795_257_000_000_000_000
@@ -129,14 +129,14 @@ def test_asking_whether_a_file_is_held_does_not_disturb_its_writer(tmp_path: Pat
     """Two ask at once; it stays held until it is closed."""
     path = tmp_path / "a"
     with path.open("wb") as writer:
-        held.claim(writer)
+        file_lock.claim(writer)
         with path.open("rb") as one, path.open("rb") as other:
-            assert held.is_held(one)
-            assert held.is_held(other)
+            assert file_lock.is_held(one)
+            assert file_lock.is_held(other)
         with path.open("rb") as again:
-            assert held.is_held(again)
+            assert file_lock.is_held(again)
     with path.open("rb") as after:
-        assert not held.is_held(after)
+        assert not file_lock.is_held(after)
 
 
 def test_a_brief_can_travel(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import traces
 
 from imutui.jobs import keeping
-from imutui.logbook import effects
+from imutui.logbook import effects_file
 
 
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
@@ -19,8 +19,8 @@ def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
 
 def test_effects_files_are_told_from_other_settings(tmp_path: Path) -> None:
     """Scenarios and profiles are no effects; a broken file says why."""
-    (tmp_path / "found.toml").write_text(effects.dumps(traces.trace(), "trace of a.mcap"))
-    (tmp_path / "none.toml").write_text(effects.dumps(traces.nothing(), "trace of b.mcap"))
+    (tmp_path / "found.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
+    (tmp_path / "none.toml").write_text(effects_file.dumps(traces.nothing(), "trace of b.mcap"))
     (tmp_path / "broken.toml").write_text('version = 1\nsource = "x"\ninclude_as = 3\n')
     (tmp_path / "scenario.toml").write_text('seed = 1\n[[effect]]\nname = "thermal_lin"\nchannel = "gy"\n')
     files = {file.path.name: file for file in keeping.effects_files([tmp_path])}

@@ -19,9 +19,9 @@ from filters.simulation import Truth
 from filters.state import PAPER_SITE
 from imutui.jobs import replay as job
 from imutui.jobs.replay import Options, replay
-from imutui.logbook import SessionInfo, reader, results, schemas, trajectory
-from imutui.logbook.motions import ReferenceFile
-from imutui.logbook.trajectory import Trajectory
+from imutui.logbook import SessionInfo, reader, results, schemas, trajectory_file
+from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.trajectory_file import Trajectory
 from imutui.logbook.writer import LogWriter
 
 START = 1_795_257_000_000_000_000
@@ -231,7 +231,7 @@ def table_trajectory(samples: Samples) -> ReferenceFile:
     t = np.arange(0.0, samples.t[-1], 0.25)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
     values[:, 6:9] = attitude.to_rpy(motion.attitudes(profile.angles(t)))
-    text = trajectory.format(Trajectory(t, values))
+    text = trajectory_file.format(Trajectory(t, values))
     return ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
 
 

@@ -15,9 +15,9 @@ from filters.tracing import residual
 from imutui.jobs import agreement, runs
 from imutui.jobs.replay import Options
 from imutui.jobs.runs import Read
-from imutui.logbook import schemas, trajectory
-from imutui.logbook.motions import ReferenceFile
-from imutui.logbook.session import SessionInfo
+from imutui.logbook import schemas, trajectory_file
+from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 
 START = 1_795_257_000_000_000_000
@@ -303,7 +303,7 @@ def test_a_short_log_is_refused(tmp_path: Path) -> None:
 def test_a_trajectory_without_attitude_is_refused(tmp_path: Path) -> None:
     """Position and velocity alone do not say what a gyro should read."""
     log = imported(tmp_path / "a.mcap", {k: v for k, v in arrays(90.0).items() if k not in ("ang", "rate")})
-    columns = ",".join(trajectory.COLUMNS[:7])
+    columns = ",".join(trajectory_file.COLUMNS[:7])
     text = f"{columns}\n" + "\n".join(f"{t},-23.2,-45.8,641,0,0,0" for t in range(90))
     reference = ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
     with pytest.raises(ValueError, match=r"no attitude.*--reference gravity"):

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imutui.logbook import SessionInfo, effects
+from imutui.logbook import SessionInfo, effects_file
 
 GOOD = """\
 version = 1
@@ -51,7 +51,7 @@ include_as = "N"
 
 def test_an_effects_file_is_read_as_it_stands() -> None:
     """Names, parameters, states with their defaults, correlation of all states in order."""
-    document = effects.parse(GOOD.encode())
+    document = effects_file.parse(GOOD.encode())
     assert document.source == "trace of two runs"
     assert [entry.effect for entry in document.effects] == ["thermal_lin", "gauss_markov", "noise_level"]
     assert document.effects[0].parameters == {"t0_degc": 25.0}
@@ -60,7 +60,7 @@ def test_an_effects_file_is_read_as_it_stands() -> None:
     assert np.allclose(np.sqrt(np.diag(document.covariance())), [0.001, 0.02, 0.3])
     assert document.covariance()[0, 1] == pytest.approx(0.5 * 0.001 * 0.02)
     # without a correlation the states are independent
-    alone = effects.parse(GOOD.replace(GOOD.splitlines()[2], "").encode())
+    alone = effects_file.parse(GOOD.replace(GOOD.splitlines()[2], "").encode())
     assert np.array_equal(alone.correlation, np.eye(3))
 
 
@@ -91,17 +91,17 @@ def test_what_is_no_effects_file_is_refused_with_the_place(old: str, new: str, w
     """The message names the effect, the state and the key."""
     assert old in GOOD
     with pytest.raises(ValueError, match=words):
-        effects.parse(GOOD.replace(old, new).encode())
+        effects_file.parse(GOOD.replace(old, new).encode())
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     """And where such files come from."""
     with pytest.raises(ValueError, match=r"nothing\.toml: No such file .*imutui trace"):
-        effects.from_file(tmp_path / "nothing.toml")
+        effects_file.from_file(tmp_path / "nothing.toml")
 
 
 def test_no_effects_need_no_catalogue() -> None:
     """Empty content makes nothing, and has no hash."""
-    assert effects.maker(effects.NONE, SessionInfo()) is None
-    assert effects.digest(effects.NONE) == ""
-    assert SessionInfo().config_sha256() != SessionInfo(effects_sha256=effects.digest(b"x")).config_sha256()
+    assert effects_file.maker(effects_file.NONE, SessionInfo()) is None
+    assert effects_file.digest(effects_file.NONE) == ""
+    assert SessionInfo().config_sha256() != SessionInfo(effects_sha256=effects_file.digest(b"x")).config_sha256()

@@ -8,13 +8,13 @@ import pytest
 import traces
 
 from filters.effects.records import Included, State, Trace
-from imutui.logbook import effects, whole
+from imutui.logbook import atomic_file, effects_file
 
 
 def test_every_number_comes_back_as_it_was() -> None:
     """States, parameters, correlation; infinity is legal."""
     made = traces.trace()
-    read = tomllib.loads(effects.dumps(made, 'trace of "a".mcap'))
+    read = tomllib.loads(effects_file.dumps(made, 'trace of "a".mcap'))
     assert read["version"] == 1
     assert read["source"] == 'trace of "a".mcap'
     assert read["correlation"] == made.correlation.tolist()
@@ -39,7 +39,7 @@ def test_parameters_of_any_kind_are_written() -> None:
         "n": np.int64(3),
     }
     made = Trace({}, (Included("driver:wx*fy", ("gx",), "A", parameters),), np.empty((0, 0)), ())
-    read = tomllib.loads(effects.dumps(made, "x"))["effect"][0]
+    read = tomllib.loads(effects_file.dumps(made, "x"))["effect"][0]
     assert read["parameters"] == {
         "knots": [0.0, 0.5, 1.0], "order": 2, "on": True, "basis": 'h"a\nt', "of time": {"a": 1.0}, "n": 3,
     }  # fmt: skip
@@ -48,17 +48,17 @@ def test_parameters_of_any_kind_are_written() -> None:
 
 def test_nothing_included_is_a_valid_file() -> None:
     """The filter with it is the filter without."""
-    read = tomllib.loads(effects.dumps(traces.nothing(), "trace of a.mcap"))
+    read = tomllib.loads(effects_file.dumps(traces.nothing(), "trace of a.mcap"))
     assert read == {"version": 1, "source": "trace of a.mcap", "correlation": []}
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     """Nothing is replaced unasked, and nothing half-written is left."""
     path = tmp_path / "effects.toml"
-    whole.write(path, "a = 1\n", overwrite=False)
+    atomic_file.write(path, "a = 1\n", overwrite=False)
     with pytest.raises(FileExistsError):
-        whole.write(path, "a = 2\n", overwrite=False)
+        atomic_file.write(path, "a = 2\n", overwrite=False)
     assert path.read_text() == "a = 1\n"
-    whole.write(path, "a = 2\n", overwrite=True)
+    atomic_file.write(path, "a = 2\n", overwrite=True)
     assert path.read_text() == "a = 2\n"
     assert list(tmp_path.iterdir()) == [path]

@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import Options, replay
-from imutui.logbook import SessionInfo, held, reader, schemas, summary
+from imutui.logbook import SessionInfo, file_lock, reader, schemas, summary
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED, scan
@@ -260,7 +260,7 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
         recover(tmp_path / "a.mcap", out)
     assert out.read_text() == "mine"
     with (tmp_path / "a.mcap").open("r+b") as stream:
-        held.claim(stream)
+        file_lock.claim(stream)
         with pytest.raises(ValueError, match="being written"):
             recover(tmp_path / "a.mcap", out, True)
     assert (tmp_path / "a.mcap").read_bytes() == before

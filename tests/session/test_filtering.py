@@ -7,7 +7,7 @@ from filters.motion import reference
 from filters.motion.profile import Dwell, Profile
 from filters.state import PAPER_SITE
 from imutui.logbook import reader, schemas
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 from imutui.session import filtering, info
 from imutui.session.filtering import LiveFilter
 from imutui.session.plan import Plan

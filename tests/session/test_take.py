@@ -8,9 +8,9 @@ import pytest
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Mode, Packet
 from imutui.jobs.replay import Options, replay
-from imutui.logbook import effects, results
-from imutui.logbook.effects import EffectsDocument
-from imutui.logbook.session import SessionInfo
+from imutui.logbook import effects_file, results
+from imutui.logbook.effects_file import EffectsDocument
+from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import filtering
 from imutui.session.take import Take, Timebase
@@ -54,17 +54,17 @@ class Thermal:
 @pytest.fixture
 def catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
     """One effect that can be included."""
-    monkeypatch.setattr(effects, "build", lambda document, info: Thermal(document))
+    monkeypatch.setattr(effects_file, "build", lambda document, info: Thermal(document))
 
 
 def recorded(path: Path, sampling: str) -> dict[str, Any]:
     """A take of 15 s with effects, fed packet by packet: its result document."""
     info = SessionInfo(
-        sampling=sampling, rate_hz=133.0 if sampling == "polled" else 20.0, effects_sha256=effects.digest(FILE)
+        sampling=sampling, rate_hz=133.0 if sampling == "polled" else 20.0, effects_sha256=effects_file.digest(FILE)
     )
     writer = LogWriter(path, info, "", START)
-    writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, FILE, START)
-    take = Take(info, Timebase(START), writer, None, effects.maker(FILE, info))
+    writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, FILE, START)
+    take = Take(info, Timebase(START), writer, None, effects_file.maker(FILE, info))
     rng = np.random.default_rng(3)
     for k in range(2000):
         counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
@@ -94,7 +94,7 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
     (state,) = live["effects"]
     assert state["name"] == "thermal_lin gy k"
     assert 0.0 < state["sd"] < 1e-3
-    without = replay(tmp_path / "a.mcap", Options(effects=effects.NONE))
+    without = replay(tmp_path / "a.mcap", Options(effects=effects_file.NONE))
     assert without["effects"] == []
     assert without["config_sha256"] != live["config_sha256"]
     assert without["final"]["gyro_bias_dps"] != live["final"]["gyro_bias_dps"]
@@ -109,14 +109,16 @@ def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> Non
     recorded(tmp_path / "a.mcap", "stream")
     with pytest.raises(ValueError, match='"ekf", but effects'):
         replay(tmp_path / "a.mcap", Options(overrides={"filter": "ekf"}))
-    assert replay(tmp_path / "a.mcap", Options(end=2.0, overrides={"filter": "ekf"}, effects=effects.NONE))["samples"]
+    assert replay(tmp_path / "a.mcap", Options(end=2.0, overrides={"filter": "ekf"}, effects=effects_file.NONE))[
+        "samples"
+    ]
 
 
 def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
     """The message names log, effect and the way out."""
-    info = replace(SessionInfo(), effects_sha256=effects.digest(FILE))
+    info = replace(SessionInfo(), effects_sha256=effects_file.digest(FILE))
     writer = LogWriter(tmp_path / "a.mcap", info, "", START)
-    writer.attach(effects.ATTACHMENT, effects.MEDIA_TYPE, FILE.replace(b"thermal_lin", b"gremlins"), START)
+    writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, FILE.replace(b"thermal_lin", b"gremlins"), START)
     writer.imu(START, START, np.zeros(3), np.array([0.0, 0.0, -9.8]))
     writer.finish({}, START)
     with pytest.raises(ValueError, match=r"a\.mcap: .*gremlins.*--effects none"):

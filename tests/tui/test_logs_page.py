@@ -13,7 +13,7 @@ from pilot import SMALLEST, shows, until
 from textual.pilot import Pilot
 
 from imutui.jobs import replay, tasks
-from imutui.logbook import effects
+from imutui.logbook import effects_file
 from imutui.logbook.results import TIMINGS
 from imutui.tui import results
 from imutui.tui.app import ImutuiApp
@@ -175,7 +175,7 @@ async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home
 
 async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient, home: Path) -> None:
     """From a file that a trace wrote; not while recording."""
-    (home / "logs" / "a_effects.toml").write_text(effects.dumps(traces.trace(), "trace of a.mcap"))
+    (home / "logs" / "a_effects.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot)
         await pilot.press("e")
@@ -198,7 +198,12 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
     found = traces.trace()
     document = {**found.document, "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
     result = tasks.TraceResult(
-        document, "trace of a.mcap", (), effects.dumps(found, "trace of a.mcap"), ("thermal_lin (gy)",), traces.PROFILE
+        document,
+        "trace of a.mcap",
+        (),
+        effects_file.dumps(found, "trace of a.mcap"),
+        ("thermal_lin (gy)",),
+        traces.PROFILE,
     )
     log = home / "logs" / "a.mcap"
     made = Outcome(

@@ -18,22 +18,22 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 from rosbags.serde import SerdeError
 
-from imutui.logbook import fast, records, schemas, summary
+from imutui.logbook import mcap_format, mcap_kernels, schemas, summary
 from imutui.logbook import scan as scanning
 from imutui.logbook.columns import Columns
+from imutui.logbook.mcap_format import Batch
 from imutui.logbook.reader import Event, Table
-from imutui.logbook.records import Batch
 from imutui.logbook.scan import Piece, Scan
-from imutui.logbook.session import METADATA, SessionInfo
+from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
 """What the format has of each message besides its data."""
 _WANTED = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
 _PLAIN = {
-    schemas.RAW: fast.RAW,
-    schemas.IMU: fast.IMU,
-    schemas.TEMPERATURE: fast.TEMPERATURE,
-    schemas.REFERENCE: fast.TABLE,
+    schemas.RAW: mcap_kernels.RAW,
+    schemas.IMU: mcap_kernels.IMU,
+    schemas.TEMPERATURE: mcap_kernels.TEMPERATURE,
+    schemas.REFERENCE: mcap_kernels.TABLE,
 }
 _SHOWN = 20
 # bytes that are no such message fail in whichever way the decoder meets them first
@@ -139,7 +139,7 @@ class _Work:
         self._channels: dict[int, Channel] = {}
         self._decompressor = zstandard.ZstdDecompressor()
         self._columns = Columns()
-        self._roles = np.full(2**16, fast.IGNORED, np.uint8)
+        self._roles = np.full(2**16, mcap_kernels.IGNORED, np.uint8)
         self._parts: dict[int, list[np.ndarray]] = {}
         if found.index is not None:
             for schema in found.index.schemas.values():
@@ -150,7 +150,7 @@ class _Work:
     def take(self, piece: Piece, body: bytes) -> None:
         """One whole record."""
         if piece.opcode == Opcode.CHUNK:
-            self._records(records.inflated(records.chunk_of(body), self._decompressor))
+            self._records(mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor))
         elif piece.opcode == Opcode.METADATA:
             record = Metadata.read(_stream(body))
             self.audit.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
@@ -179,19 +179,21 @@ class _Work:
         cdr = channel.message_encoding == "cdr"
         ours = cdr and schemas.TYPES.get(channel.topic) == typename
         imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
-        self._roles[channel.id] = fast.IMU if imu else _PLAIN.get(channel.topic, fast.OTHER) if ours else fast.IGNORED
+        self._roles[channel.id] = (
+            mcap_kernels.IMU if imu else _PLAIN.get(channel.topic, mcap_kernels.OTHER) if ours else mcap_kernels.IGNORED
+        )
 
     def _records(self, content: bytes) -> None:
         data = np.frombuffer(content, np.uint8)
-        n, _ = fast.count(data, 0, len(content))
+        n, _ = mcap_kernels.count(data, 0, len(content))
         table = np.empty((n, 4), np.int64)
-        rows, others, short = fast.tabulate(data, 0, _WANTED, table)
+        rows, others, short = mcap_kernels.tabulate(data, 0, _WANTED, table)
         table = table[:rows]
         self.audit.undecodable_count += short
-        messages = table[:, fast.OPCODE] == fast.MESSAGE
+        messages = table[:, mcap_kernels.OPCODE] == mcap_kernels.MESSAGE
         for _, _, at, length in table[~messages].tolist() if others else ():
-            self._declaration(content[at - fast.HEADER_SIZE], content[at : at + length])
-        table = table[messages & (table[:, fast.CHANNEL] >= 0)]
+            self._declaration(content[at - mcap_kernels.HEADER_SIZE], content[at : at + length])
+        table = table[messages & (table[:, mcap_kernels.CHANNEL] >= 0)]
         if len(table):
             self._batch(Batch(content, data, table))
 
@@ -203,16 +205,16 @@ class _Work:
             self._declare(Channel.read(_stream(body)))
 
     def _batch(self, batch: Batch) -> None:
-        starts = batch.table[:, fast.OFFSET] - fast.MESSAGE_HEADER_SIZE
-        heads = batch.data[starts[:, None] + np.arange(fast.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
+        starts = batch.table[:, mcap_kernels.OFFSET] - mcap_kernels.MESSAGE_HEADER_SIZE
+        heads = batch.data[starts[:, None] + np.arange(mcap_kernels.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
         for channel in np.unique(heads["channel"]).tolist():
             self._parts.setdefault(channel, []).append(heads[heads["channel"] == channel])
-        counts, others = fast.tally(batch.table, self._roles)
+        counts, others = mcap_kernels.tally(batch.table, self._roles)
         for row in others.tolist():
             self._one(batch, row, heads)
         if not self._columns.take(batch, self._roles, counts):
-            roles = self._roles[batch.table[:, fast.CHANNEL]]
-            for row in np.flatnonzero(roles > fast.OTHER).tolist():
+            roles = self._roles[batch.table[:, mcap_kernels.CHANNEL]]
+            for row in np.flatnonzero(roles > mcap_kernels.OTHER).tolist():
                 self._one(batch, row, heads)
 
     def _one(self, batch: Batch, row: int, heads: np.ndarray) -> None:
@@ -221,13 +223,13 @@ class _Work:
         message = batch.message(row)
         try:
             match int(self._roles[channel.id]):
-                case fast.IMU:
+                case mcap_kernels.IMU:
                     self._columns.sample(message)
-                case fast.TEMPERATURE:
+                case mcap_kernels.TEMPERATURE:
                     self._columns.temperature(message)
-                case fast.RAW:
+                case mcap_kernels.RAW:
                     self._columns.packet(message)
-                case fast.TABLE:
+                case mcap_kernels.TABLE:
                     self._columns.table(message)
                 case _:
                     self._rare(channel.topic, message.data)

@@ -40,7 +40,7 @@ from filters.effects.records import Included, State, Trace
 from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS
 from filters.kalman.augmentation import Effects, MakeEffects
-from imutui.logbook.session import SessionInfo
+from imutui.logbook.session_info import SessionInfo
 
 ATTACHMENT = "effects.toml"
 """Name under which the effects travel in a log."""

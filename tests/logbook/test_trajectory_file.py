@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imutui.logbook import trajectory
-from imutui.logbook.trajectory import Trajectory, TrajectoryError
+from imutui.logbook import trajectory_file
+from imutui.logbook.trajectory_file import Trajectory, TrajectoryError
 
 HEADER = "t,lat,lon,h,vn,ve,vd,roll,pitch,yaw\n"
 
@@ -29,17 +29,17 @@ def test_a_trajectory_survives_as_text(table: list[tuple[float, ...]]) -> None:
     """What is unknown stays unknown, the rest is good to 11 um and 1e-8 degrees; the text itself is stable."""
     degrees = np.array(table)
     values = degrees * np.where(np.isin(np.arange(9), [0, 1, 6, 7, 8]), np.pi / 180.0, 1.0)
-    text = trajectory.format(Trajectory(np.arange(len(table)) / 7.0, values))
-    read = trajectory.parse(text, "a.csv")
+    text = trajectory_file.format(Trajectory(np.arange(len(table)) / 7.0, values))
+    read = trajectory_file.parse(text, "a.csv")
     assert np.allclose(read.t, np.arange(len(table)) / 7.0, atol=1e-9)
     assert np.allclose(read.values, values, rtol=0.0, atol=1e-5, equal_nan=True)
     assert np.allclose(read.values[:, :2], values[:, :2], rtol=0.0, atol=1e-12, equal_nan=True)
-    assert trajectory.format(read) == text
+    assert trajectory_file.format(read) == text
 
 
 def test_columns_may_stand_in_any_order_and_attitude_may_be_absent() -> None:
     """Units are degrees and metres outside, radians and metres inside; empty cells are unknown."""
-    read = trajectory.parse("h, lat,lon,vn,ve,vd,t\n641,-23,-45,,,,0\n\n,,,1,2,3,0.5\n", "a.csv")
+    read = trajectory_file.parse("h, lat,lon,vn,ve,vd,t\n641,-23,-45,,,,0\n\n,,,1,2,3,0.5\n", "a.csv")
     assert read.t.tolist() == [0.0, 0.5]
     assert np.allclose(read.values[0, :3], [np.deg2rad(-23), np.deg2rad(-45), 641])
     assert read.values[1, 3:6].tolist() == [1.0, 2.0, 3.0]
@@ -67,5 +67,5 @@ BAD = {
 def test_a_text_that_is_no_trajectory_is_named_with_line_and_column(text: str) -> None:
     """The error says file, line, column and what stands there."""
     with pytest.raises(TrajectoryError) as caught:
-        trajectory.parse(text, "path.csv")
+        trajectory_file.parse(text, "path.csv")
     assert all(word in str(caught.value) for word in ("path.csv", *BAD[text])), caught.value

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from imutui.logbook import stamps
+from imutui.logbook import arrival_stamps
 
 PERIOD = 0.01
 
@@ -20,16 +20,16 @@ def test_bursts_are_seen_and_jitter_is_not() -> None:
     """Five samples at each look are bursts; a tenth of a period of jitter, or gaps, are not."""
     instants = np.arange(2000) * PERIOD
     rng = np.random.default_rng(1)
-    assert "10.0" in stamps.bursts(arrivals(instants))
-    assert stamps.bursts(instants + rng.uniform(0.0, 0.1 * PERIOD, 2000)) == ""
-    assert stamps.bursts(np.delete(instants, slice(300, 900))) == ""
+    assert "10.0" in arrival_stamps.bursts(arrivals(instants))
+    assert arrival_stamps.bursts(instants + rng.uniform(0.0, 0.1 * PERIOD, 2000)) == ""
+    assert arrival_stamps.bursts(np.delete(instants, slice(300, 900))) == ""
 
 
 @pytest.mark.parametrize("period", [0.01, 0.0037, 0.02])
 def test_the_instants_of_bursts_are_a_regular_grid_under_them(period: float) -> None:
     """To half a period, but for a constant: how late the least late packet is can't be known."""
     true = 3.0 + np.arange(5000) * period
-    fitted = stamps.from_arrivals(arrivals(true))
+    fitted = arrival_stamps.from_arrivals(arrivals(true))
     assert fitted.pieces == 1
     error = fitted.t - true
     assert np.ptp(error) < 0.5 * period
@@ -46,7 +46,7 @@ def test_no_instant_is_after_its_arrival_and_time_increases() -> None:
     late = rng.exponential(0.02, 30000)
     late[::977] += 0.4
     t = np.maximum.accumulate(true + late) + np.arange(30000) * 1e-7
-    fitted = stamps.from_arrivals(t)
+    fitted = arrival_stamps.from_arrivals(t)
     assert fitted.pieces > 1
     assert (np.diff(fitted.t) > 0.0).all()
     assert (t - fitted.t).min() > -1e-9
@@ -58,9 +58,9 @@ def test_a_stall_that_is_caught_up_with_is_no_silence_and_a_silence_is_not_fille
     true = np.arange(6000) * PERIOD
     stalled = true.copy()
     stalled[3000:3200] = true[3199] + np.arange(200) * 1e-4
-    assert np.allclose(stamps.from_arrivals(stalled).t, true, atol=1e-6)
+    assert np.allclose(arrival_stamps.from_arrivals(stalled).t, true, atol=1e-6)
     silent = true.copy()
     silent[3000:] += 2.0
-    fitted = stamps.from_arrivals(silent)
+    fitted = arrival_stamps.from_arrivals(silent)
     assert fitted.pieces == 2
     assert np.allclose(fitted.t, silent, atol=1e-6)

@@ -10,7 +10,13 @@ import pytest
 
 from filters import attitude
 from imutui import cli
-from imutui.logbook import importer, known, reader, schemas, trajectory
+from imutui.logbook import (
+    import_reference,
+    importer,
+    reader,
+    schemas,
+    trajectory_file,
+)
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.reader import Log
 
@@ -44,8 +50,8 @@ def quaternion(C: np.ndarray) -> np.ndarray:
     return np.array([w, *np.array([C[2, 1] - C[1, 2], C[0, 2] - C[2, 0], C[1, 0] - C[0, 1]]) / (4.0 * w)])
 
 
-def held(log: Log) -> trajectory.Trajectory:
-    return trajectory.parse(log.attachments["reference.csv"].decode(), "reference.csv")
+def held(log: Log) -> trajectory_file.Trajectory:
+    return trajectory_file.parse(log.attachments["reference.csv"].decode(), "reference.csv")
 
 
 def messages(path: Path) -> list[Any]:
@@ -232,4 +238,4 @@ def test_optional_vectors_are_columns_of_a_csv_too(home: Path) -> None:
     assert np.array_equal(recording.known["ref_quat"], quat)
     assert recording.not_imported == ()
     with pytest.raises(ImportDataError, match="length 2"):
-        known.from_arrays(recording.t, {"ref_quat": 2.0 * quat}, np.eye(3))
+        import_reference.from_arrays(recording.t, {"ref_quat": 2.0 * quat}, np.eye(3))

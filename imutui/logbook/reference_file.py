@@ -9,7 +9,7 @@ import numpy as np
 from filters.motion import profile
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.logbook import trajectory
+from imutui.logbook import trajectory_file
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
 """Names under which a reference travels."""
@@ -67,7 +67,7 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
     first = next(csv.reader([text.partition("\n")[0]]), [])
     if tuple(cell.strip() for cell in first) == PROFILE_COLUMNS:
         return parse_angles(text, name)
-    return trajectory.parse(text, name)
+    return trajectory_file.parse(text, name)
 
 
 def parse_angles(text: str, name: str) -> Profile:

@@ -10,9 +10,9 @@ from filters.motion.profile import Profile, attitudes
 from filters.motion.reference import Trajectory
 from filters.state import Site
 from filters.types import Array
-from imutui.logbook import motions, trajectory
+from imutui.logbook import reference_file, trajectory_file
 from imutui.logbook.importer import ImportDataError
-from imutui.logbook.motions import ReferenceFile
+from imutui.logbook.reference_file import ReferenceFile
 
 # east-north-up to north-east-down
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -29,7 +29,7 @@ def from_file(path: Path) -> ReferenceFile:
     """
     try:
         content = path.read_bytes()
-        motion = motions.parse(str(path), content)
+        motion = reference_file.parse(str(path), content)
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. --reference names a CSV or TOML file.") from error
     except ValueError as error:
@@ -77,7 +77,7 @@ def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site |
     rows = np.isfinite(values).any(axis=1)
     if not rows.any():
         return None
-    text = trajectory.format(Trajectory(t[rows] - t[0], values[rows]))
+    text = trajectory_file.format(Trajectory(t[rows] - t[0], values[rows]))
     return ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
 
 

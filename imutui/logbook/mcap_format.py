@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
-from imutui.logbook import fast
+from imutui.logbook import mcap_kernels
 
 MAGIC = b"\x89MCAP0\r\n"
 LIMIT = 256 * 2**20
@@ -95,7 +95,7 @@ def walk(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
         block = stream.read(wanted)
         held += block
         data = np.frombuffer(held, np.uint8)
-        n, end = fast.count(data, 0, LIMIT)
+        n, end = mcap_kernels.count(data, 0, LIMIT)
         checked = 0
         for item in _split(held, data, n, _IN_FILE):
             if isinstance(item, Batch):
@@ -107,8 +107,8 @@ def walk(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
                 continue
             record = _record(held, opcode, at, length)
             if isinstance(record, DataEnd):
-                checksum = zlib.crc32(memoryview(held)[checked : at - fast.HEADER_SIZE], checksum)
-                checked = at - fast.HEADER_SIZE
+                checksum = zlib.crc32(memoryview(held)[checked : at - mcap_kernels.HEADER_SIZE], checksum)
+                checked = at - mcap_kernels.HEADER_SIZE
                 if record.data_section_crc not in (0, checksum):
                     raise CRCValidationError(record.data_section_crc, checksum, record)
                 continue
@@ -124,11 +124,11 @@ def walk(stream: IO[bytes]) -> Iterator[McapRecord | Batch]:
 def _missing(held: bytes, end: int, block: bytes) -> int:
     """How many bytes to read next, for the record that begins at `end` and is not whole."""
     wanted = _BLOCK
-    if len(held) - end >= fast.HEADER_SIZE:
+    if len(held) - end >= mcap_kernels.HEADER_SIZE:
         opcode, length = struct.unpack_from("<BQ", held, end)
         if length > LIMIT:
             raise RecordLengthLimitExceeded(opcode, length, LIMIT)
-        wanted = max(wanted, fast.HEADER_SIZE + length - (len(held) - end))
+        wanted = max(wanted, mcap_kernels.HEADER_SIZE + length - (len(held) - end))
     if not block:
         raise EndOfFile
     return wanted
@@ -144,13 +144,13 @@ def _expect_magic(tail: bytes) -> None:
 def _split(content: bytes, data: np.ndarray, n: int, wanted: np.ndarray) -> Iterator[Batch | tuple[int, int, int]]:
     """Batches of messages, and between them opcode, offset and length of the other records that are wanted."""
     table = np.empty((n, 4), np.int64)
-    rows, others, short = fast.tabulate(data, 0, wanted, table)
+    rows, others, short = mcap_kernels.tabulate(data, 0, wanted, table)
     if short:
         raise McapError("a message is shorter than its header")
     table = table[:rows]
     first = 0
     if others:
-        for row in map(int, np.flatnonzero(table[:, fast.OPCODE] != fast.MESSAGE)):
+        for row in map(int, np.flatnonzero(table[:, mcap_kernels.OPCODE] != mcap_kernels.MESSAGE)):
             if row > first:
                 yield Batch(content, data, table[first:row])
             opcode, _, at, length = table[row].tolist()
@@ -187,7 +187,7 @@ def _chunk(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> Iterator[M
     """A chunk's records: all of them are there, or none is given."""
     content = inflated(chunk, decompressor)
     data = np.frombuffer(content, np.uint8)
-    n, end = fast.count(data, 0, len(content))
+    n, end = mcap_kernels.count(data, 0, len(content))
     if end != len(content):
         raise McapError("a chunk's content ends in the middle of a record")
     for item in _split(content, data, n, _IN_CHUNK):
