@@ -9,7 +9,7 @@ is how far a plausible θ_j is from all that noise and plausible sizes of the ot
 deviations. The constant bias is one of them. With d ≥ 2 an effect counts as testable.
 
 What it leaves out: effects of time and temperature, which no table moves; mounting and gravity, which are among
-misalignment and scale factor here; what to call all that (`imutui.jobs.guide`).
+misalignment and scale factor here; what to call all that (`imutui.jobs.operator_steps`).
 """
 
 from collections.abc import Iterator

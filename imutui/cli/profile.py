@@ -10,7 +10,7 @@ import typer
 from imutui.cli.options import Json
 
 if TYPE_CHECKING:
-    from imutui.jobs.guide import Offer, Step
+    from imutui.jobs.operator_steps import Offer, Step
 
 
 def command(
@@ -27,22 +27,22 @@ def command(
     Example: imutui profile "six positions, 30 s each"
     """
     from imutui.cli.outcome import UNREADABLE, fail
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
     from imutui.logbook.results import dumps
 
     if file is None:
-        found = guide.offers(_folders())
+        found = operator_steps.offers(_folders())
         print(dumps([_row(offer) for offer in found]) if json else _listed(found))
         return
-    named = [offer for offer in guide.ready_made() if offer.name == str(file)]
-    offer = named[0] if named else guide.offer_of(file)
+    named = [offer for offer in operator_steps.ready_made() if offer.name == str(file)]
+    offer = named[0] if named else operator_steps.offer_of(file)
     if offer.error:
         raise fail(UNREADABLE, f"{file}: {offer.error}. `imutui profile` lists what there is.")
-    profile = guide.load(offer.file, offer.text)
+    profile = operator_steps.load(offer.file, offer.text)
     if json:
-        print(dumps(guide.document(profile, offer.name)))
+        print(dumps(operator_steps.document(profile, offer.name)))
     else:
-        print(_text(offer, guide.steps(profile)))
+        print(_text(offer, operator_steps.steps(profile)))
 
 
 def _folders() -> list[Path]:

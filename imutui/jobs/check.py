@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from imutui.jobs import check_data, check_file, damage
-from imutui.jobs.damage import plural
-from imutui.jobs.looked import SHOWN, Looked
+from imutui.jobs import check_data, check_file, damage_text
+from imutui.jobs.check_context import SHOWN, Looked
+from imutui.jobs.damage_text import plural
 from imutui.logbook import reader, scan, summary
 from imutui.logbook.message_arrays import Audit, audit
 from imutui.logbook.reader import UnreadableLogError
@@ -102,7 +102,7 @@ def _worth_a_word(text: str) -> bool:
 def _state(found: Scan) -> str:
     if found.held:
         return summary.WRITING
-    if damage.lossy(found) or not (found.finished or found.cut):
+    if damage_text.lossy(found) or not (found.finished or found.cut):
         return summary.DAMAGED
     return summary.FINISHED if found.finished else summary.UNFINISHED
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from imutui.instrument.scaling import Scaling
-from imutui.jobs import damage
-from imutui.jobs.damage import plural
-from imutui.jobs.looked import Finding, Looked
+from imutui.jobs import damage_text
+from imutui.jobs.check_context import Finding, Looked
+from imutui.jobs.damage_text import plural
 from imutui.logbook import schemas
 
 _LONG_GAP = 2.5
@@ -103,7 +103,7 @@ def _line(log: Looked) -> Iterator[Finding]:
         much = plural(max(lost, counted), "packet")
         what = f"{much} were lost on the line."
         differ = abs(lost - counted) > max(_FEW, _SHARE * counted)
-        if log.raw is not None and not log.polled and differ and not damage.lossy(log.found):
+        if log.raw is not None and not log.polled and differ and not damage_text.lossy(log.found):
             what = (
                 f"{counted:,} packets were lost by the recorder's count, {lost:,} by the times of those that are there."
             )

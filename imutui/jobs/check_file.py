@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from imutui.jobs import damage
-from imutui.jobs.damage import plural
-from imutui.jobs.looked import SHOWN, Finding, Looked
+from imutui.jobs import damage_text
+from imutui.jobs.check_context import SHOWN, Finding, Looked
+from imutui.jobs.damage_text import plural
 from imutui.logbook import effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.message_arrays import Audit
 
@@ -14,9 +14,9 @@ from imutui.logbook.message_arrays import Audit
 def _bytes(log: Looked) -> Iterator[Finding]:
     """Damage between the file's first byte and its last."""
     found = log.found
-    costly = damage.lossy(found)
+    costly = damage_text.lossy(found)
     for d in costly[:SHOWN]:
-        sentence = damage.sentence(d, log.start_ns)
+        sentence = damage_text.sentence(d, log.start_ns)
         yield Finding(
             "damage", f"Part of the file cannot be read: {d.why}.", sentence.rsplit(": ", 1)[0], log.recover()
         )
@@ -37,7 +37,7 @@ def _ending(log: Looked) -> Iterator[Finding]:
     """How the file ends."""
     found = log.found
     if found.cut and not found.held:
-        cut = next((d for d in found.damages if damage.at_end(found, d)), None)
+        cut = next((d for d in found.damages if damage_text.at_end(found, d)), None)
         tail = "" if cut is None else f", and its last {plural(cut.bytes, 'byte')} are no whole record"
         yield Finding(
             "unfinished",
@@ -60,7 +60,7 @@ def _counts(log: Looked) -> Iterator[Finding]:
     if log.audit.homeless:
         what = f"{plural(log.audit.homeless, 'message')} belong to no topic: the list of topics is lost."
         yield Finding("homeless", what, "", log.recover())
-    if index is not None and index.statistics is not None and not damage.lossy(found):
+    if index is not None and index.statistics is not None and not damage_text.lossy(found):
         told = index.statistics.message_count
         have = sum(heads.size for heads in log.audit.messages.values()) + log.audit.homeless
         if told != have:

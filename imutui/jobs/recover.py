@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from imutui.jobs import damage
-from imutui.jobs.damage import plural
+from imutui.jobs import damage_text
+from imutui.jobs.damage_text import plural
 from imutui.logbook import atomic_file, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import Log, UnreadableLogError
@@ -123,7 +123,7 @@ def _document(found: Scan, output: Path, kept: Kept, log: Log | None, trouble: s
         "version": VERSION,
         "log": str(found.path.resolve()),
         "output": str(output.resolve()),
-        "state": summary.DAMAGED if damage.lossy(found) else state,
+        "state": summary.DAMAGED if damage_text.lossy(found) else state,
         "messages": kept.messages,
         "samples": samples,
         "duration_s": float(log.seconds()[-1]) if log is not None else 0.0,
@@ -131,7 +131,7 @@ def _document(found: Scan, output: Path, kept: Kept, log: Log | None, trouble: s
         "chunks": kept.chunks,
         "metadata": kept.metadata,
         "attachments": kept.attachments,
-        "damages": damage.documents(found, _start(found)),
+        "damages": damage_text.documents(found, _start(found)),
         "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
         "complete": not lost and not trouble,
         "readable": log is not None,
@@ -156,7 +156,7 @@ def _ending(found: Scan) -> list[str]:
     """How an unfinished file ended."""
     if not found.cut:
         return []
-    cut = next((d for d in found.damages if damage.at_end(found, d)), None)
+    cut = next((d for d in found.damages if damage_text.at_end(found, d)), None)
     if cut is None:
         return ["It ended without its index; every record in it is whole."]
     if cut.what == "summary":
@@ -166,7 +166,7 @@ def _ending(found: Scan) -> list[str]:
 
 def _lost(found: Scan, kept: Kept) -> list[str]:
     """What is not in the rebuilt file, a sentence each; empty if nothing is missing but an unfinished end."""
-    told = damage.sentences(found, _start(found))
+    told = damage_text.sentences(found, _start(found))
     messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)
     if messages:
         counted = found.index is not None and found.index.statistics is not None

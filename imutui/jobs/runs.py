@@ -13,7 +13,7 @@ from filters.tracing.residual import Run
 from filters.types import Array
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import replay
-from imutui.jobs.motion import motion_of
+from imutui.jobs.log_motion import motion_of
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo

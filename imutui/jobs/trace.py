@@ -13,7 +13,7 @@ import numpy as np
 
 import imutui
 from filters.effects.records import Trace
-from imutui.jobs import agreement, replay, runs
+from imutui.jobs import replay, run_consistency, runs
 from imutui.jobs.runs import Read
 from imutui.logbook import reader
 from imutui.logbook.reference_file import ReferenceFile
@@ -101,12 +101,12 @@ def trace(
         progress(_READING * number / len(paths), f"reading {path.name}")
         wanted = replay.Options(overrides=dict(options.overrides), reference=options.reference)
         reads.append(runs.read_run(path, name, wanted))
-    agreement.check_together(reads)
+    run_consistency.check_together(reads)
     for read in reads:
-        agreement.check_reference(read)
+        run_consistency.check_reference(read)
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
-    notes += agreement.expectations(fitted, held)
+    notes += run_consistency.expectations(fitted, held)
 
     found = tracing.trace(
         [read.run for read in fitted],

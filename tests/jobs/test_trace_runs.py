@@ -12,7 +12,7 @@ from filters.attitude import to_quaternion
 from filters.imu import AxisMap, parse_mount
 from filters.motion.profile import angles_of, attitudes
 from filters.tracing import residual
-from imutui.jobs import agreement, runs
+from imutui.jobs import run_consistency, runs
 from imutui.jobs.replay import Options
 from imutui.jobs.runs import Read
 from imutui.logbook import schemas, trajectory_file
@@ -80,7 +80,7 @@ def test_an_imported_recording_with_angles_traces_exactly(tmp_path: Path, hz: fl
     """A perfect unit leaves no residual, in motion and at rest, whatever its sign, with no other flag."""
     given = arrays(90.0, hz, sign, moving=moving)
     got = read(imported(tmp_path / "a.mcap", given, accel_sign=sign))
-    agreement.check_reference(got)
+    run_consistency.check_reference(got)
     gyro, accel = worst(got.run)
     assert gyro < 1e-12
     assert accel < 1e-12
@@ -120,7 +120,7 @@ def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
     given["ref_quat"] = np.array([to_quaternion(c) for c in C])
     given["ref_quat"][100:300] = np.nan
     got = read(imported(tmp_path / "a.mcap", given))
-    agreement.check_reference(got)
+    run_consistency.check_reference(got)
     gyro, accel = worst(got.run)
     assert gyro < np.deg2rad(0.02)
     assert accel < 1e-6
@@ -162,7 +162,7 @@ def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late
     """Joined from the first sample, or by the gyros; the log's own attachment is enough."""
     reference = profile(f'align = "{align}"\n' + DWELLS)
     got = read(recorded(tmp_path / "a.mcap", reference, late=late))
-    agreement.check_reference(got)
+    run_consistency.check_reference(got)
     run = got.run
     plain = residual.Run(**{**vars(run), "latency": np.zeros(6)})
     assert worst(plain)[0] < np.deg2rad(0.5 if late else 1e-9)
@@ -274,7 +274,7 @@ def test_a_reference_that_contradicts_the_readings_is_refused(tmp_path: Path, ca
     """By what is wrong, how much, and what mends it."""
     got = case(tmp_path / "a.mcap")
     with pytest.raises(ValueError, match=CONTRADICTIONS[case]):
-        agreement.check_reference(got)
+        run_consistency.check_reference(got)
 
 
 @pytest.mark.parametrize("channel", range(6))
@@ -283,7 +283,7 @@ def test_a_dead_channel_is_no_contradiction(tmp_path: Path, channel: int, value:
     """It is a data fault: the tracer names it and traces the rest."""
     given = arrays(90.0, seed=1)
     (given["gyro"] if channel < 3 else given["accel"])[:, channel % 3] = value
-    agreement.check_reference(read(imported(tmp_path / "a.mcap", given)))
+    run_consistency.check_reference(read(imported(tmp_path / "a.mcap", given)))
 
 
 def test_errors_of_a_bad_unit_are_no_contradiction(tmp_path: Path) -> None:
@@ -291,7 +291,7 @@ def test_errors_of_a_bad_unit_are_no_contradiction(tmp_path: Path) -> None:
     given = arrays(90.0, seed=1)
     given["gyro"] = given["gyro"] * 1.05 + [5.0, -5.0, 3.0]
     given["accel"] = given["accel"] * 0.97 + [0.05, -0.05, 0.04]
-    agreement.check_reference(read(imported(tmp_path / "a.mcap", given)))
+    run_consistency.check_reference(read(imported(tmp_path / "a.mcap", given)))
 
 
 def test_a_short_log_is_refused(tmp_path: Path) -> None:
@@ -330,17 +330,17 @@ def test_logs_that_do_not_belong_together_are_refused(tmp_path: Path, words: str
     given["gyro"] = given["gyro"] + 0.1
     two = read(imported(tmp_path / "b.mcap", given, **first | OTHERS[words]), reference="gravity")
     with pytest.raises(ValueError, match=words):
-        agreement.check_together([one, two])
+        run_consistency.check_together([one, two])
 
 
 def test_a_run_counts_once(tmp_path: Path) -> None:
     """The same file twice, or a copy under another name."""
     one = read(imported(tmp_path / "a.mcap", arrays(61.0)))
     with pytest.raises(ValueError, match="given twice"):
-        agreement.check_together([one, one])
+        run_consistency.check_together([one, one])
     (tmp_path / "b.mcap").write_bytes((tmp_path / "a.mcap").read_bytes())
     with pytest.raises(ValueError, match="the same samples"):
-        agreement.check_together([one, read(tmp_path / "b.mcap")])
+        run_consistency.check_together([one, read(tmp_path / "b.mcap")])
 
 
 def test_what_logs_cannot_give_is_said_first(tmp_path: Path) -> None:
@@ -348,10 +348,10 @@ def test_what_logs_cannot_give_is_said_first(tmp_path: Path) -> None:
     given = arrays(61.0, moving=False)
     given["temp"] = np.full_like(given["t"], 25.0)
     still = read(imported(tmp_path / "a.mcap", given))
-    said = " ".join(agreement.expectations([still], still))
+    said = " ".join(run_consistency.expectations([still], still))
     assert "temperature is constant" in said
     assert "never moves" in said
     assert "under 300 s" in said
     del given["temp"]
     bare = read(imported(tmp_path / "b.mcap", given))
-    assert "no temperature" in " ".join(agreement.expectations([bare], None))
+    assert "no temperature" in " ".join(run_consistency.expectations([bare], None))

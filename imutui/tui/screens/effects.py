@@ -13,7 +13,7 @@ from imutui.tui import text
 from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
-    from imutui.jobs.keeping import EffectsFile
+    from imutui.jobs.sidecar_files import EffectsFile
 
 _NAME = 64
 _LEAD = "The filter begins anew with them. Files that a trace wrote, newest first; o opens another."

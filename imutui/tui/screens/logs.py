@@ -32,7 +32,7 @@ from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
-    from imutui.jobs.keeping import EffectsFile
+    from imutui.jobs.sidecar_files import EffectsFile
 
 _LOOK_EVERY_S = 3.0
 _POLL_S = 0.2
@@ -393,21 +393,21 @@ def _text(kind: str, title: str, words: Callable[[Any, int], str]) -> Callable[[
 
 
 def _recovery(path: Path) -> Worker:
-    from imutui.jobs import keeping
+    from imutui.jobs import sidecar_files
 
-    return Worker(tasks.recover_log, path, keeping.free_name(path, "_recovered.mcap"), False)
+    return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False)
 
 
 def _effects_files(folders: list[Path]) -> "list[EffectsFile]":
-    from imutui.jobs import keeping
+    from imutui.jobs import sidecar_files
 
-    return keeping.effects_files(folders)
+    return sidecar_files.effects_files(folders)
 
 
 def _effects_file(path: Path) -> "EffectsFile":
-    from imutui.jobs import keeping
+    from imutui.jobs import sidecar_files
 
-    return keeping.effects_file(path)
+    return sidecar_files.effects_file(path)
 
 
 def _look(extra: Sequence[Path], folder: Path) -> "list[Brief]":

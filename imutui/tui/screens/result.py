@@ -146,6 +146,6 @@ class ResultPage(Page):
 
 
 def _kept(log: Path, ending: str, content: str) -> Path:
-    from imutui.jobs import keeping
+    from imutui.jobs import sidecar_files
 
-    return keeping.keep(log, ending, content)
+    return sidecar_files.keep(log, ending, content)

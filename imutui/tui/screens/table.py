@@ -23,7 +23,7 @@ from imutui.tui.widgets.guide import GuideHead, guided
 from imutui.tui.widgets.rows import Rows
 
 if TYPE_CHECKING:
-    from imutui.jobs.guide import Offer, Step
+    from imutui.jobs.operator_steps import Offer, Step
 
 _NEEDED = 74
 _WHO = """\
@@ -490,32 +490,32 @@ class TablePage(Page):
 
 
 def _offers(folders: list[Path]) -> "list[Offer]":
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
 
-    return guide.offers(folders)
+    return operator_steps.offers(folders)
 
 
 def _offer_of(path: Path) -> "Offer":
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
 
-    return guide.offer_of(path)
+    return operator_steps.offer_of(path)
 
 
 def _by_hand(offer: "Offer") -> "Offer":
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
 
-    return guide.by_hand(offer) or offer
+    return operator_steps.by_hand(offer) or offer
 
 
 def _steps(offer: "Offer") -> "list[Step]":
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
 
-    return guide.steps(guide.load(offer.file, offer.text))
+    return operator_steps.steps(operator_steps.load(offer.file, offer.text))
 
 
 def _shows(profile: Mapping[str, Any]) -> list[list[str]]:
     """What each segment makes testable; empty where the acquisition does not tell all of the motion."""
-    from imutui.jobs import guide
+    from imutui.jobs import operator_steps
 
-    made = guide.from_segments(profile["segments"], str(profile.get("align", "none")))
-    return [] if made is None else guide.makes_observable(made)
+    made = operator_steps.from_segments(profile["segments"], str(profile.get("align", "none")))
+    return [] if made is None else operator_steps.makes_observable(made)

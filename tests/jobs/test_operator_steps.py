@@ -10,7 +10,7 @@ from conftest import imutui
 from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.tracing import prospect
 from filters.tracing.prospect import TESTABLE, Quantity
-from imutui.jobs import guide
+from imutui.jobs import operator_steps
 
 UP = Dwell((0.0, 0.0, 0.0), 60.0)
 DOWN = Dwell((math.pi, 0.0, 0.0), 60.0)
@@ -40,7 +40,7 @@ def d_of(profile: Profile, effect: str, channel: str, axis: str = "") -> list[fl
 
 def test_a_still_level_table_shows_biases_and_sums_of_biases_only() -> None:
     """Nothing moves, so an accelerometer's bias is what tilt and scale factor make too."""
-    (items,) = guide.makes_observable(Profile((UP,), align="marks"))
+    (items,) = operator_steps.makes_observable(Profile((UP,), align="marks"))
     assert items == [
         "bias gx gy gz",
         "bias ax ay az in sum with scale factor, misalignment, tilt of base",
@@ -57,7 +57,7 @@ def test_longer_at_rest_tells_no_sum_apart() -> None:
 
 def test_z_up_and_down_tells_bias_and_scale_factor_of_az_apart() -> None:
     """The reading of gravity changes its sign, the bias does not; the gyros see gravity along z."""
-    first, second = guide.makes_observable(Profile((UP, DOWN), align="marks"))
+    first, second = operator_steps.makes_observable(Profile((UP, DOWN), align="marks"))
     assert not any(item.startswith("scale factor") for item in first)
     assert second[0].startswith("bias")
     assert "az" in second[0]
@@ -69,7 +69,7 @@ def test_z_up_and_down_tells_bias_and_scale_factor_of_az_apart() -> None:
 def test_a_rate_segment_tells_the_scale_factor_of_its_gyro() -> None:
     """And its two directions tell asymmetry."""
     turns = (Rate("inner", math.radians(30.0), 12.0), Rate("inner", math.radians(-30.0), 12.0))
-    level, one, other = guide.makes_observable(Profile((UP, *turns), align="gyro"))
+    level, one, other = operator_steps.makes_observable(Profile((UP, *turns), align="gyro"))
     assert not any("scale factor gz" in item for item in level)
     assert "scale factor gz" in one
     assert "misalignment gx gy to z" in one
@@ -93,23 +93,25 @@ def test_more_motion_never_tells_less() -> None:
 
 def test_six_positions_tell_all_biases_and_scale_factors_of_the_accelerometers() -> None:
     """The ready-made profile is worth a newcomer's four minutes."""
-    six = guide.ready_made()[0]
-    items = " | ".join(item for step in guide.steps(guide.load(six.file, six.text)) for item in step.shows)
+    six = operator_steps.ready_made()[0]
+    items = " | ".join(
+        item for step in operator_steps.steps(operator_steps.load(six.file, six.text)) for item in step.shows
+    )
     for word in ("bias ax ay az", "scale factor ay az", "scale factor ax", "g-sensitivity", "tilt of base"):
         assert word in items
 
 
 def test_every_ready_made_profile_reads_back() -> None:
     """Their texts go through the door that files go through."""
-    for offer in guide.ready_made():
-        profile = guide.load(offer.file, offer.text)
+    for offer in operator_steps.ready_made():
+        profile = operator_steps.load(offer.file, offer.text)
         assert (len(profile.segments), profile.align) == (offer.segments, offer.align)
         assert offer.seconds == profile.duration
 
 
 def test_what_to_do_is_said_with_units() -> None:
     """Dwell, rate and swing each have their sentence."""
-    steps = guide.steps(guide.load("a.toml", TOML))
+    steps = operator_steps.steps(operator_steps.load("a.toml", TOML))
     assert [(step.text, step.seconds) for step in steps] == [
         ("go to outer 0°, middle 90°, inner 0°", 12.5),
         ("turn inner at -30 deg/s", 4.0),
@@ -124,8 +126,8 @@ def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_p
     (tmp_path / "angles.csv").write_text("t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n")
     (tmp_path / "path.csv").write_text("t,lat,lon,h,vn,ve,vd\n0,1,2,3,0,0,0\n")
     (tmp_path / "imutui.toml").write_text('[paths]\nlogs = "x"\n')
-    ready = len(guide.ready_made())
-    found = {offer.name: offer for offer in guide.offers([tmp_path, tmp_path, tmp_path / "none"])[ready:]}
+    ready = len(operator_steps.ready_made())
+    found = {offer.name: offer for offer in operator_steps.offers([tmp_path, tmp_path, tmp_path / "none"])[ready:]}
     assert sorted(found) == ["angles.csv", "bad.toml", "good.toml"]
     assert "segment 2: `kind` is 'spin'" in found["bad.toml"].error
     assert found["good.toml"].segments == 3
@@ -134,36 +136,36 @@ def test_files_that_are_meant_as_profiles_are_offered_and_bad_ones_say_why(tmp_p
 
 def test_a_file_that_is_not_there_and_a_trajectory_say_so(tmp_path: Path) -> None:
     """What a typed path cannot be is said in words."""
-    assert "No such file" in guide.offer_of(tmp_path / "none.toml").error
-    assert guide.offer_of(tmp_path).error == guide.offer_of(Path("/dev/zero")).error == "is no file"
+    assert "No such file" in operator_steps.offer_of(tmp_path / "none.toml").error
+    assert operator_steps.offer_of(tmp_path).error == operator_steps.offer_of(Path("/dev/zero")).error == "is no file"
     (tmp_path / "path.csv").write_text("t,lat,lon,h,vn,ve,vd\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n")
-    assert guide.offer_of(tmp_path / "path.csv").error
+    assert operator_steps.offer_of(tmp_path / "path.csv").error
 
 
 def test_a_profile_by_hand_is_joined_by_marks() -> None:
     """Nothing else changes; recorded angles cannot be followed by hand."""
-    offer = guide.Offer("a", "", TOML, "a.toml", 3, 0.0, "none")
-    by_hand = guide.by_hand(offer)
+    offer = operator_steps.Offer("a", "", TOML, "a.toml", 3, 0.0, "none")
+    by_hand = operator_steps.by_hand(offer)
     assert by_hand is not None
-    made, was = guide.load("a.toml", by_hand.text), guide.load("a.toml", TOML)
+    made, was = operator_steps.load("a.toml", by_hand.text), operator_steps.load("a.toml", TOML)
     assert made.align == "marks"
     assert made.segments == was.segments
     angles = "t, outer, middle, inner\n0,0,0,0\n10,0,0,0\n"
-    assert guide.by_hand(guide.Offer("b", "", angles, "b.csv", 1, 10.0, "none")) is None
+    assert operator_steps.by_hand(operator_steps.Offer("b", "", angles, "b.csv", 1, 10.0, "none")) is None
 
 
 def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
     """So that what is shown after attaching again is the same."""
-    was = guide.load("a.toml", TOML)
+    was = operator_steps.load("a.toml", TOML)
     segments = [
         {"kind": "dwell", "angles_deg": [0.0, 90.0, 0.0], "seconds": 12.5, "axis": None},
         {"kind": "rate", "axis": "inner", "rate_dps": -30.0, "seconds": 4.0, "angles_deg": None},
         {"kind": "sine", "axis": "middle", "amplitude_deg": 10.0, "hz": 0.5, "seconds": 20.0},
     ]
-    made = guide.from_segments(segments)
+    made = operator_steps.from_segments(segments)
     assert made is not None
     assert made.segments == was.segments
-    assert guide.from_segments([{"kind": "sampled", "seconds": 3.0}]) is None
+    assert operator_steps.from_segments([{"kind": "sampled", "seconds": 3.0}]) is None
 
 
 def test_the_command_prints_the_guided_list(home: Path) -> None:
