@@ -106,7 +106,7 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
 def _refuse(plan: Plan) -> None:
     """Refuse what the filter could not run with, before the instrument is touched."""
     from imutui.logbook.session_info import SessionInfo
-    from imutui.session.info import check_live, effects_of, motion_of
+    from imutui.session.metadata import check_live, effects_of, motion_of
 
     probe = SessionInfo(
         mount=plan.mount,

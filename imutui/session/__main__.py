@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from imutui.instrument.port import Port, PortError
-from imutui.session import connect, wire
-from imutui.session.connect import InstrumentError
-from imutui.session.disk import disk_message
+from imutui.session import handshake, ipc
+from imutui.session.disk_space import disk_message
 from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine
+from imutui.session.handshake import InstrumentError
+from imutui.session.ipc import Taken
 from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
-from imutui.session.wire import Taken
 
 _SWITCH_S = 0.0005
 _LINGER_S = 2.0
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def _acquire(plan: Plan, port: Port) -> int:
-    identity = connect.open_dialogue(port, plan.baud, say=lambda text: None)
+    identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
     engine = Engine(plan, port, identity)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: engine.request_stop())
@@ -69,7 +69,7 @@ def _acquire(plan: Plan, port: Port) -> int:
             ending_told.set()
         return reply
 
-    server = wire.Server(plan.name, answer)
+    server = ipc.Server(plan.name, answer)
     threading.Thread(target=server.serve_forever, name="viewers", daemon=True).start()
     _say({"ok": True, "pid": os.getpid()})
     begun = time.monotonic()
@@ -79,7 +79,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     ending_told.wait(max(0.0, begun + _NEWBORN_S - time.monotonic()))
     server.wait_idle(_LINGER_S)
     server.shutdown()
-    wire.socket_path(plan.name).unlink(missing_ok=True)
+    ipc.socket_path(plan.name).unlink(missing_ok=True)
     if engine.error is not None:
         print(engine.error, file=sys.stderr)
     return engine.exit_code
@@ -124,7 +124,7 @@ def _ending(engine: Engine) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _name(plan: Plan) -> Iterator[None]:
-    descriptor = wire.lock(plan.name)
+    descriptor = ipc.lock(plan.name)
     try:
         yield
     finally:

@@ -12,7 +12,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from imutui.session import wire
+from imutui.session import ipc
 from imutui.session.plan import Plan, RecordingWish
 
 _REPLY_S = 5.0
@@ -169,7 +169,7 @@ class Client:
     def _await_exit(self) -> None:
         """Wait until the name is free again, so that what is done next does not meet the process on its way out."""
         deadline = time.monotonic() + _EXIT_S
-        while self.name in wire.names() and time.monotonic() < deadline:
+        while self.name in ipc.names() and time.monotonic() < deadline:
             time.sleep(0.01)
 
     def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
@@ -195,7 +195,7 @@ class Client:
 
 def running() -> list[str]:
     """Names of this user's running acquisitions."""
-    return wire.names()
+    return ipc.names()
 
 
 def attach(name: str | None = None) -> Client:
@@ -233,7 +233,7 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     SessionError
         If it could not start; the message says why and what to do next.
     """
-    with wire.log_path(plan.name).open("ab") as log:
+    with ipc.log_path(plan.name).open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imutui.session"],
             stdin=subprocess.PIPE,
@@ -284,13 +284,13 @@ def probe(port: str) -> dict[str, Any]:
         `port`, `answers` (whether an instrument does), `instrument`, `serial_number`, `firmware`, `baud` (empty or
         None if it does not), and `error`: why it cannot be used as it is, in words; None if it can.
     """
-    from imutui.session import probing
+    from imutui.session import port_probe
 
     for name in running():
         with contextlib.suppress(SessionError):
-            if probing.same_port(str(Client(name).snapshot(since=2**62)["port"]), port):
-                return probing.not_answered(port, f'{port} is in use by the acquisition "{name}": `imutui attach`.')
-    return probing.probe(port)
+            if port_probe.same_port(str(Client(name).snapshot(since=2**62)["port"]), port):
+                return port_probe.not_answered(port, f'{port} is in use by the acquisition "{name}": `imutui attach`.')
+    return port_probe.probe(port)
 
 
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:
@@ -303,16 +303,16 @@ def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str,
         if not part:
             process.kill()
             why = "ended before it began" if ready else f"did not begin within {timeout:.0f} s"
-            return {"error": f"the acquisition process {why}; see {wire.folder()}.", "exit_code": 4}
+            return {"error": f"the acquisition process {why}; see {ipc.folder()}.", "exit_code": 4}
         text += part
     return dict(json.loads(text))
 
 
 def _connect(name: str) -> socket.socket:
     try:
-        return wire.connect(name, _REPLY_S)
+        return ipc.connect(name, _REPLY_S)
     except OSError as error:
-        if name in wire.names():
+        if name in ipc.names():
             raise SessionConnectingError(
                 f'the acquisition "{name}" is connecting to its instrument, or just ending. Try again in a few seconds.'
             ) from error

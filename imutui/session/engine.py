@@ -21,16 +21,23 @@ from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES, Scaling
 from imutui.instrument.port import Port
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import guide, wire, zeroing
-from imutui.session.connect import Identity, InstrumentError
-from imutui.session.disk import Growth, Room, disk_message
-from imutui.session.info import attach, changed, default_path, effects_of, motion_of, session_info
-from imutui.session.live import LiveView
+from imutui.session import ipc, operator_guide, zeroing
+from imutui.session.disk_space import Growth, Room, disk_message
+from imutui.session.handshake import Identity, InstrumentError
+from imutui.session.metadata import (
+    attach,
+    changed,
+    default_path,
+    effects_of,
+    motion_of,
+    session_info,
+)
 from imutui.session.plan import Plan, RecordingWish
-from imutui.session.reading import Arrival, Gone, Missed, Reader, Zeroed
+from imutui.session.reader_thread import Arrival, Gone, Missed, Reader, Zeroed
+from imutui.session.recent_packets import LiveView
+from imutui.session.recording import Take, Timebase
 from imutui.session.rotation import Parts
 from imutui.session.snapshot import Mark, snapshot
-from imutui.session.take import Take, Timebase
 
 EXIT_OWN = 1
 EXIT_INSTRUMENT = 4
@@ -75,7 +82,7 @@ class Engine:
         self.live = LiveView(Scaling(plan.rate_range_dps, plan.accel_range_g))
         self.events: deque[dict[str, str]] = deque(maxlen=_EVENTS)
         self.marks: deque[Mark] = deque(maxlen=_MARKS)
-        self.guide: guide.Guide | None = None
+        self.guide: operator_guide.Guide | None = None
         self.room, self.growth = Room(), Growth()
         self.timebase = Timebase(_utc_minus_monotonic_ns())
         self.ended = threading.Event()
@@ -228,13 +235,13 @@ class Engine:
         """The profile that the reference comes from, if it comes from one."""
         if not isinstance(self.motion, Profile):
             return None
-        return guide.described(self.motion, self.plan.reference_file[0])
+        return operator_guide.described(self.motion, self.plan.reference_file[0])
 
     def guide_do(self, do: str, wish: RecordingWish) -> None:
         """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished."""
         recording = self.take.writer is not None
         if do == "begin":
-            begun = guide.begun(self.motion, self.plan.filter, self.guide, recording=recording)
+            begun = operator_guide.begun(self.motion, self.plan.filter, self.guide, recording=recording)
             if not recording:
                 self.record(wish)
             self.guide = begun
@@ -278,7 +285,7 @@ class Engine:
             traceback.print_exc()
             self._fail(
                 EXIT_OWN,
-                f"an error of imutui's own: {type(error).__name__}: {error}. {wire.log_path(self.plan.name)}"
+                f"an error of imutui's own: {type(error).__name__}: {error}. {ipc.log_path(self.plan.name)}"
                 " has the details; please report them. What was recorded is on the disk up to the last flush.",
             )
         try:

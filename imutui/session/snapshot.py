@@ -15,13 +15,13 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.logbook import results
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.disk import Growth, Room
-from imutui.session.guide import Guide
-from imutui.session.info import effect_labels
-from imutui.session.live import STATISTICS_S, LiveView
+from imutui.session.disk_space import Growth, Room
+from imutui.session.metadata import effect_labels
+from imutui.session.operator_guide import Guide
 from imutui.session.plan import Plan
+from imutui.session.recent_packets import STATISTICS_S, LiveView
+from imutui.session.recording import Take, Timebase
 from imutui.session.rotation import Parts
-from imutui.session.take import Take, Timebase
 
 _NAMES = ("x", "y", "z")
 

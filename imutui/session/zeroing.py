@@ -12,7 +12,7 @@ import numpy as np
 
 from imutui.instrument.crossbow import Decoder, RatesZeroed, ZeroRateSensors, encode
 from imutui.instrument.port import Port
-from imutui.session import connect
+from imutui.session import handshake
 
 MOST = 255
 _LONGEST_SAMPLES = 100
@@ -59,7 +59,7 @@ def zero(port: Port, argument: int, stopping: Callable[[], bool]) -> float | Non
     PortError
         If the line goes away.
     """
-    connect.stop_stream(port)
+    handshake.stop_stream(port)
     command = ZeroRateSensors(argument)
     decoder = Decoder()
     decoder.expect_reply(command)

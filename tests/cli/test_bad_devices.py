@@ -17,7 +17,7 @@ from fake_devices import Device, Habits, Outcome, answers, command, environment,
 from imutui.cli import status
 from imutui.instrument.port import Port
 from imutui.logbook import reader
-from imutui.session import connect, wire
+from imutui.session import handshake, ipc
 
 NMEA = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
 STREAMED = 60
@@ -120,7 +120,7 @@ def test_what_is_no_working_imu400cd_is_named_with_the_next_step(
     assert "/dev/" in error or "socket://" in error
     for words in WORDS[name]:
         assert words in error
-    wait_until(lambda: not wire.is_locked(outcome.folder / "run" / "imutui" / "default.lock"))
+    wait_until(lambda: not ipc.is_locked(outcome.folder / "run" / "imutui" / "default.lock"))
 
 
 @pytest.mark.parametrize("name", [name for name in WORDS if name != "hangs up while recording"])
@@ -135,9 +135,9 @@ def test_another_model_of_the_family_is_refused_by_name(model: str) -> None:
     with (
         Device(Habits(answers(f"{model} VER 2.1"))) as device,
         Port(device.port, 38400) as port,
-        pytest.raises(connect.InstrumentError) as refused,
+        pytest.raises(handshake.InstrumentError) as refused,
     ):
-        connect.open_dialogue(port, 38400, say=lambda text: None)
+        handshake.open_dialogue(port, 38400, say=lambda text: None)
     assert model in str(refused.value)
     assert "not an IMU400CD-200" in str(refused.value)
 
@@ -166,7 +166,7 @@ def test_ctrl_c_while_connecting_leaves_no_acquisition_behind(tmp_path: Path) ->
         assert "Traceback" not in stderr
         lock = tmp_path / "run" / "imutui" / "default.lock"
         try:
-            wait_until(lambda: not wire.is_locked(lock), timeout=10.0)
+            wait_until(lambda: not ipc.is_locked(lock), timeout=10.0)
         finally:
             subprocess.run(command("stop"), env=own, capture_output=True, check=False)
 

@@ -17,7 +17,7 @@ from fake_devices import Device, Habits, answers, command, error_of, record
 
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
-from imutui.session import client, wire
+from imutui.session import client, ipc
 from imutui.session.plan import Plan
 
 NOBODY = 65534
@@ -250,7 +250,7 @@ def test_sigterm_to_the_foreground_finishes_the_file(home: Path) -> None:
         run.terminate()
         run.communicate(timeout=60)
         try:
-            wait_until(lambda: not wire.names(), timeout=10.0)
+            wait_until(lambda: not ipc.names(), timeout=10.0)
         finally:
             imutui("stop", check=None)
     assert reader.read(home / "out.mcap").finished

@@ -15,7 +15,7 @@ from imutui.logbook import schemas
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.take import Take, Timebase
+from imutui.session.recording import Take, Timebase
 
 START = 1_795_257_000_000_000_000
 LOOP_NS = 7_500_000

@@ -23,7 +23,7 @@ from tap import packets_of
 
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
-from imutui.session import client, wire
+from imutui.session import client, ipc
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.plan import Plan, RecordingWish
 
@@ -228,8 +228,8 @@ def test_one_acquisition_a_name(home: Path) -> None:
 def test_nobody_else_may_talk_to_it(home: Path) -> None:
     """Folder and socket are the user's alone."""
     connection = client.start(plan(home, rate_hz=20.0))
-    assert stat.S_IMODE(wire.folder().stat().st_mode) == 0o700
-    assert stat.S_IMODE(wire.socket_path("default").stat().st_mode) == 0o600
+    assert stat.S_IMODE(ipc.folder().stat().st_mode) == 0o700
+    assert stat.S_IMODE(ipc.socket_path("default").stat().st_mode) == 0o600
     connection.stop()
 
 
@@ -253,10 +253,10 @@ def test_a_viewer_that_sends_nonsense_harms_nobody(home: Path) -> None:
         b'{"ask": "mark"}\n',
         b'{"ask":"snapshot","since":"x"}\n',
     ):
-        with wire.connect("default", 5.0) as other:
+        with ipc.connect("default", 5.0) as other:
             other.sendall(nonsense)
             assert not json.loads(other.makefile().readline())["ok"]
-    with wire.connect("default", 5.0) as silent:
+    with ipc.connect("default", 5.0) as silent:
         assert isinstance(silent, socket.socket)
         assert connection.snapshot()["state"] == "running"
     connection.stop()

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from imutui.session import wire
-from imutui.session.wire import Taken
+from imutui.session import ipc
+from imutui.session.ipc import Taken
 
 
 @pytest.fixture
@@ -31,31 +31,31 @@ def test_a_name_taken_in_one_environment_is_seen_in_every_other(
 ) -> None:
     """With XDG_RUNTIME_DIR, without it, and with another one: one list of names, one socket, no name twice."""
     runtime(monkeypatch, home / ours if ours else None)
-    descriptor = wire.lock("table")
-    here = wire.socket_path("table")
+    descriptor = ipc.lock("table")
+    here = ipc.socket_path("table")
     try:
         runtime(monkeypatch, home / theirs if theirs else None)
-        assert wire.names() == ["table"]
-        assert wire.socket_path("table") == here
-        assert here.parent != wire.folder()
+        assert ipc.names() == ["table"]
+        assert ipc.socket_path("table") == here
+        assert here.parent != ipc.folder()
         with pytest.raises(Taken):
-            wire.lock("table")
+            ipc.lock("table")
     finally:
         os.close(descriptor)
-    assert wire.names() == []
-    assert wire.socket_path("table").parent == wire.folder()
+    assert ipc.names() == []
+    assert ipc.socket_path("table").parent == ipc.folder()
 
 
 def test_links_to_folders_that_went_away_are_cleared(home: Path, other: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A runtime folder ends with the log-in; its link goes when the next name is taken."""
     runtime(monkeypatch, other)
-    os.close(wire.lock("first"))
+    os.close(ipc.lock("first"))
     for left in (other / "imutui").iterdir():
         left.unlink()
     (other / "imutui").rmdir()
     runtime(monkeypatch, home / "run")
-    os.close(wire.lock("second"))
-    assert wire.folders() == [home / "run" / "imutui", home / "cache" / "imutui" / "run"]
+    os.close(ipc.lock("second"))
+    assert ipc.folders() == [home / "run" / "imutui", home / "cache" / "imutui" / "run"]
     assert [link.resolve() for link in (home / "cache" / "imutui" / "run").iterdir()] == [home / "run" / "imutui"]
 
 
@@ -63,6 +63,6 @@ def test_a_cache_that_cannot_be_written_costs_only_the_link(home: Path, monkeypa
     """With a runtime folder of its own, an acquisition needs no cache."""
     (home / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "file"))
-    descriptor = wire.lock("alone")
-    assert wire.names() == ["alone"]
+    descriptor = ipc.lock("alone")
+    assert ipc.names() == ["alone"]
     os.close(descriptor)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from imutui.session.disk import Growth, Room
+from imutui.session.disk_space import Growth, Room
 from imutui.session.plan import Plan
 from imutui.session.rotation import Parts
 

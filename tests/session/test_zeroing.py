@@ -11,8 +11,8 @@ from test_connect import Still, served
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import UnitOptions, VirtualUnit
-from imutui.session import connect, zeroing
-from imutui.session.reading import Arrival, Gone, Item, Missed, Reader, Zeroed
+from imutui.session import handshake, zeroing
+from imutui.session.reader_thread import Arrival, Gone, Item, Missed, Reader, Zeroed
 
 
 @contextmanager
@@ -20,7 +20,7 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
     """A reader that reads a unit, and what it hands on."""
     items: queue.SimpleQueue[Item] = queue.SimpleQueue()
     with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
-        connect.open_dialogue(port, 38400, say=lambda text: None)
+        handshake.open_dialogue(port, 38400, say=lambda text: None)
         reader = Reader(port, poll_hz, items.put)
         reader.start()
         try:

@@ -7,8 +7,8 @@ import pytest
 from imutui.instrument.crossbow import Mode
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
-from imutui.session import client, connect
-from imutui.session.connect import InstrumentError
+from imutui.session import client, handshake
+from imutui.session.handshake import InstrumentError
 
 
 class Still:
@@ -54,7 +54,7 @@ def served(made: VirtualUnit) -> Iterator[str]:
 def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
     """Ping only, ping that stops, ping that resets: afterwards the unit is identified, scaled and polled."""
     with unit(UnitOptions(ping=ping, version="IMU400CD-200 1.07")) as (path, made), Port(path, 38400) as port:  # type: ignore[arg-type]
-        identity = connect.open_dialogue(port, 38400, say=lambda text: None)
+        identity = handshake.open_dialogue(port, 38400, say=lambda text: None)
         assert identity.serial_number == "9911750"
         assert identity.version == "IMU400CD-200 1.07"
         assert made.mode is Mode.SCALED
@@ -64,11 +64,11 @@ def test_the_dialogue_is_right_whatever_a_ping_does(ping: str) -> None:
 def test_a_unit_left_streaming_is_stopped_first() -> None:
     """Stale packets, FF-rich as they are, are not taken for replies."""
     with unit(UnitOptions()) as (path, made), Port(path, 38400) as port:
-        connect.open_dialogue(port, 38400, say=lambda text: None)
+        handshake.open_dialogue(port, 38400, say=lambda text: None)
         port.write(b"C")
         port.read(100)
         assert made.streaming
-        assert connect.open_dialogue(port, 38400, say=lambda text: None).serial_number == "9911750"
+        assert handshake.open_dialogue(port, 38400, say=lambda text: None).serial_number == "9911750"
         assert not made.streaming
 
 
@@ -76,10 +76,10 @@ def test_the_line_is_moved_to_the_asked_speed_and_found_there_again() -> None:
     """Auto-baud to 57600; a later host that starts at 38400 finds the unit and moves it back."""
     with unit(UnitOptions()) as (path, made):
         with Port(path, 38400) as port:
-            connect.open_dialogue(port, 57600, say=lambda text: None)
+            handshake.open_dialogue(port, 57600, say=lambda text: None)
             assert made.baud == port.baud == 57600
         with Port(path, 38400) as port:
-            connect.open_dialogue(port, 38400, say=lambda text: None)
+            handshake.open_dialogue(port, 38400, say=lambda text: None)
             assert made.baud == port.baud == 38400
 
 
@@ -93,7 +93,7 @@ def test_another_model_is_refused_by_name(version: str) -> None:
         Port(path, 38400) as port,
         pytest.raises(InstrumentError, match=version.split()[0]),
     ):
-        connect.open_dialogue(port, 38400, say=lambda text: None)
+        handshake.open_dialogue(port, 38400, say=lambda text: None)
 
 
 @pytest.mark.usefixtures("home")
@@ -101,7 +101,7 @@ def test_a_probe_tells_what_answers_and_leaves_the_unit_for_the_next_host() -> N
     """Model, serial number, firmware and speed; whatever it did before it is polled afterwards, and can be used."""
     with unit(UnitOptions(version="IMU400CD-200 1.07")) as (path, made):
         with Port(path, 38400) as port:
-            connect.open_dialogue(port, 57600, say=lambda text: None)
+            handshake.open_dialogue(port, 57600, say=lambda text: None)
             port.write(b"C")
             port.read(100)
         found = client.probe(path)
@@ -111,7 +111,7 @@ def test_a_probe_tells_what_answers_and_leaves_the_unit_for_the_next_host() -> N
         }  # fmt: skip
         assert not made.streaming
         with Port(path, 38400) as port:
-            assert connect.open_dialogue(port, 57600, say=lambda text: None).serial_number == "9911750"
+            assert handshake.open_dialogue(port, 57600, say=lambda text: None).serial_number == "9911750"
 
 
 @pytest.mark.usefixtures("home")

@@ -24,7 +24,7 @@ from imutui.instrument.port import Port
 from imutui.logbook import effects_file, reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.connect import Identity
+from imutui.session.handshake import Identity
 from imutui.session.plan import Plan
 
 STAMPS = (

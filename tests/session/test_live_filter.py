@@ -8,8 +8,8 @@ from filters.motion.profile import Dwell, Profile
 from filters.state import PAPER_SITE
 from imutui.logbook import reader, schemas
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import filtering, info
-from imutui.session.filtering import LiveFilter
+from imutui.session import live_filter, metadata
+from imutui.session.live_filter import LiveFilter
 from imutui.session.plan import Plan
 
 FIRST_NS = 1_790_000_000_000_000_000
@@ -25,21 +25,21 @@ def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
 def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     """Nothing is estimated before the step is there, nothing is lost, and the estimates are those of a replay."""
     session = SessionInfo(rate_hz=20.0)
-    filtering.prepare()
-    assert filtering._ready.wait(120.0)
+    live_filter.prepare()
+    assert live_filter._ready.wait(120.0)
     live = LiveFilter(session)
     gyro, accel = samples(200)
     stamps = [FIRST_NS + k * 50_000_000 for k in range(200)]
-    filtering._ready.clear()
+    live_filter._ready.clear()
     try:
         for k in range(100):
             assert list(live.sample(stamps[k], gyro[k], accel[k])) == []
         assert live.waiting == 100
     finally:
-        filtering._ready.set()
+        live_filter._ready.set()
     written = [m for k in range(100, 200) for m in live.sample(stamps[k], gyro[k], accel[k])]
     written += list(live.finish())
-    replayed = Estimator(session.settings(), every=filtering.ESTIMATE_PERIOD_S)
+    replayed = Estimator(session.settings(), every=live_filter.ESTIMATE_PERIOD_S)
     estimates = list(runner.run(replayed, reader.seconds_since(np.array(stamps), FIRST_NS), gyro, accel))
     assert [stamp for stamp, _ in written] == [FIRST_NS + round(e.t * 1e9) for e in estimates]
     last = schemas.decode(schemas.TYPES[schemas.ESTIMATE], written[-1][1])
@@ -75,4 +75,4 @@ def test_what_a_filter_cannot_do_live_is_refused_with_the_reason(fields: dict[st
     plan = Plan("virtual", **fields)  # type: ignore[arg-type]
     session = SessionInfo(noise=plan.noise, reference=plan.reference)
     with pytest.raises(ValueError, match=words):
-        info.check_live(session, info.motion_of(plan))
+        metadata.check_live(session, metadata.motion_of(plan))

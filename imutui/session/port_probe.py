@@ -5,8 +5,8 @@ import re
 from typing import Any
 
 from imutui.instrument.port import Port, PortError, resolve
-from imutui.session import connect
-from imutui.session.connect import InstrumentError
+from imutui.session import handshake
+from imutui.session.handshake import InstrumentError
 
 _POWER_UP_BAUD = 38400
 
@@ -15,8 +15,8 @@ def probe(port: str) -> dict[str, Any]:
     """Open a port, stop what streams, ping, ask for version and serial number; see `client.probe`."""
     try:
         with Port(port, _POWER_UP_BAUD) as line:
-            connect.find_speed(line, _POWER_UP_BAUD)
-            identity = connect.identify(line)
+            handshake.find_speed(line, _POWER_UP_BAUD)
+            identity = handshake.identify(line)
             found = not_answered(port, None) | {
                 "answers": True,
                 "instrument": _model(identity.version),
@@ -25,7 +25,7 @@ def probe(port: str) -> dict[str, Any]:
                 "baud": line.baud,
             }
             try:
-                connect.check_model(line, identity)
+                handshake.check_model(line, identity)
             except InstrumentError as error:
                 return found | {"error": str(error)}
             return found

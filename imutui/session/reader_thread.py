@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.crossbow import Decoder, Discarded, GetPacket, Mode, Packet, StartStream, encode
 from imutui.instrument.port import Port, PortError
-from imutui.session import connect, zeroing
+from imutui.session import handshake, zeroing
 
 _POLL_S = 0.3
 
@@ -117,7 +117,7 @@ class Reader:
                     self._run_errands()
             else:
                 self._poll(self._poll_hz)
-            connect.stop_stream(self._port)
+            handshake.stop_stream(self._port)
         except PortError as error:
             self._hand_on(Gone(str(error)))
         finally:
@@ -193,8 +193,8 @@ class Reader:
             # said at once: what follows may take minutes
             self._hand_on(Zeroed(argument, None))
         # a unit that still averages is deaf; and nobody says whether it remembers its mode
-        while not self.stopping.is_set() and not connect.set_scaled(self._port):
-            connect.stop_stream(self._port)
+        while not self.stopping.is_set() and not handshake.set_scaled(self._port):
+            handshake.stop_stream(self._port)
         self.heard_ns = time.monotonic_ns()
         if seconds is not None:
             self._hand_on(Zeroed(argument, seconds))

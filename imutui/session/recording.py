@@ -23,7 +23,7 @@ from imutui.logbook.results import Counters, Timings
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.averaging import Averager, Sample
-from imutui.session.filtering import LiveFilter
+from imutui.session.live_filter import LiveFilter
 
 _LIMIT_COUNTS = (-32768, 32767)
 

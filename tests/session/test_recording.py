@@ -12,8 +12,8 @@ from imutui.logbook import effects_file, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import filtering
-from imutui.session.take import Take, Timebase
+from imutui.session import live_filter
+from imutui.session.recording import Take, Timebase
 
 START = 1_795_257_000_000_000_000
 FILE = b"""\
@@ -87,7 +87,7 @@ def untimed(document: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize("sampling", ["stream", "polled"])
 def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampling: str) -> None:
     """The log repeats its own effects, temperature by temperature; with none it is another result, and says so."""
-    filtering.prepare()
+    live_filter.prepare()
     live = recorded(tmp_path / "a.mcap", sampling)
     again = replay(tmp_path / "a.mcap", Options())
     assert untimed(again) == untimed(live)
