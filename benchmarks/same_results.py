@@ -1,4 +1,4 @@
-"""Are results the same at two commits? Writes what `replay` and `trace` say of sample logs, and compares two such files.
+"""Are results the same at two commits? Writes what `replay` and `trace` say of logs, and compares two such files.
 
     python benchmarks/same_results.py write before.json        # at one commit, with its imutui installed
     python benchmarks/same_results.py write after.json         # at the other

@@ -20,13 +20,13 @@ from textual.widget import Widget
 from imutui.session import client as session
 from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
-from imutui.tui.feed import Feed
-from imutui.tui.link import View
-from imutui.tui.look import Look
-from imutui.tui.painter import Painter
-from imutui.tui.screens import SCREENS, LivePage
-from imutui.tui.series import Series
-from imutui.tui.terminal import measured
+from imutui.tui.connection.model import View
+from imutui.tui.connection.poller import Feed
+from imutui.tui.connection.series import Series
+from imutui.tui.pages import SCREENS, LivePage
+from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.driver import measured
+from imutui.tui.terminal.painter import Painter
 from imutui.tui.widgets.plot import Plot
 
 FPS, RATE_HZ, POINTS = 10.0, 133.0, 665

@@ -10,7 +10,7 @@ from imutui.cli.options import Name
 
 if TYPE_CHECKING:
     from imutui.session.client import Client
-    from imutui.tui.look import Look
+    from imutui.tui.terminal.appearance import Look
 
 
 def command(name: Name = None) -> None:
@@ -34,7 +34,7 @@ def open_ui() -> None:
 def look() -> "Look":
     """How the configuration wants the screen; ConfigError or ValueError if that cannot be."""
     from imutui import config
-    from imutui.tui.look import Look
+    from imutui.tui.terminal.appearance import Look
 
     settings = config.load()
     return Look(

@@ -21,24 +21,25 @@ from textual.widgets import Input
 from imutui.session import client as session
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
-from imutui.tui import glyphs, palette, pictures, words
-from imutui.tui import recording as report
-from imutui.tui.attempt import Attempt
+from imutui.tui import messages, palette, pictures
 from imutui.tui.background import in_thread
-from imutui.tui.feed import Feed
-from imutui.tui.link import Link
-from imutui.tui.look import Look
-from imutui.tui.pace import Pace, is_remote
-from imutui.tui.painter import Painter
-from imutui.tui.pulse import Pulse
-from imutui.tui.screens import PAGES, SCREENS, ConnectPage, Page, RecordPage
-from imutui.tui.screens.help import HelpDialog
-from imutui.tui.screens.logs import LogsPage
-from imutui.tui.screens.mark import MarkDialog
-from imutui.tui.screens.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
-from imutui.tui.screens.result import ResultPage
-from imutui.tui.screens.table import TablePage
-from imutui.tui.terminal import measured
+from imutui.tui.connection.attempt import Attempt
+from imutui.tui.connection.model import Link
+from imutui.tui.connection.poller import Feed
+from imutui.tui.pages import PAGES, SCREENS, ConnectPage, Page, RecordPage
+from imutui.tui.pages.dialogs.help import HelpDialog
+from imutui.tui.pages.dialogs.mark import MarkDialog
+from imutui.tui.pages.dialogs.quit import ended_dialog, jobs_dialog, quit_dialog, stop_dialog
+from imutui.tui.pages.logs.page import LogsPage
+from imutui.tui.pages.logs.result_page import ResultPage
+from imutui.tui.pages.record import text as report
+from imutui.tui.pages.table.page import TablePage
+from imutui.tui.terminal import glyphs
+from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.driver import measured
+from imutui.tui.terminal.frames import Pulse
+from imutui.tui.terminal.pacing import Pace, is_remote
+from imutui.tui.terminal.painter import Painter
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _OVER = ("stopped", "failed")
@@ -240,7 +241,7 @@ class ImutuiApp(App[int]):
     def _failed(self, error: Exception) -> None:
         self._attempt = None
         self._exit_code = getattr(error, "exit_code", 4)
-        self._connect_page().ready(words.fault(error))
+        self._connect_page().ready(messages.fault(error))
 
     def _give_up(self) -> None:
         if self._attempt is not None:
@@ -283,7 +284,7 @@ class ImutuiApp(App[int]):
 
     def _ended(self, error: str | None) -> None:
         """Say that the acquisition is over, and offer to connect again."""
-        reason = words.ended(self._link.newest, error)
+        reason = messages.ended(self._link.newest, error)
         self._release()
         self._link.over()
         self._close_dialogs()
@@ -331,7 +332,7 @@ class ImutuiApp(App[int]):
             if said := await in_thread(lambda: message.function(client)):
                 self._say(said, "good")
         except FAULTS as error:
-            self._say(words.fault(error), "bad")
+            self._say(messages.fault(error), "bad")
             return
         if message.done is not None:
             message.done()
@@ -425,17 +426,17 @@ class ImutuiApp(App[int]):
                 wish = page.wish() if page is not None else None
                 path = await in_thread(lambda: client.record(wish))
                 self._tell_record_page([])
-                self._say(words.recording_to(path, self._link.newest), "good")
+                self._say(messages.recording_to(path, self._link.newest), "good")
             else:
                 self._say("finishing the file", "wait")
                 result = await in_thread(client.stop_recording)
                 self._tell_record_page(report.finished(recording, result))
                 shown = isinstance(self.page, RecordPage)
-                self._say("the file is finished" if shown else words.finished(recording, result), "good")
+                self._say("the file is finished" if shown else messages.finished(recording, result), "good")
         except ValueError as error:
             self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
-            self._say(words.fault(error), "bad")
+            self._say(messages.fault(error), "bad")
 
     def on_table_page_begin_asked(self) -> None:
         """Begin to guide, with a recording as the Record page's form says."""
@@ -456,7 +457,7 @@ class ImutuiApp(App[int]):
         except ValueError as error:
             self._say(f"not recorded: {error}", "bad")
         except FAULTS as error:
-            self._say(words.fault(error), "bad")
+            self._say(messages.fault(error), "bad")
 
     def _record_page(self) -> RecordPage | None:
         return next((page for page in self._pages() if isinstance(page, RecordPage)), None)
@@ -498,7 +499,7 @@ class ImutuiApp(App[int]):
             await in_thread(lambda: client.mark(said))
             self._say(f"marked: {said}", "good")
         except FAULTS as error:
-            self._say(words.fault(error), "bad")
+            self._say(messages.fault(error), "bad")
 
     def action_copy_page(self) -> None:
         """Copy the numbers of the page in front."""
@@ -507,7 +508,7 @@ class ImutuiApp(App[int]):
             return
         copied = page.as_text()
         self.copy_to_clipboard(copied)
-        self._say(words.copied(page.TITLE or "", copied, os.environ), "none")
+        self._say(messages.copied(page.TITLE or "", copied, os.environ), "none")
 
     def action_picture(self) -> None:
         """Save a picture of the screen."""
@@ -532,7 +533,7 @@ class ImutuiApp(App[int]):
         """Leave the screen; the acquisition goes on."""
         if not self._connected("detach from"):
             return
-        self.farewell += words.left(self._link.newest)
+        self.farewell += messages.left(self._link.newest)
         self._release()
         self.exit(0)
 
@@ -600,11 +601,11 @@ class ImutuiApp(App[int]):
         try:
             result = await in_thread(client.stop)
         except FAULTS as error:
-            return words.fault(error)
+            return messages.fault(error)
         finally:
             self._release()
             self._link.over()
-        done = [words.finished(recording, result)] if recording else []
+        done = [messages.finished(recording, result)] if recording else []
         self._tell_record_page(report.finished(recording, result) if recording else [])
         self._say("\n".join([*done, "the acquisition is stopped"]), "good")
         return None

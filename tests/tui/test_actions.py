@@ -7,7 +7,7 @@ from fake import FakeClient
 from pilot import SMALLEST, shows, until
 
 from imutui.tui.app import ImutuiApp
-from imutui.tui.look import Look
+from imutui.tui.terminal.appearance import Look
 
 
 def _app(client: FakeClient) -> ImutuiApp:

@@ -9,8 +9,8 @@ from pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pace import Load
-from imutui.tui.screens import PAGES
+from imutui.tui.pages import PAGES
+from imutui.tui.terminal.pacing import Load
 from imutui.tui.widgets.plot import Plot
 
 FILE = PATH.rsplit("/", 1)[1]

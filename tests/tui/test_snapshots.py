@@ -22,7 +22,7 @@ from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.tui.app import ImutuiApp
-from imutui.tui.look import Look
+from imutui.tui.terminal.appearance import Look
 
 SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
 PORTS = [("/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "FT232R USB UART"), ("/dev/ttyS0", "ttyS0")]

@@ -3,10 +3,10 @@
 from textual.content import Content
 
 from imutui import __version__
-from imutui.tui import text
-from imutui.tui.glyphs import Glyphs
-from imutui.tui.link import Snapshot, View
-from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
+from imutui.tui import formatting
+from imutui.tui.connection.model import Snapshot, View
+from imutui.tui.terminal.glyphs import Glyphs
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
 
 _PORT_ROOM = 14
 
@@ -40,7 +40,7 @@ class StatusHeader(Lines):
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length
-            port = text.port_name(now.get("port"), max(room, 0))
+            port = formatting.port_name(now.get("port"), max(room, 0))
             # a name without its middle is no name when little is left of it
             left = left.append(self.glyphs.text(port if room >= _PORT_ROOM or "…" not in port else ""))
         return self.spread(left, right, width)
@@ -61,7 +61,7 @@ class StatusHeader(Lines):
         if now is None:
             return ""
         state = "" if now["state"] == "running" else f"{now['state'].upper()}  "
-        return f"{state}{text.utc_time(now.get('utc'))} UTC"
+        return f"{state}{formatting.utc_time(now.get('utc'))} UTC"
 
     def _tabs(self) -> Content:
         parts = []
@@ -84,4 +84,4 @@ class StatusHeader(Lines):
         recording = now.get("recording")
         if recording is None:
             return ("not recording" if now["state"] == "running" else "",)
-        return ((f"● REC {text.clock(recording['seconds'])}", "bold $text-error"),)
+        return ((f"● REC {formatting.clock(recording['seconds'])}", "bold $text-error"),)

@@ -2,9 +2,9 @@
 
 from textual.content import Content
 
-from imutui.tui import text, words
-from imutui.tui.link import View
-from imutui.tui.widgets.lines import LEVEL_STYLES, Lines
+from imutui.tui import formatting, messages
+from imutui.tui.connection.model import View
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
 
 
 class Notice(Lines):
@@ -30,7 +30,7 @@ class Notice(Lines):
 
 def _chosen(view: View) -> tuple[str, str]:
     now = view.now
-    silent = words.silence(now) if now is not None else None
+    silent = messages.silence(now) if now is not None else None
     if silent is not None:
         return "bad", silent
     if now is not None and now["state"] == "running" and now.get("error"):
@@ -46,4 +46,4 @@ def _chosen(view: View) -> tuple[str, str]:
 def event_text(event: dict[str, str]) -> str:
     """Time, kind and text of an event."""
     kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
-    return f"{text.utc_time(event['utc'])}  {kind}{event['text']}"
+    return f"{formatting.utc_time(event['utc'])}  {kind}{event['text']}"

@@ -8,10 +8,11 @@ from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
 
-from imutui.tui import raster, text
-from imutui.tui.glyphs import Glyphs, choose
-from imutui.tui.lanes import Frame, Lanes, Range
-from imutui.tui.series import Series
+from imutui.tui import formatting
+from imutui.tui.connection.series import Series
+from imutui.tui.terminal.glyphs import Glyphs, choose
+from imutui.tui.widgets import raster
+from imutui.tui.widgets.plot_lanes import Frame, Lanes, Range
 
 _NUMBER = 7
 _GUTTER = _NUMBER + 4
@@ -189,7 +190,7 @@ class Plot(Widget):
         if limits is None:
             return [f" {name if row == rows // 2 else '':<{room}}│" for row in range(rows)]
         decimals = raster.label_decimals(limits)
-        low, high = (text.number(value, _NUMBER, decimals) for value in limits)
+        low, high = (formatting.number(value, _NUMBER, decimals) for value in limits)
         if rows == 1:
             return [f" {name:<{room - 2 * _NUMBER - 2}} {low} {high}│"]
         labels = [f" {'':<{room}}│"] * rows

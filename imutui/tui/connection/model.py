@@ -1,0 +1,199 @@
+"""The acquisition that the UI looks at: its client, its newest snapshot, the past that plots show."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from textual.message import Message
+
+from imutui.session.client import Client
+from imutui.tui.connection.history import History
+from imutui.tui.connection.poller import Feed
+from imutui.tui.connection.series import Series
+from imutui.tui.connection.verdict import Hold, Verdict, judge, stale, waiting_profile
+from imutui.tui.terminal.pacing import Pacing
+
+Snapshot = dict[str, Any]
+_CHANNELS = 7
+_TEMPERATURE = 6
+_BIASES = 6
+_SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
+NOTHING = ("none", "")
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a page shows.
+
+    Attributes
+    ----------
+    now : dict or None
+        The newest snapshot: recording, link, alarms; never frozen.
+    shown : dict or None
+        The snapshot of tables and plots; an old one while the view is frozen.
+    series : Series
+        Packets of the plots.
+    biases : History
+        Estimated biases and their certainty over the run.
+    frozen : bool
+        Whether the view stands still.
+    notice : tuple of str
+        Level and text of what the UI has to say, empty text for nothing.
+    pacing : Pacing
+        How much is drawn, and how often.
+    debug : str
+        What drawing costs.
+    verdict : Verdict or None
+        On the filter, now; never frozen.
+    shown_verdict : Verdict or None
+        On the filter of `shown`.
+    slope_k_per_min : float or None
+        Of the temperature of `shown`.
+    """
+
+    now: Snapshot | None
+    shown: Snapshot | None
+    series: Series
+    biases: History
+    frozen: bool
+    notice: tuple[str, str]
+    verdict: Verdict | None = None
+    shown_verdict: Verdict | None = None
+    slope_k_per_min: float | None = None
+    pacing: Pacing = field(default_factory=Pacing)
+    debug: str = ""
+
+
+class Link:
+    """Client, feed and past of one acquisition; without an acquisition it is empty."""
+
+    def __init__(self) -> None:
+        self.client: Client | None = None
+        self._feed: Feed | None = None
+        self._said, self._said_until = NOTHING, 0.0
+        self._pacing, self._debug = Pacing(), ""
+        self._clear()
+
+    def _clear(self) -> None:
+        self.newest: Snapshot | None = None
+        self._looked = False
+        self._series = Series(_CHANNELS)
+        self._biases = History(_BIASES)
+        self._hold = Hold()
+        self._verdict: Verdict | None = None
+        self._slope: float | None = None
+        self._frozen: View | None = None
+
+    def attach(self, client: Client, post: Callable[[Message], bool]) -> None:
+        """Look at an acquisition."""
+        self.leave()
+        self._clear()
+        self.client = client
+        self._feed = Feed(client, post, self._pacing.fps)
+        self._feed.start()
+
+    def pace(self, pacing: Pacing, debug: str = "") -> None:
+        """Draw so much and so often from now on; `debug` says what it costs."""
+        self._pacing, self._debug = pacing, debug
+        if self._feed is not None:
+            self._feed.rate_hz = pacing.fps
+
+    def pause(self) -> None:
+        """Poll no more, because the acquisition is being ended."""
+        if self._feed is not None:
+            self._feed.stop()
+            self._feed = None
+
+    def leave(self) -> Client | None:
+        """Let go, keeping what was seen; returns the client for whoever closes it, which may take a moment."""
+        self.pause()
+        client, self.client = self.client, None
+        return client
+
+    def over(self) -> None:
+        """The acquisition has ended: its last data stay, no longer as something that runs."""
+        if self.newest is not None:
+            self.newest = {**self.newest, "state": "ended", "recording": None, "silent_s": None}
+
+    def owns(self, feed: Feed) -> bool:
+        """Whether a feed's message is about this acquisition, and not a late one of the last."""
+        return feed is self._feed
+
+    def take(self, snapshot: Snapshot) -> None:
+        """A snapshot has come."""
+        self.newest = snapshot
+        series = snapshot["series"]
+        if series["t"]:
+            self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
+        self._slope = self._series.slope_per_minute(_TEMPERATURE)
+        self._take_biases(snapshot)
+        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot), waiting_profile(snapshot))
+        # the acquisition's clock, which goes on when the filter's does not
+        self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
+
+    def _take_biases(self, snapshot: Snapshot) -> None:
+        estimates = snapshot.get("filter") or {}
+        biases = estimates.get("biases") or []
+        begun = estimates.get("t") is not None and not estimates.get("waiting") and len(biases) == _BIASES
+        first = not self._looked
+        self._looked = True
+        if not begun:
+            return
+        t = float(estimates["t"])
+        if t < self._biases.newest:
+            self._hold = Hold()  # another run
+        self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
+        if first:
+            self._biases.attached_late = True
+
+    def freeze(self, frozen: bool) -> None:
+        """Let the view stand still, or follow again. Data are taken either way."""
+        self._frozen = self._view(self._series.frozen(), self._biases.frozen(), frozen=True) if frozen else None
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the view stands still."""
+        return self._frozen is not None
+
+    def view(self) -> View:
+        """What to show now."""
+        view = self._frozen or self._view(self._series, self._biases, frozen=False)
+        return replace(
+            view,
+            now=self.newest,
+            notice=self._notice(),
+            verdict=self._verdict,
+            pacing=self._pacing,
+            debug=self._debug,
+        )
+
+    def _view(self, series: Series, biases: History, *, frozen: bool) -> View:
+        return View(
+            self.newest,
+            self.newest,
+            series,
+            biases,
+            frozen,
+            self._notice(),
+            verdict=self._verdict,
+            shown_verdict=self._verdict,
+            slope_k_per_min=self._slope,
+        )
+
+    def say(self, text: str, level: str = "none") -> None:
+        """Have something said at the bottom of the page for a while."""
+        self._said = (level, text)
+        self._said_until = time.monotonic() + _SAID_S[level]
+
+    def notice_text(self) -> str:
+        """What was said last."""
+        return self._said[1]
+
+    def _notice(self) -> tuple[str, str]:
+        return self._said if time.monotonic() < self._said_until else NOTHING
+
+
+def _numbers(biases: list[dict[str, Any]], key: str) -> np.ndarray:
+    return np.array([np.nan if bias[key] is None else bias[key] for bias in biases], float)

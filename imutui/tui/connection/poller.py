@@ -1,0 +1,91 @@
+"""Polls an acquisition from a thread and hands the newest snapshot to the UI.
+
+Messages are posted, never `call_from_thread`: a frozen terminal blocks the event loop, and nothing else.
+The next poll waits until the UI has taken the last one, so nothing piles up behind a slow link.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from textual.message import Message
+
+from imutui.session.client import Client, SessionError
+from imutui.tui import messages
+from imutui.tui.terminal.pacing import LOCAL_FPS
+
+
+class Feed:
+    """A polling thread.
+
+    Parameters
+    ----------
+    client : Client
+        Asked for snapshots.
+    post : callable
+        Takes messages, from any thread; False if nobody listens any more.
+    rate_hz : float
+        Polls per second; may be changed at any time.
+    """
+
+    class Arrived(Message):
+        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
+
+        def __init__(self, feed: "Feed", snapshot: dict[str, Any], asked_at: float) -> None:
+            super().__init__()
+            self.feed = feed
+            self.snapshot = snapshot
+            self.asked_at = asked_at
+
+    class Lost(Message):
+        """The acquisition does not answer any more; the feed has ended."""
+
+        def __init__(self, feed: "Feed", error: str) -> None:
+            super().__init__()
+            self.feed = feed
+            self.error = error
+
+    def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float = LOCAL_FPS) -> None:
+        self._client = client
+        self._post = post
+        self.rate_hz = rate_hz
+        self._stop = threading.Event()
+        self._taken = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="imutui-feed", daemon=True)
+
+    def start(self) -> None:
+        """Begin to poll."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Poll no more; a message under way is for nobody."""
+        self._stop.set()
+        self._taken.set()
+
+    def taken(self) -> None:
+        """The UI has taken the last snapshot."""
+        self._taken.set()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stop.is_set()
+
+    def _run(self) -> None:
+        since = 0
+        while not self._stop.is_set():
+            asked_at = time.monotonic()
+            due = asked_at + 1.0 / self.rate_hz
+            try:
+                snapshot = self._client.snapshot(since)
+            except (SessionError, OSError) as error:
+                if not self._stop.is_set():
+                    self._post(Feed.Lost(self, messages.fault(error)))
+                return
+            since = int(snapshot["series"]["next"])
+            self._taken.clear()
+            if self._stop.is_set() or not self._post(Feed.Arrived(self, snapshot, asked_at)):
+                return
+            self._taken.wait()
+            self._stop.wait(max(due - time.monotonic(), 0.0))

@@ -1,0 +1,113 @@
+"""States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from imutui.session.client import SessionError
+from imutui.tui import formatting
+
+WARM_UP_S = 15 * 60.0
+SETTLED_K_PER_MIN = 0.1
+
+
+def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
+    """Whether biases measured now will hold."""
+    if seconds < WARM_UP_S:
+        return "warming"
+    return "steady" if slope_k_per_min is None or abs(slope_k_per_min) <= SETTLED_K_PER_MIN else "unsteady"
+
+
+def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
+    """Whether the unit is warm, in a line: word, minutes on, slope of the temperature, what to wait for."""
+    if seconds is None:
+        return ""
+    word = warm_word(seconds, slope_k_per_min)
+    slope = f"{slope_k_per_min:+.2f}" if slope_k_per_min is not None else formatting.NOTHING
+    wait = {
+        "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {SETTLED_K_PER_MIN:g} K/min",
+        "unsteady": f"wait until it is below {SETTLED_K_PER_MIN:g} K/min",
+    }.get(word, "biases will hold")
+    return f"{word}  on for {formatting.minutes(seconds)}  T {slope} K/min  {wait}"
+
+
+def silence_limit_s(rate_hz: float | None) -> float:
+    """Seconds without a packet that are worth a warning."""
+    return max(1.0, 3.0 / rate_hz) if rate_hz else 1.0
+
+
+def silence(snapshot: dict[str, Any]) -> str | None:
+    """Warning about a line that fell silent, or None."""
+    silent, rate = snapshot.get("silent_s"), snapshot.get("rate_hz")
+    # Streaming instruments send at their own, full rate whatever output rate was asked.
+    limit = silence_limit_s(None if snapshot.get("sampling") == "stream" else rate)
+    if snapshot.get("state") != "running" or silent is None or silent <= limit:
+        return None
+    return f"NO DATA for {silent:.1f} s: check power and cable. The acquisition keeps listening."
+
+
+def ended(snapshot: dict[str, Any] | None, error: str | None) -> str:
+    """Why an acquisition is over, and what became of its file."""
+    said = error or (snapshot or {}).get("error") or "It ended by itself, without an error."
+    recording = (snapshot or {}).get("recording")
+    where = f"\n\nIt was recording to {recording['path']}: `imutui check` looks at that file." if recording else ""
+    return f"{said}{where}"
+
+
+def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) -> str:
+    """Which file is finished, how much is in it, and what the filter made of it."""
+    result, recording = result or {}, recording or {}
+    samples = result.get("samples", recording.get("samples"))
+    much = f", {formatting.plural(samples, 'sample')}" if isinstance(samples, int) else ""
+    lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
+    biases = ", ".join(f"{name} {values}" for name, values in final_biases(result))
+    return "\n".join([*lines, *([biases] if biases else [])])
+
+
+def final_biases(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
+    final = result.get("final") or {}
+    return [(name, _triple(final[key], unit)) for key, (name, unit) in _FINAL_BIASES.items() if final.get(key)]
+
+
+_FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}
+
+
+def _triple(values: list[float | None], unit: str) -> str:
+    return f"{' '.join(formatting.number(value, 0, formatting.BIAS_DECIMALS[unit]) for value in values)} {unit}"
+
+
+def recording_to(path: str, snapshot: dict[str, Any] | None) -> str:
+    """Which file is begun, and that the filter goes by a profile in it, if it does."""
+    reference = (snapshot or {}).get("reference") or {}
+    if not reference.get("profile"):
+        return f"recording to {path}"
+    return f"recording to {path}; reference: profile {formatting.profile_name(reference['file'])}, 5 Table guides"
+
+
+def left(snapshot: dict[str, Any] | None) -> list[str]:
+    """What goes on after the UI has gone, and how to come back."""
+    snapshot = snapshot or {}
+    name = snapshot.get("name", "default")
+    recording = snapshot.get("recording")
+    goes_on = f" and records to {recording['path']}" if recording else ""
+    option = "" if name == "default" else f" --name {name}"
+    return [f"The acquisition goes on{goes_on}.", f"Come back: imutui attach{option}   End it: imutui stop{option}"]
+
+
+def fault(error: Exception) -> str:
+    """What went wrong with a call to the acquisition; its own refusals say it themselves."""
+    if isinstance(error, SessionError):
+        return str(error)
+    return f"the acquisition does not answer ({error}). It may be running all the same: `imutui status` tells."
+
+
+def copied(page: str, content: str, environ: Mapping[str, str]) -> str:
+    """What was copied, and what the terminal must allow for it to arrive."""
+    if not content:
+        return f"nothing to copy: the {page} page shows no numbers yet"
+    said = f"copied {formatting.plural(len(content.splitlines()), 'line')} of {page}"
+    if environ.get("TMUX"):
+        return f"{said}. tmux passes it on after: tmux set -g set-clipboard on"
+    if environ.get("TERM") == "linux":
+        return f"{said}, but this console has no clipboard to take it"
+    return f"{said} to the terminal's clipboard, if it allows that (OSC 52)"

@@ -1,0 +1,132 @@
+"""What all pages share: header, notice, footer, and the message for a terminal that is too small."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from textual import events
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.message import Message
+from textual.screen import Screen
+from textual.widget import Widget
+from textual.widgets import Footer
+
+from imutui.session.client import Client
+from imutui.tui.connection.model import View
+from imutui.tui.widgets.debug_line import DebugLine
+from imutui.tui.widgets.header import StatusHeader
+from imutui.tui.widgets.notice import Notice
+from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.too_small import NEEDED, TooSmall
+
+PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
+"""Keys and titles."""
+WIDE = 112
+TALL = 34
+
+
+class Page(Screen[None]):
+    """Base of pages; subclasses give `TITLE` and `body`."""
+
+    class Wanted(Message):
+        """A page wants the newest view."""
+
+        def __init__(self, page: "Page") -> None:
+            super().__init__()
+            self.page = page
+
+    class Ask(Message):
+        """Have something asked of the acquisition, in a thread.
+
+        Parameters
+        ----------
+        function : callable
+            Asks the client; returns what to say when it is done, empty for nothing.
+        busy : str
+            What to say meanwhile, empty for nothing.
+        done : callable or None
+            Called in the event loop once it has worked.
+        """
+
+        def __init__(
+            self, function: Callable[[Client], str], busy: str, done: Callable[[], None] | None = None
+        ) -> None:
+            super().__init__()
+            self.function = function
+            self.busy = busy
+            self.done = done
+
+    class Say(Message):
+        """Have something said at the bottom of the page; level "none", "good", "wait" or "bad"."""
+
+        def __init__(self, text: str, level: str = "none") -> None:
+            super().__init__()
+            self.text = text
+            self.level = level
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.view: View | None = None
+        self._fitted: tuple[int, int] | None = None
+
+    def compose(self) -> ComposeResult:
+        """Header, the page's own widgets, notice, footer."""
+        yield TooSmall()
+        with Vertical(id="page"):
+            yield StatusHeader(PAGES, self.TITLE or "")
+            yield from self.body()
+            yield DebugLine()
+            yield Notice()
+        yield Footer(compact=True, show_command_palette=False)
+
+    def body(self) -> Iterable[Widget]:
+        """Widgets between header and notice."""
+        raise NotImplementedError
+
+    def show(self, view: View) -> None:
+        """Show a view; subclasses add what is not lines of text."""
+        self.view = view
+        for widget in self.query(Lines):
+            widget.show(view)
+
+    def busy(self) -> Sequence[str]:
+        """What this page works out just now and would be lost with the program: "tracing a.mcap, 40 %"."""
+        return ()
+
+    def abandon(self) -> None:
+        """End that, because the program ends."""
+
+    def on_unmount(self) -> None:
+        """Leave nothing behind."""
+        self.abandon()
+
+    def as_text(self) -> str:
+        """The page's numbers, to be copied: its lines of text, as shown."""
+        widgets = [w for w in self.query(Lines) if w.display and not isinstance(w, (StatusHeader, Notice))]
+        shown = [w.render().plain for w in widgets if all(node.display for node in w.ancestors_with_self)]
+        return "\n".join(line.rstrip() for text in shown for line in text.splitlines() if line.strip())
+
+    def on_mount(self) -> None:
+        """Fit, and ask for what there is to show."""
+        self._fit()
+        self.post_message(self.Wanted(self))
+
+    def on_resize(self, _: events.Resize) -> None:
+        """Fit another size."""
+        self._fit()
+
+    def on_screen_resume(self) -> None:
+        """Fit a size that changed while another page was on, and show the newest data."""
+        self._fit()
+        self.post_message(self.Wanted(self))
+
+    def _fit(self) -> None:
+        size = self.app.size
+        if size == self._fitted:
+            return
+        self._fitted = size
+        small = size.width < NEEDED[0] or size.height < NEEDED[1]
+        self.set_class(small, "-small")
+        self.set_class(size.width >= WIDE, "-wide")
+        self.set_class(size.height >= TALL, "-tall")
+        self.query_one(TooSmall).refresh()
+        self.refresh_bindings()  # some keys are only offered where they do something

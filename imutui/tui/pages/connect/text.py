@@ -1,0 +1,150 @@
+"""What the connect page offers and says. Pure functions."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from textual.content import Content
+
+from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
+from imutui.tui import formatting
+from imutui.tui.connection.model import Snapshot
+
+ABOUT = (
+    "imutui records an IMU400CD on a turn table and estimates its biases while it\n"
+    "records. Then it traces what they do not explain to a physical cause."
+)
+SAMPLINGS = {"stream": "every packet, averaged over each period", "polled": "one packet asked for each period"}
+FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
+REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
+MODE = "scaled: deg/s and g from the unit; voltage mode is not used"
+WAITING = """\
+Waiting for {target}: {seconds:.0f} s of at most 30 s.
+
+The acquisition process starts, opens the port, asks the instrument who it
+is (ping, version, serial number), sets the mode, and waits for data.
+
+Esc cancels."""
+ZERO_ARGUMENT = 30
+"""Argument of the command `z`: 300 samples if the unit counts in tens, 3000 if in hundreds; never 0, which erases."""
+ZERO_TITLE = "Zero the rate sensors?"
+ZERO_TEXT = """\
+The unit must stand still. It averages its three rate sensors over 300
+samples (2 to 3 s; up to 25 s on units that count in hundreds), and takes
+the mean as its new zero: command z with argument 30.
+
+What is stored is in the instrument, perhaps for good, and every later
+reading is shifted by it. No data come meanwhile; the filter begins anew."""
+_NAME = 36
+_ANSWER = 38
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One line of the list: a running acquisition ("attach") or a port ("port")."""
+
+    kind: str
+    value: str
+    label: str
+
+    @property
+    def asks(self) -> bool:
+        """Whether there is a line to ask who is on it."""
+        return self.kind == "port" and self.value != VIRTUAL_PORT
+
+
+def parse_rate(entered: str) -> float:
+    """Output rate in Hz; ValueError with what is wrong. A decimal comma is fine."""
+    try:
+        rate = float(entered.strip().replace(",", "."))
+    except ValueError:
+        raise ValueError(f"not a number; {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz") from None
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise ValueError(f"outside {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz")
+    return rate
+
+
+def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
+    """What the list offers: running acquisitions, real ports, and always the virtual instrument."""
+    found = [Choice("attach", name, f'running acquisition "{name}": look at it again') for name in running]
+    found += [
+        Choice("port", port, f"{formatting.port_name(port, _NAME):{_NAME}}  {about}".rstrip()) for port, about in ports
+    ]
+    virtual = f"{'virtual instrument':{_NAME}}  simulated IMU400CD on this machine"
+    return [*found, Choice("port", VIRTUAL_PORT, virtual)]
+
+
+def label(choice: Choice, answers: dict[str, str]) -> str:
+    """A line of the list; what was heard on a port stands in place of its description."""
+    answer = answers.get(choice.value) if choice.asks else None
+    if answer is None:
+        return choice.label
+    return f"{formatting.port_name(choice.value, _NAME):{_NAME}}  {formatting.clipped(answer, _ANSWER)}"
+
+
+def answered(found: dict[str, Any]) -> str:
+    """What answers on a port that was probed, in a few words: who, or the first clause of why not."""
+    who = str(found.get("firmware") or found.get("instrument") or "answers a ping")
+    who = f"{who} #{found['serial_number']}" if found.get("serial_number") else who
+    if found["answers"]:
+        return f"{who}, not usable" if found.get("error") else who
+    why = str(found.get("error") or "silent").removeprefix(str(found.get("port", "")))
+    return re.split(r"[.:;] ", why.removeprefix(":").strip().removeprefix("is "))[0]
+
+
+def likely(found: list[Choice]) -> Choice:
+    """What Enter should take: a running acquisition, else an adapter, else the virtual instrument.
+
+    Built-in ports (ttyS0) come last: most machines list them with nothing behind.
+    """
+    return next((c for c in found if c.kind == "attach" or "ttyS" not in c.value), found[-1])
+
+
+def lead(found: list[Choice]) -> Content:
+    """What this is, and what the next step is."""
+    best = likely(found)
+    if best.kind == "attach":
+        several = sum(c.kind == "attach" for c in found) > 1
+        which = "Several acquisitions are running: choose one" if several else "An acquisition is running"
+        return Content.assemble((f"{which}. Enter looks at it.", "bold"))
+    if best.value != VIRTUAL_PORT:
+        return Content.assemble(ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:"))
+    built_in = "only built-in ports" if len(found) > 1 else "no serial port"
+    nothing = f"Nothing is connected: this machine has {built_in}.\nPlug an adapter in and it appears below."
+    return Content.assemble(ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:"))
+
+
+def _demo(before: str) -> tuple[str | tuple[str, str], ...]:
+    return (f"{before} ", (" press v for the DEMO ", "bold reverse"), " on a simulated instrument")
+
+
+def connected(now: Snapshot) -> Content:
+    """What is connected, and how it is read."""
+    reference = now.get("reference") or {}
+    filter_ = now.get("filter")
+    how = f"{now['rate_hz']:g} Hz, {now['sampling']}, scaled mode, {now['baud']} baud"
+    estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
+    if reference.get("file"):
+        estimates += f" from {reference['file']}"
+    if now.get("effects"):
+        estimates += f", with {formatting.plural(len(now['effects']), 'effect')} found before"
+    rows = [
+        ("instrument", f"{now['instrument']} #{now['serial_number']}, firmware {now['firmware']}"),
+        ("port", str(now["port"])),
+        ("read at", how),
+        ("filter", estimates),
+        ("process", f'acquisition "{now["name"]}", pid {now["pid"]}; runs on without this screen'),
+        ("logs in", str(now.get("logs") or formatting.NOTHING)),
+    ]
+    lines = [Content.assemble((f"{name:12}", "dim"), value) for name, value in rows]
+    return Content("\n").join([Content.styled("Connected.", "bold"), *lines])
+
+
+def next_step(now: Snapshot) -> str:
+    """What to do on from here."""
+    if now.get("recording"):
+        return (
+            "It is recording. Next: 4 Filter shows how far the biases are;\n"
+            "r finishes the file; 6 Logs opens and traces it."
+        )
+    return "Next: 2 Live shows the readings, r records them, 4 Filter shows the biases."

@@ -1,0 +1,1 @@
+"""Questions and help in front of a page, one a module."""

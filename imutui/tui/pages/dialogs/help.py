@@ -1,0 +1,140 @@
+"""Help in plain language."""
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Static
+
+from imutui.tui.terminal.glyphs import choose
+
+HELP = """\
+FIRST STEPS
+  No instrument at hand: 1, then v. A virtual instrument starts, and is
+  recorded. With one: 1, choose its port, Enter; then r records.
+  4 Filter   wait for "all 6 biases converged". In the demo that takes half
+             a minute, the first time on a machine two; AMBER then says that
+             its unit still warms up
+  r          finishes the file; 3 Record says where it is
+  6 Logs     choose the file, t traces it: which physical effect moves
+             what the bias does not explain, and how large. Two minutes of
+             the demo are enough for that; half an hour is good for a unit
+
+WHAT RUNS WHERE
+  The acquisition is a process of its own that owns the port and the file.
+  This screen only looks at it: a closed terminal, a lost SSH link or
+  Ctrl+Z never costs a sample. `imutui attach` brings the screen back, and
+  a second one may look at the same acquisition.
+
+PAGES
+  1  Connect   choose port, rate, sampling, filter; stop; zero the unit
+  2  Live      what the instrument reads: table and plots
+  3  Record    what is being written, and who, where, which table
+  4  Filter    biases, how sure they are, and what the filter waits for
+  5  Table     a table profile, step by step: go to, wait, mark
+  6  Logs      recordings: info, check, recover, replay, trace
+
+KEYS ON EVERY PAGE
+  1 to 6   the pages
+  r        start a recording; r again finishes the file. The filter begins
+           anew with the file, so that a replay gives the same estimates
+  m        put a mark with a text into the recording
+  y        copy the numbers of the page as text, to the terminal's clipboard
+  P        save a picture of the screen (SVG) in the folder of the logs
+  d        detach: leave the screen, the acquisition goes on
+  q        quit; asks whether the acquisition goes on. Ctrl+C asks as well
+  Ctrl+P   all actions by name, with their keys; themes
+  Ctrl+Z   back to the shell for a while; `fg` brings the screen back
+  Esc      back, cancel, leave a field
+
+ON THE CONNECT PAGE
+  Enter    connect;  Tab next field;  left and right choose in a line
+  p  a     ask which instrument is on the chosen port, or on all. That sends
+           bytes, so it is never done unasked
+  v        the demo
+  z        zero the rate sensors; s stop. Both ask first
+
+ON THE LIVE PAGE
+  space    freeze the view; data go on being taken and recorded
+  + -      longer or shorter plots;  a lock their scales;  g which plots
+  s        scroll, sweep (cheap on a slow link), or numbers only
+  counts   what the instrument sent;  value  the same in deg/s, mg and °C
+  mean, sd over the last 10 s; min and max show single spikes
+  plots    every lane has its own scale. A spike is never hidden: each dot
+           column spans the lowest to the highest of its samples
+  Ctrl+B   a line with what drawing costs: frames, bytes, processor time
+
+ON THE RECORD PAGE
+  e        type operator, place, table, note, rotation; Esc is done. They
+           go into the file that r begins next
+  rotation the file is finished and the next one begun, none lost between
+  losses   packets missing by the instrument's own counter; packets that
+           arrived damaged and were dropped; bytes skipped to find the next
+  disk     all is flushed every second; LATE means that it is not
+
+ON THE FILTER PAGE
+  GREEN    all biases that can be seen have converged, nothing else is left
+  AMBER    wait, or look: the text says at what. RED: do what it says
+  w        why: every rule of the badge with what it found, all alarms
+  up down  choose a bias; Enter enlarges its plot, a changes its scale
+  t        trace this recording: look for what the model does not explain
+  e        load found effects into the filter
+  ±3 sd    the true bias is within, if the filter's model is right
+  bar      zero in the middle; the ends are the data sheet's limit
+  in 10 s  how far the estimate moved, in its own sd too if that is much
+  unobservable   this setup cannot tell this bias from something else
+  unexplained    means over 10 s of what the estimate leaves, over what
+           noise allows: 1 is noise, above 2 something is there
+  NIS      how surprising the measurements are. A number near its degrees
+           of freedom is right, if it is a test at all; the page says so
+  gates    measurements left out because they were impossible
+  A bias is what a still unit reads too much: corrected = reading − bias
+
+ON THE TABLE PAGE
+  p  o     choose a profile of this folder, or type the path of one
+  Enter    have the filter go by it; b begins, and records
+  Enter    then: the table is there. No clock presses you: the seconds run
+           only once you have said so. c cancels, b goes on where it was
+
+ON THE LOGS PAGE
+  i c v    info, check, recover the file under the cursor
+  p        replay: the filter over the recording
+  t        trace the file under the cursor, or those chosen with x; one
+           file is one power-on. The result page says what was found;
+           there, w writes the effects, e loads them into the live filter
+  o        another folder or file
+
+MOUSE
+  Never needed. Hold Shift and drag to select text of the terminal.
+"""
+
+
+class HelpDialog(ModalScreen[None]):
+    """Text to scroll."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark,f1,ctrl+c", "dismiss_help", "close", priority=True),
+        Binding("j", "down", show=False),
+        Binding("k", "up", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """The text."""
+        with VerticalScroll(classes="dialog help"):
+            yield Static(Content(choose().text(HELP)))
+            yield Static(Content.styled("arrows scroll, Esc closes", "dim"))
+
+    def action_dismiss_help(self) -> None:
+        """Close."""
+        self.dismiss(None)
+
+    def action_down(self) -> None:
+        """Scroll as in vi."""
+        self.query_one(VerticalScroll).scroll_down()
+
+    def action_up(self) -> None:
+        """Scroll as in vi."""
+        self.query_one(VerticalScroll).scroll_up()

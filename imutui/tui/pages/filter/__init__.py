@@ -1,0 +1,1 @@
+"""Filter: how far the biases are, how good, and whether the filter may be believed."""

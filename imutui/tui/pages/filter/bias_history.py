@@ -1,0 +1,201 @@
+"""A bias with its band of 3 sd over the whole run: the paper's Figures 3 and 4 as they come about."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from rich.segment import Segment
+from textual.strip import Strip
+from textual.widget import Widget
+
+from imutui.tui import formatting
+from imutui.tui.connection.history import History
+from imutui.tui.terminal.glyphs import Glyphs, choose
+from imutui.tui.widgets import history_cells, raster
+
+_GUTTER = 10
+_STYLES = {
+    history_cells.EMPTY: "axis",
+    history_cells.LINE: "axis",
+    history_cells.BAND: "band",
+    history_cells.ESTIMATE: "estimate",
+}
+_ROWS_FOR_AXIS = 6
+_TICK = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be drawn, apart from the past itself; equal ones are drawn alike."""
+
+    name: str
+    unit: str
+    limit: float
+    column: int
+    scale: str
+    hint: str
+    chosen: bool
+    observable: bool
+
+
+class BandPlot(Widget):
+    """One plot: estimate as a line, band shaded, broken lines at zero and at the data sheet's limits.
+
+    Parameters
+    ----------
+    column : int or None
+        Bias that it shows; None for the chosen one.
+    """
+
+    COMPONENT_CLASSES = {  # noqa: RUF012 - Textual's way
+        "bandplot--title", "bandplot--chosen", "bandplot--axis", "bandplot--band", "bandplot--estimate",
+    }  # fmt: skip
+    DEFAULT_CSS = """
+    BandPlot { height: 1fr; width: 1fr; min-height: 3; }
+    BandPlot > .bandplot--title { color: $foreground 80%; }
+    BandPlot > .bandplot--chosen { text-style: bold; }
+    BandPlot > .bandplot--axis { color: $foreground 60%; }
+    BandPlot > .bandplot--band { color: $text-accent; }
+    BandPlot > .bandplot--estimate { color: $text-primary; text-style: bold; }
+    """
+
+    def __init__(
+        self,
+        column: int | None = None,
+        glyphs: Glyphs | None = None,
+        *,
+        id: str | None = None,  # noqa: A002 - Textual's name
+    ) -> None:
+        super().__init__(id=id)
+        self.column = column
+        self._glyphs = glyphs or choose()
+        self._range: tuple[float, float] | None = None
+        self._history: History | None = None
+        self._wanted: Wanted | None = None
+        self._drawn: tuple[Any, ...] | None = None
+        self._strips: list[Strip] = []
+
+    def show(self, history: History, wanted: Wanted) -> None:
+        """Draw the past of a bias; nothing is sent to the terminal as long as it looks the same."""
+        before = self._wanted
+        if before is None or (before.column, before.scale) != (wanted.column, wanted.scale):
+            self._range = None
+        self._history, self._wanted = history, wanted
+        if self._draw():
+            self.refresh()
+
+    def render_line(self, y: int) -> Strip:
+        """One line of the widget."""
+        self._draw()
+        return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
+
+    def notify_style_update(self) -> None:
+        """Draw anew in another theme's colours."""
+        self._drawn = None
+        super().notify_style_update()
+
+    def _draw(self) -> bool:
+        """Make the lines anew if anything has changed since; whether they look different."""
+        history, wanted, size = self._history, self._wanted, self.size
+        if history is None or wanted is None:
+            return False
+        # a row a second: what comes within it is drawn with it
+        stamp = (wanted, size, id(history), len(history), history.attached_late)
+        if stamp == self._drawn:
+            return False
+        self._drawn, before = stamp, self._strips
+        self._strips = self._lines(history, wanted, size.width, size.height)
+        return before != self._strips
+
+    def _lines(self, history: History, wanted: Wanted, width: int, height: int) -> list[Strip]:
+        axis = int(height >= _ROWS_FOR_AXIS)
+        rows, columns = height - 1 - axis, width - _GUTTER
+        if rows < 1 or columns < 4:
+            return []
+        seconds = float(history.newest - history.begin) if len(history) else 0.0
+        span = history_cells.span_s(seconds)
+        curve = (
+            history_cells.curve(history, wanted.column, span, columns * self._glyphs.columns) if len(history) else None
+        )
+        extent = history_cells.extent(curve, wanted.scale, wanted.limit) if curve is not None else None
+        head = self._head(wanted, history, None if axis else span, width)
+        tail = [self._time_axis(history, span, width)] if axis else []
+        if curve is None or extent is None:
+            return [head, *self._empty(wanted, rows, width), *tail]
+        limits = self._range = raster.keep_range(self._range, *extent)
+        return [head, *self._plot(curve, limits, wanted.limit, rows), *tail]
+
+    def _plot(self, curve: history_cells.Curve, limits: history_cells.Limits, limit: float, rows: int) -> list[Strip]:
+        lines, shows = history_cells.cells(curve, limits, [0.0, limit, -limit], rows, self._glyphs)
+        labels = _labels(limits, limit, rows)
+        return [
+            self._strip(label, line, kinds) for label, line, kinds in zip(labels, lines, shows.tolist(), strict=True)
+        ]
+
+    def _strip(self, label: str, line: str, kinds: list[int]) -> Strip:
+        # every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none
+        segments = [self._segment(self._glyphs.text(label), "axis")]
+        begin = 0
+        for i in range(1, len(kinds) + 1):
+            if i == len(kinds) or kinds[i] != kinds[begin]:
+                segments.append(self._segment(line[begin:i], _STYLES[kinds[begin]]))
+                begin = i
+        return Strip(segments, _GUTTER + len(line))
+
+    def _segment(self, said: str, style: str) -> Segment:
+        return Segment(said, self.get_component_rich_style(f"bandplot--{style}"))
+
+    def _head(self, wanted: Wanted, history: History, span: float | None, width: int) -> Strip:
+        axis = (
+            ""
+            if span is None
+            else f"{history_cells.duration(history.begin)} to {history_cells.duration(history.begin + span)}"
+        )
+        since = "since attached" if history.attached_late else ""
+        scale = {"auto": "", "whole run": "scale: whole run", "Table 1": "scale: Table 1"}[wanted.scale]
+        left = f"{'─>' if wanted.chosen else '──'} {wanted.name}, {wanted.unit} "
+        rights = (
+            (wanted.hint, "± 3 sd shaded", scale, since, axis),
+            (wanted.hint, scale, since, axis),
+            (scale, since, axis),
+        )
+        for right in (*rights, (since, axis), (axis,)):
+            said = self._glyphs.text(" " + ", ".join(part for part in right if part) + " ──" if any(right) else "")
+            if len(left) + len(said) <= width:
+                break
+        else:
+            said = ""
+        left = self._glyphs.text(left)
+        middle = self._glyphs.text("─") * max(width - len(left) - len(said), 0)
+        style = "chosen" if wanted.chosen else "title"
+        return Strip([self._segment((left + middle + said)[:width].ljust(width), style)], width)
+
+    def _empty(self, wanted: Wanted, rows: int, width: int) -> list[Strip]:
+        why = "no estimate yet" if wanted.observable else "unobservable in this setup: there is no estimate"
+        said = [f"{' ' * (_GUTTER - 1)}│ {why if row == rows // 2 else ''}" for row in range(rows)]
+        return [Strip([self._segment(self._glyphs.text(line)[:width].ljust(width), "axis")], width) for line in said]
+
+    def _time_axis(self, history: History, span: float, width: int) -> Strip:
+        """Round times since the run's first sample."""
+        room, line, free = width - _GUTTER, [" "] * width, 0
+        for t in history_cells.ticks(history.begin, span, room // _TICK):
+            label = history_cells.duration(t)
+            start = _GUTTER + round((t - history.begin) / span * (room - 1)) - len(label) // 2
+            start = min(start, width - len(label))
+            if start >= free:
+                line[start : start + len(label)] = label
+                free = start + len(label) + 1
+        return Strip([self._segment("".join(line), "axis")], width)
+
+
+def _labels(limits: history_cells.Limits, limit: float, rows: int) -> list[str]:
+    """Gutter: both ends of the axis, and the level lines between them."""
+    room, (low, high) = _GUTTER - 2, limits
+    decimals = raster.label_decimals(limits)
+    labels = [f"{'':<{room}} │"] * rows
+    for level, name in ((0.0, "0"), (limit, f"+{limit:g}"), (-limit, f"-{limit:g}")):
+        if low <= level <= high and rows > 1:
+            labels[round((high - level) * (rows - 1) / (high - low))] = f"{name:>{room}} ┤"
+    labels[0] = f"{formatting.number(high, room, decimals)} ┤"
+    if rows > 1:
+        labels[-1] = f"{formatting.number(low, room, decimals)} ┤"
+    return labels

@@ -1,0 +1,182 @@
+"""The filter in lines: NIS and its meaning, what is unexplained, navigation states, loaded effects, alarms."""
+
+import math
+import textwrap
+from typing import Any
+
+from textual.content import Content
+
+from imutui.tui import formatting
+from imutui.tui.connection import verdict
+from imutui.tui.connection.model import View
+from imutui.tui.connection.verdict import NOTICED
+from imutui.tui.widgets.text_lines import Lines
+
+_LABEL = 13
+
+
+def _filter(view: View) -> dict[str, Any]:
+    return (view.shown or {}).get("filter") or {}
+
+
+class NisLine(Lines):
+    """Normalised innovation squared, and updates that were left out."""
+
+    DEFAULT_CSS = "NisLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Mean, meaning, the first one, and how many updates the gates left out."""
+        estimates = _filter(view)
+        if not estimates:
+            return []
+        nis = estimates["nis"]
+        # the band only means something for a test: shown otherwise, it invites the wrong conclusion
+        left = self.line(
+            (" NIS".ljust(_LABEL), "bold"),
+            f"{formatting.fitting(nis['mean'], 4, 2).strip()} of {nis['dof']:g}  ",
+            (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
+        )
+        first = nis["first"]
+        first = (
+            f"  first {formatting.number(first, 0, 2) if first is None or first < 1e3 else formatting.plain(first, 3)}"
+        )
+        rejected = estimates.get("rejected")
+        gates = "" if rejected is None else f"  gates {rejected}"
+        return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]
+
+
+class UnexplainedLine(Lines):
+    """What the model leaves unexplained, in units of what noise allows."""
+
+    DEFAULT_CSS = "UnexplainedLine { height: 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """The worst channel, and the key that looks for the cause."""
+        estimates = _filter(view)
+        if not estimates:
+            return []
+        worst = verdict.worst_remainder(estimates.get("remainder") or [])
+        said, loud = "known after 30 s of estimates", False
+        if worst is not None:
+            said = f"{worst['channel']} 10 s means {worst['ratio']:.1f} × what noise allows"
+            loud = worst["ratio"] > NOTICED
+        left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
+        recording = (view.now or {}).get("recording") is not None
+        key = "t traces this recording " if recording else "r records, then t traces "
+        return [self.spread(left, self.line((key, "dim")), width)]
+
+
+class NavigationLines(Lines):
+    """Velocity, attitude and position, each with three standard deviations."""
+
+    DEFAULT_CSS = "NavigationLines { height: 4; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """A head and three rows."""
+        estimates = _filter(view)
+        head = self.rule(self._title(estimates), width, "± is 3 sd")
+        state, sd = estimates.get("state"), estimates.get("state_sd")
+        return [head, *(self._row(i, state, sd) for i in range(3))] if state and sd else [head]
+
+    def _title(self, estimates: dict[str, Any]) -> str:
+        if not estimates:
+            return "navigation"
+        samples = formatting.plural(estimates["samples"], "sample")
+        return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
+
+    def _row(self, i: int, state: dict[str, Any], sd: dict[str, Any]) -> Content:
+        degree = self.glyphs.text("°")
+        decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
+        return self.line(
+            (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
+            f"{formatting.fitting(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 7)}m/s",
+            (f"{('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
+            f"{formatting.fitting(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 7)}deg",
+            (f"{('lat', 'lon', 'h')[i]:>4}", "bold"),
+            f"{formatting.number(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
+            f"{self._certain(sd['position_m'][i], 1, 5).rstrip()} m",
+        )
+
+    def _certain(self, sd: float | None, decimals: int, width: int) -> str:
+        """Three standard deviations in a column of so many characters and a space."""
+        three = None if sd is None else 3.0 * sd
+        fitted = formatting.fitting(three, width - 1, decimals).strip()
+        return self.glyphs.text(f" ±{fitted}").ljust(width + 2)
+
+
+def effect_text(effect: dict[str, Any]) -> str:
+    """Label, value ± 3 sd, unit; as many decimals as the certainty is worth."""
+    value, sd, unit = effect["value"], effect["sd"], effect["unit"]
+    if value is None or not sd:
+        return f"{effect['label']} {formatting.plain(value)} {unit}".rstrip()
+    decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
+    return f"{effect['label']} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()
+
+
+def side_by_side(said: list[str], width: int, rows: int) -> list[str]:
+    """Entries beside each other in at most `rows` lines; the last line says how many have no room."""
+    lines: list[str] = []
+    for i, one in enumerate(said):
+        rest = f"   w: {len(said) - i} more"
+        last = len(lines) >= rows
+        joined = f"{lines[-1]}   {one}" if lines else one
+        if lines and len(joined) + (len(rest) if last and i < len(said) - 1 else 0) <= width:
+            lines[-1] = joined
+        elif not last:
+            lines.append(one)
+        else:
+            lines[-1] += rest
+            break
+    return lines
+
+
+class GrowingLines(Lines):
+    """Lines that take no more room than they need, none if there are none; a tall terminal has room for more."""
+
+    few, many = 1, 3
+
+    @property
+    def rows(self) -> int:
+        """The most lines there is room for."""
+        return self.many if self.screen.has_class("-tall") else self.few
+
+    def show(self, view: View) -> None:
+        """Take a view; other lines change the page's layout."""
+        before = self._made
+        super().show(view)
+        self.display = self._made is not None and bool(self._made.plain)
+        if before is None or self._made is None or before.plain != self._made.plain:
+            self.refresh(layout=True)
+
+
+class EffectLines(GrowingLines):
+    """Effects that joined the filter; no line without effects."""
+
+    DEFAULT_CSS = "EffectLines { height: auto; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Values with certainty, side by side."""
+        said = [self.glyphs.text(effect_text(effect)) for effect in _filter(view).get("effects") or []]
+        heads = [" effects", *[""] * self.rows]
+        rows = side_by_side(said, width - _LABEL - 1, self.rows)
+        return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
+
+
+class AlarmLines(GrowingLines):
+    """Alarms beside the one that the badge says."""
+
+    DEFAULT_CSS = "AlarmLines { height: auto; }"
+    few, many = 2, 6
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Alarms one after the other, wrapped; how many lines are missing."""
+        said = view.shown_verdict.reason if view.shown_verdict is not None else ""
+        wrapped = [
+            line
+            for alarm in _filter(view).get("alarms") or []
+            if str(alarm) not in said
+            for line in textwrap.wrap(str(alarm), width, initial_indent=" ! ", subsequent_indent="   ")
+        ]
+        if len(wrapped) > self.rows:
+            wrapped = [*wrapped[: self.rows - 1], f"{wrapped[self.rows - 1][: width - 14]} … w: more"]
+        return [self.line((line, "$text-error")) for line in wrapped]

@@ -1,0 +1,79 @@
+"""The filter's state at length, as text. A pure function of a view."""
+
+import textwrap
+from typing import Any
+
+from imutui.tui import formatting
+from imutui.tui.connection import verdict
+from imutui.tui.connection.model import View
+from imutui.tui.connection.verdict import (
+    ACCEL_TOLERANCE_MG,
+    GYRO_TOLERANCE_DPS,
+    NOTICED,
+    STEADY_K_PER_MIN,
+    TOO_MUCH,
+    Verdict,
+)
+from imutui.tui.pages.dialogs.why_lines import MARKS
+from imutui.tui.pages.filter.estimates import effect_text
+
+_WIDTH = 72
+_RULES = f"""\
+RULES
+  GREEN  all observable biases converged, nothing unexplained, T steady
+  AMBER  a bias not converged; 10 s means {NOTICED:g} to {TOO_MUCH:g} times what noise allows;
+         temperature beyond ±{STEADY_K_PER_MIN:g} K/min; NIS just outside its band; no data
+  RED    an alarm; the filter stopped; 10 s means above {TOO_MUCH:g} times what
+         noise allows; a bias outside Table 1; NIS far outside its band
+  A word stands for 2 s at least.
+  Converged: for 10 s sd below {GYRO_TOLERANCE_DPS:g} deg/s or {ACCEL_TOLERANCE_MG:g} mg, the estimate within that
+  of its 10 s mean, and the readings in agreement with it."""
+
+
+def explanation(view: View) -> str:
+    """Every rule with what it found, alarms, effects, NIS and means in full."""
+    found = view.shown_verdict
+    if found is None:
+        return "No acquisition: 1 connects to one."
+    estimates = (view.shown or {}).get("filter") or {}
+    parts = [_headline(found), _checks(found)]
+    if estimates:
+        parts += [_alarms(estimates), _effects(estimates), _more(estimates)]
+    return "\n\n".join(part for part in [*parts, _RULES] if part) + "\n"
+
+
+def _headline(found: Verdict) -> str:
+    said = f"{found.badge}  {found.reason}" + (f". {found.todo[:1].upper()}{found.todo[1:]}." if found.todo else "")
+    return _wrapped(said)
+
+
+def _checks(found: Verdict) -> str:
+    return "\n".join(_wrapped(f"{MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
+
+
+def _wrapped(said: str, indent: str = "") -> str:
+    return textwrap.fill(said, _WIDTH, subsequent_indent=indent)
+
+
+def _listed(title: str, entries: list[str]) -> str:
+    return "\n".join([title, *(_wrapped(f"  {entry}", "    ") for entry in entries)]) if entries else ""
+
+
+def _alarms(estimates: dict[str, Any]) -> str:
+    return _listed("ALARMS", [*map(str, estimates.get("alarms") or []), *map(str, estimates.get("confounded") or [])])
+
+
+def _effects(estimates: dict[str, Any]) -> str:
+    return _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates.get("effects") or []])
+
+
+def _more(estimates: dict[str, Any]) -> str:
+    nis = estimates["nis"]
+    ratios = [f"{r['channel']} {formatting.number(r['ratio'], 0, 1)}" for r in estimates.get("remainder") or []]
+    rejected = estimates.get("rejected")
+    out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {verdict.nis_meaning(nis, whole=True)}"]
+    if ratios:
+        out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
+    if rejected is not None:
+        out.append(f"{formatting.plural(rejected, 'update')} left out as outliers")
+    return _listed("NUMBERS", out)

@@ -1,0 +1,178 @@
+"""Filter: how far the biases are, how good, and whether the filter may be believed."""
+
+from collections.abc import Iterable
+from pathlib import PurePath
+from typing import Any, ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.containers import Grid, Horizontal, Vertical
+from textual.message import Message
+from textual.widget import Widget
+
+from imutui.tui.connection.model import View
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.why import WhyDialog
+from imutui.tui.pages.dialogs.why_lines import Why
+from imutui.tui.pages.filter.badge import Badge
+from imutui.tui.pages.filter.bias_history import BandPlot, Wanted
+from imutui.tui.pages.filter.biases import NAMES, BiasTable
+from imutui.tui.pages.filter.estimates import (
+    AlarmLines,
+    EffectLines,
+    NavigationLines,
+    NisLine,
+    UnexplainedLine,
+)
+from imutui.tui.widgets import history_cells
+
+_UNITS = ("deg/s",) * 3 + ("mg",) * 3
+_LIMITS = (1.0,) * 3 + (12.0,) * 3
+# side by side: gyro and accelerometer of one axis
+_ORDER = (0, 3, 1, 4, 2, 5)
+
+
+class FilterPage(Page):
+    """Badge, biases, NIS, remainder, navigation, and the biases' past."""
+
+    class TraceWanted(Message):
+        """What the model does not explain shall be looked for in a recording.
+
+        Parameters
+        ----------
+        path : str
+            Of the recording.
+        """
+
+        def __init__(self, path: str) -> None:
+            super().__init__()
+            self.path = path
+
+    class EffectsWanted(Message):
+        """Found effects shall be loaded into the filter."""
+
+    TITLE = "Filter"
+    CSS = """
+    FilterPage #numbers { height: auto; }
+    FilterPage #left { width: 80; height: auto; }
+    FilterPage Why { display: none; width: 1fr; }
+    FilterPage.-wide Why { display: block; }
+    FilterPage #all { display: none; grid-size: 2 3; height: 1fr; }
+    FilterPage.-tall #all { display: block; layout: grid; }
+    FilterPage.-tall #one { display: none; }
+    FilterPage.-plot #all { display: none; }
+    FilterPage.-plot #one { display: block; }
+    FilterPage.-plot .details, FilterPage.-plot Why { display: none; }
+    FilterPage.-plot BiasTable { height: 2; }
+    FilterPage Notice { dock: bottom; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up,k", "choose(-1)", "bias above", show=False),
+        Binding("down,j", "choose(1)", "bias below", show=False),
+        Binding("enter", "plot", "plot", key_display="enter", tooltip="Enlarge the plot of the chosen bias"),
+        Binding("t", "trace", "trace", tooltip="Look in this recording for what the model does not explain"),
+        Binding("e", "effects", "effects", tooltip="Load found effects into the filter"),
+        Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
+        Binding("w", "why", "why", tooltip="Why the badge is what it is: every rule, alarm and number"),
+        Binding("a", "scale", "scale", show=False, tooltip="Plot scale: settled part, whole run, Table 1"),
+        Binding("escape", "back", "back", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._chosen = 0
+        self._scale = 0
+
+    def body(self) -> Iterable[Widget]:
+        """From the badge down to the details; room adds plots below and the rules at the right."""
+        yield Badge()
+        with Horizontal(id="numbers"):
+            with Vertical(id="left"):
+                yield BiasTable()
+                with Vertical(classes="details") as details:
+                    details.styles.height = "auto"
+                    yield NisLine()
+                    yield UnexplainedLine()
+                    yield NavigationLines()
+                    yield EffectLines()
+                    yield AlarmLines()
+            yield Why()
+        yield BandPlot(id="one")
+        with Grid(id="all"):
+            for index in _ORDER:
+                yield BandPlot(index)
+
+    def show(self, view: View) -> None:
+        """Show a view."""
+        super().show(view)
+        for plot in self.query(BandPlot):
+            if (plot.column is None) == self._alone:
+                plot.show(view.biases, self._wanted(view, self._chosen if plot.column is None else plot.column))
+
+    @property
+    def _alone(self) -> bool:
+        """Whether there is only one plot."""
+        return self.has_class("-plot") or not self.has_class("-tall")
+
+    def _wanted(self, view: View, index: int) -> Wanted:
+        biases = ((view.shown or {}).get("filter") or {}).get("biases") or []
+        bias: dict[str, Any] = biases[index] if len(biases) == len(NAMES) else {}
+        hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
+        return Wanted(
+            bias.get("name", NAMES[index]), bias.get("unit", _UNITS[index]), bias.get("limit", _LIMITS[index]), index,
+            history_cells.SCALES[self._scale], hint, index == self._chosen, bias.get("observable", True),
+        )  # fmt: skip
+
+    def _redraw(self) -> None:
+        self.query_one(BiasTable).select(self._chosen, alone=self.has_class("-plot"))
+        if self.view is not None:
+            self.show(self.view)
+
+    def action_choose(self, step: int) -> None:
+        """Point at another bias."""
+        self._chosen = (self._chosen + step) % len(NAMES)
+        self._redraw()
+
+    def action_plot(self) -> None:
+        """The chosen bias's plot on the whole page, or back."""
+        self.toggle_class("-plot")
+        self._redraw()
+
+    def action_scale(self) -> None:
+        """Another scale of the plots."""
+        self._scale = (self._scale + 1) % len(history_cells.SCALES)
+        self._redraw()
+
+    async def action_back(self) -> None:
+        """From the large plot to the page, from the page to Live."""
+        if self.has_class("-plot"):
+            self.action_plot()
+        else:
+            await self.app.run_action("live")
+
+    def action_why(self) -> None:
+        """Every rule with what it found."""
+        if self.view is not None:
+            self.app.push_screen(WhyDialog(self.view))
+
+    def action_trace(self) -> None:
+        """Have the present recording traced."""
+        recording = ((self.view.now if self.view is not None else None) or {}).get("recording")
+        if recording is None:
+            self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
+        elif not self._delegate("trace_recording"):
+            self.post_message(self.TraceWanted(recording["path"]))
+            name = PurePath(recording["path"]).name
+            self.post_message(self.Say(f"6 Logs traces {name}", "none"))
+
+    def action_effects(self) -> None:
+        """Have found effects loaded."""
+        if not self._delegate("load_effects"):
+            self.post_message(self.EffectsWanted())
+            self.post_message(self.Say("6 Logs loads the effects that a trace has found", "none"))
+
+    def _delegate(self, action: str) -> bool:
+        """Run the application's action if it has one of this name."""
+        if not hasattr(self.app, f"action_{action}"):
+            return False
+        self.call_later(self.app.run_action, action)
+        return True

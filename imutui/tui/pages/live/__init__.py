@@ -1,0 +1,1 @@
+"""Live: what the instrument says now, and said in the last seconds."""

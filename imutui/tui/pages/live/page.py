@@ -1,0 +1,113 @@
+"""Live: what the instrument says now, and said in the last seconds."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.widget import Widget
+
+from imutui.tui.connection.model import View
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.live.channels import ChannelTable
+from imutui.tui.pages.live.status import LinkLine, RecordingLine, WarmLine
+from imutui.tui.widgets.event_list import Events
+from imutui.tui.widgets.plot import Plot
+
+SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
+_FEWEST_SAMPLES = 60
+_ALONE = ("", "-gyro-alone", "-accel-alone")
+
+
+def first_span(rate_hz: float) -> float:
+    """Span to begin with: half a minute, longer for slow packets."""
+    return next((span for span in SPANS_S if span >= 30.0 and span * rate_hz >= _FEWEST_SAMPLES), SPANS_S[-1])
+
+
+def packet_rate_hz(snapshot: dict[str, object] | None) -> float:
+    """Packets per second of an acquisition, as far as known."""
+    known = (snapshot or {}).get("packet_hz") or 0.0
+    return float(known) if isinstance(known, (int, float)) else 0.0
+
+
+class LivePage(Page):
+    """Table of channels, plots, link and recording."""
+
+    TITLE = "Live"
+    CSS = """
+    LivePage #top { height: 8; }
+    LivePage.-gyro-alone #accel, LivePage.-accel-alone #gyro { display: none; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
+        Binding("plus,equals_sign", "span(1)", "span", key_display="+/-", tooltip="Longer plots (- for shorter ones)"),
+        Binding("minus,underscore", "span(-1)", "shorter span", show=False),
+        Binding("a", "lock", "lock", tooltip="Lock the scales, or let them follow"),
+        Binding("s", "app.plot_mode", "sweep", tooltip="Plots scroll, sweep, or give way to numbers"),
+        Binding("g", "plots", "plots", tooltip="Both plots, only the gyro, only the accelerometers"),
+        Binding("escape", "app.follow", "follow", show=False),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._span: float | None = None
+        self._locked = False
+        self._alone = ""
+
+    def body(self) -> Iterable[Widget]:
+        """Table, plots, status."""
+        yield Horizontal(ChannelTable(), Events(), id="top")
+        yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
+        yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
+        yield WarmLine()
+        yield LinkLine()
+        yield RecordingLine()
+
+    def show(self, view: View) -> None:
+        """Show a view."""
+        super().show(view)
+        pacing = view.pacing
+        for plot in self.query(Plot):
+            plot.show(
+                view.series,
+                self.span(view),
+                mode=pacing.mode,
+                note=pacing.note,
+                locked=self._locked,
+                frozen=view.frozen,
+            )
+
+    def span(self, view: View) -> float:
+        """Span of the plots, s."""
+        if self._span is not None:
+            return self._span
+        now = view.now or {}
+        slow = now.get("sampling") == "polled" and now.get("rate_hz")
+        return first_span(float(now["rate_hz"]) if slow else packet_rate_hz(now) or 133.0)
+
+    def action_span(self, step: int) -> None:
+        """Longer or shorter plots, as far as data are kept."""
+        view = self.view
+        if view is None:
+            return
+        now = SPANS_S.index(self.span(view))
+        span = SPANS_S[min(max(now + step, 0), len(SPANS_S) - 1)]
+        if step < 0 or span * packet_rate_hz(view.now) <= view.series.capacity:
+            self._span = span
+        self.show(view)
+
+    def action_lock(self) -> None:
+        """Lock the scales, or let them follow the data."""
+        self._locked = not self._locked
+        self._redraw()
+
+    def action_plots(self) -> None:
+        """Both plots, or only one, larger."""
+        self._alone = _ALONE[(_ALONE.index(self._alone) + 1) % len(_ALONE)]
+        for name in _ALONE[1:]:
+            self.set_class(self._alone == name, name)
+        self.call_after_refresh(self._redraw)
+
+    def _redraw(self) -> None:
+        if self.view is not None:
+            self.show(self.view)

@@ -1,0 +1,1 @@
+"""Logs: recordings, what is in them, and what can be made of them."""

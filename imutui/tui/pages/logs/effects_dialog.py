@@ -1,0 +1,97 @@
+"""Asks which found effects shall join the filter."""
+
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import OptionList, Static
+
+from imutui.tui import formatting
+from imutui.tui.widgets.option_rows import Rows
+
+if TYPE_CHECKING:
+    from imutui.jobs.sidecar_files import EffectsFile
+
+_NAME = 64
+_LEAD = "The filter begins anew with them. Files that a trace wrote, newest first; o opens another."
+_NONE = "No effects file here yet: t traces a log, then w on its result writes one. o opens another."
+
+
+class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
+    """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
+
+    Parameters
+    ----------
+    files : list of EffectsFile
+        What there is.
+    loaded : bool
+        Whether the filter has effects now.
+    """
+
+    DEFAULT_CSS = "EffectsDialog Rows { height: auto; max-height: 10; margin-bottom: 1; }"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
+        Binding("enter", "take", "take", key_display="enter"),
+        Binding("o", "open", "open"),
+    ]
+
+    def __init__(self, files: "list[EffectsFile]", loaded: bool) -> None:
+        super().__init__()
+        self._files = files
+        self._loaded = loaded
+
+    def compose(self) -> ComposeResult:
+        """Title, files, what is in the one with the cursor."""
+        with Vertical(classes="dialog"):
+            yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
+            yield Static(Content(_LEAD if self._files else _NONE), classes="text")
+            yield Rows(id="files")
+            yield Static(id="about", classes="text")
+
+    def on_mount(self) -> None:
+        """Fill the list."""
+        names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
+        self.query_one(Rows).fill([Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]])
+        self.query_one(Rows).focus()
+        self._about()
+
+    def on_option_list_option_highlighted(self) -> None:
+        """Say what is in it."""
+        self._about()
+
+    def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
+        """A click takes."""
+        self.action_take()
+
+    def _file(self) -> "EffectsFile | str | None":
+        at = self.query_one(Rows).cursor
+        if at is None:
+            return None
+        return self._files[at] if at < len(self._files) else "none"
+
+    def _about(self) -> None:
+        file = self._file()
+        if file is None or isinstance(file, str):
+            said = "The filter estimates biases only." if file else ""
+        elif file.error:
+            said = f"can't be used: {file.error}"
+        else:
+            said = f"{', '.join(file.effects) or 'no effect'}\n{file.source}"
+        self.query_one("#about", Static).update(Content(said))
+
+    def action_take(self) -> None:
+        """Take it, if it can be used."""
+        file = self._file()
+        if file is not None and (isinstance(file, str) or not file.error):
+            self.dismiss(file)
+
+    def action_open(self) -> None:
+        """Type a path."""
+        self.dismiss("open")
+
+    def action_cancel(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)

@@ -1,0 +1,152 @@
+"""A job's result: text to scroll, and what can be made of it."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import ClassVar
+
+from textual import events, work
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.message import Message
+from textual.widget import Widget
+from textual.widgets import Static
+
+from imutui.tui import formatting
+from imutui.tui.background import in_thread
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.logs import result_text
+from imutui.tui.pages.logs.result_text import Outcome
+from imutui.tui.terminal.glyphs import choose
+
+_WIDEST = 110
+
+
+class ResultPage(Page):
+    """Above the logs page until Esc.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What the job came to.
+    """
+
+    TITLE = "Logs"
+    AUTO_FOCUS = "#result-room"
+    CSS = """
+    ResultPage #result-room { height: 1fr; padding: 0 1; scrollbar-size-vertical: 1; }
+    ResultPage #result-title { height: 1; padding: 0 1; background: $panel; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("w", "write_effects", "write", tooltip="Write the found effects beside the log"),
+        Binding("e", "load_effects", "load", tooltip="Load the found effects into the live filter"),
+        Binding("x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes"),
+        Binding("s", "save", "JSON", tooltip="Write the result document beside the log"),
+        Binding("escape", "leave", "back", show=False),
+        Binding("j", "scroll('down')", show=False),
+        Binding("k", "scroll('up')", show=False),
+        Binding("space", "scroll('page_down')", show=False),
+    ]
+
+    class EffectsChosen(Message):
+        """Found effects shall join the live filter."""
+
+        def __init__(self, name: str, text: str) -> None:
+            super().__init__()
+            self.name = name
+            self.text = text
+
+    class ProfileWritten(Message):
+        """A profile was written, which the table page may offer."""
+
+        def __init__(self, path: Path) -> None:
+            super().__init__()
+            self.path = path
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__()
+        self.outcome = outcome
+
+    def body(self) -> Iterable[Widget]:
+        """Title and text."""
+        keys = "y copies  Esc back"
+        room = self.app.size.width - len(keys) - 5
+        yield Static(
+            choose().text(f"{formatting.shorten(self.outcome.title, room)}   {keys}"), id="result-title", markup=False
+        )
+        with VerticalScroll(id="result-room"):
+            yield Static(id="result")
+
+    def on_mount(self) -> None:
+        """Write the text."""
+        super().on_mount()
+        self._write()
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Wrap it anew."""
+        super().on_resize(event)
+        self._write()
+
+    def _write(self) -> None:
+        self.query_one("#result", Static).update(result_text.styled(choose().text(self._text())))
+
+    def as_text(self) -> str:
+        """The result as it is shown, all of it."""
+        return self._text()
+
+    def _text(self) -> str:
+        return self.outcome.text(min(self.app.size.width - 4, _WIDEST))
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer what this result has."""
+        match action:
+            case "write_effects" | "load_effects":
+                return bool(self.outcome.effects)
+            case "write_experiment":
+                return bool(self.outcome.experiment)
+        return True
+
+    def action_scroll(self, how: str) -> None:
+        """Scroll as in vi."""
+        getattr(self.query_one("#result-room"), f"scroll_{how}")(animate=False)
+
+    def action_leave(self) -> None:
+        """Back to the list."""
+        self.app.pop_screen()
+
+    def action_save(self) -> None:
+        """Write the document."""
+        made = self.outcome
+        self._keep(f"_{made.kind}.json", lambda: json.dumps(made.document, indent=2, allow_nan=False) + "\n", None)
+
+    def action_write_effects(self) -> None:
+        """Write the effects."""
+        effects = self.outcome.effects
+        self._keep("_effects.toml", lambda: effects, "e loads them into the live filter")
+
+    def action_write_experiment(self) -> None:
+        """Write the profile."""
+        experiment = self.outcome.experiment
+        self._keep("_experiment.toml", lambda: experiment, "5 Table offers it")
+
+    @work(exclusive=True, group="keep")
+    async def _keep(self, ending: str, make: Callable[[], str], then: str | None) -> None:
+        try:
+            path = await in_thread(lambda: _kept(self.outcome.log, ending, make()))
+        except OSError as error:
+            where = error.filename or self.outcome.log.parent
+            self.post_message(self.Say(f"{where}: {error.strerror or error}. Nothing is written.", "bad"))
+            return
+        self.post_message(self.Say(f"wrote {path.name} beside the log" + (f"; {then}" if then else ""), "good"))
+        if ending == "_experiment.toml":
+            self.post_message(self.ProfileWritten(path))
+
+    def action_load_effects(self) -> None:
+        """Have the filter take the effects."""
+        self.post_message(self.EffectsChosen(", ".join(self.outcome.included) or "no effect", self.outcome.effects))
+
+
+def _kept(log: Path, ending: str, content: str) -> Path:
+    from imutui.jobs import sidecar_files
+
+    return sidecar_files.keep(log, ending, content)

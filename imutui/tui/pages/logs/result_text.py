@@ -1,0 +1,161 @@
+"""Results of jobs as text for a page. Pure functions."""
+
+import textwrap
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from textual.content import Content
+
+from imutui.jobs.tasks import TraceResult
+from imutui.report import sentences
+from imutui.tui import formatting
+from imutui.tui.connection import verdict
+
+_LIMITS = {"deg/s": 1.0, "mg": 12.0}
+_KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
+_GAPS = 5
+_SAVED = "x writes that motion as a profile; 5 Table guides through it."
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a job came to.
+
+    Attributes
+    ----------
+    kind : str
+        "trace", "replay", "info", "check" or "recover".
+    title : str
+        What it is of.
+    log : Path
+        Beside which files are written.
+    document : object
+        JSON-ready.
+    text : callable
+        Its text at a width.
+    effects, experiment : str
+        TOML of a trace's effects, and of the motion that would separate its causes; empty if there is none.
+    included : tuple of str
+        Names of the effects.
+    """
+
+    kind: str
+    title: str
+    log: Path
+    document: Any
+    text: Callable[[int], str]
+    effects: str = ""
+    experiment: str = ""
+    included: tuple[str, ...] = ()
+
+
+def styled(body: str) -> Content:
+    """Text with its headings bold: lines after an empty one that are no sentences, and what is in capitals."""
+    lines = body.split("\n")
+    made = []
+    for number, line in enumerate(lines):
+        first = number == 0 or not lines[number - 1]
+        heading = first and line and not line[0].isspace() and not line.startswith(sentences.CHANNELS)
+        loud = line.lstrip().startswith(("NOT ", "ALARM", "CANNOT"))
+        made.append(Content.styled(line, "bold" if heading or loud else ""))
+    return Content("\n").join(made)
+
+
+def traced(result: TraceResult, writing: Collection[Path] = ()) -> Callable[[int], str]:
+    """Text of a trace at a width, with what is wrong with its files first; `writing` were not finished yet."""
+    told = [_as_written(sentence, writing) for sentence in result.damage]
+
+    def at(width: int) -> str:
+        damage = "".join(f"{wrapped(sentence, width)}\n" for sentence in told)
+        return damage + sentences.text(result.document, result.source, width, _SAVED)
+
+    return at
+
+
+def _as_written(sentence: str, writing: Collection[Path]) -> str:
+    """A file that is being written is not damaged."""
+    path = next((path for path in writing if sentence.startswith(str(path))), None)
+    return sentence if path is None else f"{path.name} was being written: all up to its last flush is used."
+
+
+def replayed(d: Mapping[str, Any], writing: Collection[Path] = ()) -> str:
+    """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
+    verdict = "converged" if d["converged"] else "NOT converged"
+    rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
+    size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
+    lines = [
+        f"{verdict}: {d['log']}",
+        f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
+        *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
+        "",
+        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {'Table 1':>8} {'of limit':>9}   converged",
+    ]
+    for kind, key, unit in (("gyro", "gyro_bias_dps", "deg/s"), ("accel", "accel_bias_mg", "mg")):
+        for i, axis in enumerate("xyz"):
+            value, sd = d["final"][key][i], d["sd"][key][i]
+            lines.append(_bias(f"{axis} {kind}", value, sd, unit, d["converged_s"][f"{kind}_bias"][i]))
+    return "\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)])
+
+
+def _bias(name: str, value: float | None, sd: float | None, unit: str, since: float | None) -> str:
+    if value is None or sd is None:
+        return (
+            f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  not observable with this reference"
+        )
+    decimals, limit = formatting.BIAS_DECIMALS[unit], _LIMITS[unit]
+    when = f"at {since:.1f} s" if since is not None else "not yet"
+    share = f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
+    return (
+        f"{name:<8} {formatting.number(value, 9, decimals)} {formatting.number(3.0 * sd, 8, decimals)} {unit:<6}"
+        f"  {f'±{limit:g}':>8} {share:>9}   {when}"
+    )
+
+
+def _filtered(d: Mapping[str, Any]) -> list[str]:
+    nis, noise = d["nis"], d["noise"]
+    lines = ["Filter"]
+    if nis["mean"] is not None:
+        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {verdict.nis_meaning(nis, whole=True)}")
+    if noise["gyro_arw_deg_sqrt_h"][0] is not None:
+        lines.append(f"  noise of this log: gyro {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
+        lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")
+    lines += [f"  effect {e['name']}: {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd, SI)" for e in d.get("effects", [])]
+    if d.get("times_real_time"):
+        lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
+    return lines
+
+
+def _data(d: Mapping[str, Any]) -> list[str]:
+    gaps = d["gaps"]
+    lines = [
+        "Data",
+        f"  {formatting.plural(d['lost_packets'], 'packet')} lost,"
+        f" {formatting.plural(d['bad_checksums'], 'bad checksum')},"
+        f" {formatting.plural(len(gaps), 'gap')}, {formatting.plural(d['rejected'], 'outlier')} left out",
+    ]
+    longest = sorted(gaps, key=lambda gap: -gap["seconds"])[:_GAPS]
+    lines += [f"  gap of {gap['seconds']:.3f} s at {gap['t']:.3f} s" for gap in longest]
+    if len(gaps) > _GAPS:
+        lines.append(f"  and {len(gaps) - _GAPS} shorter gaps")
+    return lines
+
+
+def _warnings(d: Mapping[str, Any]) -> list[str]:
+    told = [f"ALARM: {alarm}" for alarm in d["alarms"]]
+    told += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d.get("confounded", [])]
+    return ["", *told] if told else []
+
+
+def _triple(values: list[float]) -> str:
+    return " ".join(f"{value:7.3f}" for value in values)
+
+
+def wrapped(body: str, width: int) -> str:
+    """Lines of at most so many characters, the rest of each below it and as far in."""
+    out = []
+    for line in body.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        out += textwrap.wrap(line, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
+    return "\n".join(out)

@@ -1,0 +1,1 @@
+"""Record: what is being written, how fast, and what goes into it."""

@@ -1,0 +1,147 @@
+"""Record: what is being written, how fast, and what goes into it."""
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+from textual import events
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.widget import Widget
+from textual.widgets import Input, Label, Static
+
+from imutui.session.plan import RecordingWish
+from imutui.tui.connection.model import View
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.record import text
+from imutui.tui.pages.record.recording_state import Marks, TakeState
+from imutui.tui.widgets.event_list import Events
+
+_ROWS = (("operator", "place"), ("table", "rotate_minutes"), ("note", "rotate_mb"))
+
+
+class RecordPage(Page):
+    """State of the recording, the form for the next one, marks."""
+
+    TITLE = "Record"
+    AUTO_FOCUS = ""
+    CSS = """
+    #take { height: 1fr; }
+    #take-left { width: 80; max-width: 100%; height: 1fr; }
+    RecordPage Events { width: 1fr; height: 1fr; }
+    #wish { height: 5; padding: 0 1; }
+    #wish-head { height: 1; }
+    #wish-wrong { height: 1; color: $text-error; text-style: bold; }
+    .wish-row { height: 1; }
+    .wish-row Label { width: 10; }
+    .wish-row Label.number { width: 21; margin-left: 2; }
+    .wish-row Input { width: 1fr; }
+    .wish-row Input.number { width: 9; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("e", "edit", "edit form", tooltip="Type operator, place, table, note, rotation"),
+        Binding("escape", "leave_form", "done", tooltip="Back from the form to the keys"),
+        Binding("tab", "next_field", "next field"),
+    ]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._touched: set[str] = set()
+        self._filled: dict[str, str] = {}
+
+    def body(self) -> Iterable[Widget]:
+        """State, form, marks; in wide terminals events."""
+        with Horizontal(id="take"):
+            with Vertical(id="take-left"):
+                yield TakeState()
+                with Vertical(id="wish"):
+                    yield from self._form()
+                yield Marks()
+            yield Events()
+
+    def _form(self) -> Iterable[Widget]:
+        yield Static(id="wish-head")
+        for row in _ROWS:
+            with Horizontal(classes="wish-row"):
+                for name in row:
+                    kind = "number" if name in text.NUMBERS else ""
+                    yield Label(text.FIELDS[name], classes=kind)
+                    yield Input(
+                        id=f"wish-{name}", compact=True, classes=kind, placeholder="never" if kind else "not set"
+                    )
+        yield Static(id="wish-wrong")
+
+    def show(self, view: View) -> None:
+        """Show a view; fields that nobody has typed into follow the acquisition."""
+        super().show(view)
+        if view.now is not None:
+            self._prefill(text.prefilled(view.now))
+        self._say_form()
+
+    def _prefill(self, values: dict[str, str]) -> None:
+        for name, value in values.items():
+            if name not in self._touched and self._filled.get(name) != value:
+                self._filled[name] = value
+                with self.prevent(Input.Changed):
+                    self.query_one(f"#wish-{name}", Input).value = value
+
+    def _say_form(self) -> None:
+        now = self.view.now if self.view is not None else None
+        title = "the recording after this gets" if (now or {}).get("recording") else "the next recording gets"
+        key = "Esc done" if isinstance(self.focused, Input) else "e edits"
+        width = self.query_one("#wish").content_size.width or 78
+        head = self.query_one(TakeState).rule(title, width, key)
+        self.query_one("#wish-head", Static).update(head)
+
+    def finished(self, said: list[tuple[str, str]]) -> None:
+        """Show what was written last; empty while something is being written."""
+        state = self.query_one(TakeState)
+        state.finished = said
+        state.refresh()
+        if not said:
+            self._touched.clear()  # the acquisition has it now
+
+    def wish(self) -> RecordingWish:
+        """What the form asks; ValueError if it cannot be."""
+        return text.wish({name: self.query_one(f"#wish-{name}", Input).value for name in text.FIELDS})
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Keep what is typed, and check it."""
+        self._touched.add((event.input.id or "").removeprefix("wish-"))
+        try:
+            self.wish()
+            wrong = ""
+        except ValueError as error:
+            wrong = str(error)
+        self.query_one("#wish-wrong", Static).update(Content(wrong))
+
+    def on_input_submitted(self) -> None:
+        """Enter goes to the next field."""
+        self.focus_next(Input)
+
+    def on_descendant_focus(self, _: events.DescendantFocus) -> None:
+        """Other keys answer while text is being typed."""
+        self._say_form()
+
+    def on_descendant_blur(self, _: events.DescendantBlur) -> None:
+        """The keys are back."""
+        self._say_form()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer the form's keys only in the form."""
+        typing = isinstance(self.focused, Input)
+        if action == "edit":
+            return not typing
+        return typing if action in ("leave_form", "next_field") else True
+
+    def action_edit(self) -> None:
+        """To the form's first field."""
+        self.set_focus(self.query_one("#wish-operator"))  # at once: what is typed next goes there
+
+    def action_next_field(self) -> None:
+        """To the next field."""
+        self.focus_next(Input)
+
+    def action_leave_form(self) -> None:
+        """Back to the keys."""
+        self.set_focus(None)

@@ -1,0 +1,90 @@
+"""The Record page's panels: state of the recording, and its marks."""
+
+from textual.content import Content
+
+from imutui.tui import formatting
+from imutui.tui.connection.model import Snapshot, View
+from imutui.tui.pages.record import text
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+
+_NAME = 10
+
+
+class TakeState(Lines):
+    """Whether it records, in big; hint; and every number of the file and the line."""
+
+    DEFAULT_CSS = "TakeState { height: 8; padding: 0 1; }"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.finished: list[tuple[str, str]] = []
+        """What was written last: names and values."""
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Eight lines."""
+        now = view.now
+        level, said = text.state(now)
+        style = LEVEL_STYLES[level]
+        badge = self.line((f" {said} ", f"{style} reverse"), "  ", (text.hint(now), "bold"))
+        if now is None:
+            return [badge]
+        take = now.get("recording")
+        rows = self._idle(now, width) if take is None else self._file(now, take, width)
+        return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now))]
+
+    def _row(self, name: str, said: str, level: str = "none") -> Content:
+        return self.line((f"{name:{_NAME}}", "dim"), (said, "" if level == "none" else LEVEL_STYLES[level]))
+
+    def _file(self, now: Snapshot, take: dict[str, object], width: int) -> list[Content]:
+        full = text.fill_words(take, now.get("free_bytes"))
+        level, flushed = text.flush(take)
+        size = f"{formatting.size(take['bytes'])}, {text.growth(take)}; disk {full}"  # type: ignore[arg-type]
+        return [
+            self._row("file", formatting.shorten(str(take["path"]), width - _NAME)),
+            self._row("size", size),
+            self._row("rotation", f"{text.part(take, now)}; {formatting.plural(take['samples'], 'sample')}"),  # type: ignore[arg-type]
+            self._row("disk", flushed, level),
+        ]
+
+    def _idle(self, now: Snapshot, width: int) -> list[Content]:
+        free = now.get("free_bytes")
+        space = "" if free is None else f"; {formatting.size(free)} free"
+        if self.finished:
+            rows = [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in self.finished]
+            rows += [self._row("next", "6 Logs opens it: info, check, replay, trace; r records again", "good")]
+            return [*rows, *[Content("")] * (4 - len(rows))]
+        return [
+            self._row("r writes", formatting.shorten(text.will_write(now), width - _NAME)),
+            self._row("", f"every packet, onto the disk each second{space}"),
+            self._row("", "the filter begins anew with it, so that a replay gives the same"),
+            Content(""),
+        ]
+
+    def _link(self, now: Snapshot) -> list[Content]:
+        measured, packets = now.get("measured_hz"), now.get("packet_hz")
+        rate = f"asked {now['rate_hz']:g} Hz, measured {formatting.number(measured, 0, 2)} Hz"
+        if packets is not None:
+            rate += f"; {packets:.2f} packets/s, {formatting.plural(now['packets'], 'packet')}"
+        trouble, losses = text.losses(now)
+        level, line = text.line(now)
+        return [
+            self._row("rate", rate),
+            self._row("losses", losses, trouble),
+            self._row("line", line, level),
+        ]
+
+
+class Marks(Lines):
+    """The last marks, newest at the bottom."""
+
+    DEFAULT_CSS = "Marks { height: 1fr; padding: 0 1; min-height: 3; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """A head and as many marks as there is room for."""
+        marks = (view.now or {}).get("marks") or []
+        room = max(self.content_size.height - 1, 1)
+        head = self.rule(f"marks: {len(marks)}" if marks else "marks", width, "UTC, time in the file, text")
+        if not marks:
+            recorded = (view.now or {}).get("recording")
+            return [head, self.line(("none yet: m adds one" if recorded else "none: they go into a recording", "dim"))]
+        return [head, *(self.line(text.mark_line(mark)).truncate(width, ellipsis=True) for mark in marks[-room:])]

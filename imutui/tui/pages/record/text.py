@@ -1,0 +1,170 @@
+"""What the Record page says and asks. Pure functions of a snapshot."""
+
+from pathlib import PurePath
+from typing import Any
+
+from imutui.session.plan import RecordingWish
+from imutui.tui import formatting, messages
+from imutui.tui.connection.model import Snapshot
+
+FLUSH_LIMIT_S = 3.0
+"""Age of the last flush above which the disk does not keep up: one is due every second."""
+HOUR_S = 3600.0
+FIELDS = {
+    "operator": "operator",
+    "place": "place",
+    "table": "table id",
+    "note": "note",
+    "rotate_minutes": "new file every, min",
+    "rotate_mb": "or every, MB",
+}
+"""Fields of the form and what they are called; names of the snapshot and of `RecordingWish`."""
+NUMBERS = ("rotate_minutes", "rotate_mb")
+Parts = list[str | tuple[str, str]]
+
+
+def state(now: Snapshot | None) -> tuple[str, str]:
+    """Level and words of the one thing to know: whether it is recording."""
+    if now is None:
+        return "none", "NOT CONNECTED"
+    recording = now.get("recording")
+    if recording is None:
+        return "none", "NOT RECORDING"
+    return "bad", f"● RECORDING  {formatting.clock(recording['seconds'])}"
+
+
+def hint(now: Snapshot | None) -> str:
+    """What the next key does."""
+    if now is None:
+        return "1 connects to an instrument; there, v starts the demo"
+    if now.get("recording"):
+        return "m marks what happens; r finishes the file"
+    return "r begins a file, with what stands below"
+
+
+def fill_words(recording: dict[str, Any], free_bytes: float | None) -> str:
+    """Hours until the disk is full, at this growth."""
+    free = f"{formatting.size(free_bytes)} free" if free_bytes is not None else "free space unknown"
+    seconds = recording.get("to_full_s")
+    if seconds is None:
+        return free
+    return f"full in {until_full(float(seconds))}, {free}"
+
+
+def until_full(seconds: float) -> str:
+    """A time to go: minutes, then hours, then days."""
+    if seconds < HOUR_S:
+        return f"{seconds / 60.0:.0f} min"
+    if seconds < 100.0 * HOUR_S:
+        return f"{seconds / HOUR_S:.1f} h"
+    return f"{seconds / HOUR_S / 24.0:.0f} days"
+
+
+def growth(recording: dict[str, Any]) -> str:
+    """How fast the file grows, in the unit that adds up over a day's work."""
+    rate = recording.get("bytes_per_s")
+    return "growth not known before 10 s" if rate is None else f"grows {formatting.size(rate * HOUR_S)}/h"
+
+
+def part(recording: dict[str, Any], now: Snapshot) -> str:
+    """Which file of the recording this is, and when the next begins."""
+    number = f"part {recording['part']}" if recording.get("part") else "part 1"
+    return f"{number}, {rotation(now.get('rotate_minutes'), now.get('rotate_mb'))}"
+
+
+def rotation(minutes: float | None, megabytes: float | None) -> str:
+    """When a file is finished and the next one begun."""
+    limits = [f"{minutes:g} min" if minutes else "", f"{megabytes:g} MB" if megabytes else ""]
+    said = " or ".join(limit for limit in limits if limit)
+    return f"a new file every {said}" if said else "one file"
+
+
+def flush(recording: dict[str, Any]) -> tuple[str, str]:
+    """Level and words of how old the last flush is."""
+    age = recording.get("flush_age_s")
+    if age is None:
+        return "wait", "not flushed yet"
+    if age > FLUSH_LIMIT_S:
+        return (
+            "bad",
+            f"LATE: last flush {age:.1f} s ago; the disk does not keep up, and what is not flushed can be lost",
+        )
+    return "none", f"ok, flushed {age:.1f} s ago; every second is due"
+
+
+def line(now: Snapshot) -> tuple[str, str]:
+    """Level and words of the serial line."""
+    silent = messages.silence(now)
+    if silent is not None:
+        return "bad", silent
+    return "none", f"ok, last packet {max(now['silent_s'], 0.0):.1f} s ago" if now.get(
+        "silent_s"
+    ) is not None else "no packet yet"
+
+
+def losses(now: Snapshot) -> tuple[str, str]:
+    """Level and words of what did not arrive."""
+    lost, bad, skipped = now["lost_packets"], now["bad_checksums"], now["discarded_bytes"]
+    said = f"lost {lost}, checksum errors {bad}, resynchronised {skipped} B"
+    return ("wait", f"{said}: check the cable") if lost or bad else ("none", said)
+
+
+def mark_line(mark: dict[str, Any]) -> str:
+    """Time of day, time in the recording, text."""
+    since = "" if mark.get("t") is None else formatting.clock(mark["t"])
+    return f"{mark['utc']}  {since:>8}  {mark['text']}"
+
+
+def prefilled(now: Snapshot) -> dict[str, str]:
+    """What the form begins with: what the acquisition has."""
+    values = {name: now.get(name) for name in FIELDS}
+    return {n: f"{v:g}" if n in NUMBERS and v else "" if not v else str(v) for n, v in values.items()}
+
+
+def wish(entered: dict[str, str]) -> RecordingWish:
+    """What is asked of the recording that begins.
+
+    Raises
+    ------
+    ValueError
+        If a number is none; the message names the field.
+    """
+    return RecordingWish(
+        note=entered["note"].strip(),
+        operator=entered["operator"].strip(),
+        place=entered["place"].strip(),
+        table=entered["table"].strip(),
+        rotate_minutes=_number("rotate_minutes", entered["rotate_minutes"]),
+        rotate_mb=_number("rotate_mb", entered["rotate_mb"]),
+    )
+
+
+def _number(name: str, entered: str) -> float:
+    try:
+        value = float(entered.strip().replace(",", ".") or 0.0)
+    except ValueError:
+        raise ValueError(f'"{FIELDS[name]}" is "{entered.strip()}", not a number; empty for never') from None
+    if not 0.0 <= value < 1e6:
+        raise ValueError(f'"{FIELDS[name]}" is {value:g}; it must be positive, or empty for never')
+    return value
+
+
+def will_write(now: Snapshot) -> str:
+    """Where a file would go."""
+    number = now.get("serial_number") or "serial"
+    return str(PurePath(now.get("logs") or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
+
+
+def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """What was written: names and values of up to four lines."""
+    found, before = result or {}, take or {}
+    samples = found.get("samples", before.get("samples"))
+    much = formatting.plural(samples, "sample") if isinstance(samples, int) else "samples"
+    seconds = found.get("duration_s", before.get("seconds"))
+    rows = [
+        ("wrote", str(found.get("log") or before.get("path") or "the file")),
+        ("holds", f"{much} in {formatting.clock(seconds)}"),
+    ]
+    biases = messages.final_biases(found)
+    done = "" if found.get("converged", True) else ", not converged"
+    return [*rows, *((name, f"{values}{done}") for name, values in biases)]

@@ -1,0 +1,1 @@
+"""Table: choose a profile, and be guided through it."""

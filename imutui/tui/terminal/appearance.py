@@ -1,0 +1,57 @@
+"""How the screen is to look: theme, signs, speed, plots, as the configuration's section `screen` says."""
+
+from dataclasses import dataclass
+
+from textual.theme import BUILTIN_THEMES
+
+from imutui.tui.terminal.glyphs import GLYPHS
+
+SHORT_THEMES = {"dark": "textual-dark", "light": "textual-light"}
+"""Names that a person would try, and the themes they stand for."""
+_PLOTS = ("auto", "scroll", "sweep", "numbers")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the configuration says about the screen.
+
+    Attributes
+    ----------
+    theme : str
+        Name of a theme, "dark" or "light"; empty leaves it to the terminal.
+    glyphs : str
+        "auto", "braille", "block" or "ascii".
+    fps : float
+        Redraws per second; 0 for the usual.
+    plot : str
+        "auto", "scroll", "sweep" or "numbers".
+
+    Raises
+    ------
+    ValueError
+        If there is no such theme, or no such kind of signs or plots; the message lists those there are.
+    """
+
+    theme: str = ""
+    glyphs: str = "auto"
+    fps: float = 0.0
+    plot: str = "auto"
+
+    def __post_init__(self) -> None:
+        _one_of("theme", self.theme, ("", *SHORT_THEMES, *BUILTIN_THEMES))
+        _one_of("glyphs", self.glyphs, ("auto", *GLYPHS))
+        _one_of("plot", self.plot, _PLOTS)
+        if not 0.0 <= self.fps <= 60.0:
+            raise ValueError(f"`screen.fps` is {self.fps:g}; redraws per second, up to 60, or 0 for the usual 10")
+
+    def theme_for(self, terminal: str) -> str:
+        """The theme for a terminal of that TERM; empty for Textual's own."""
+        if self.theme:
+            return SHORT_THEMES.get(self.theme, self.theme)
+        # the console has sixteen colours; approximating a theme's to them loses contrast
+        return "ansi-dark" if terminal == "linux" else ""
+
+
+def _one_of(key: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f'`screen.{key}` is "{value}"; there are: {", ".join(name for name in known if name)}')

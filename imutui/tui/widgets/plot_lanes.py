@@ -1,0 +1,159 @@
+"""A plot's lanes as a ring of character cells, of which only the newest ones are worked out anew.
+
+A cell's place in the ring is its number, counted from instant 0, modulo the width: drawn from place 0 on, that is the
+sweep; turned until the newest cell is last, it is the scrolling plot. Both show the same cells.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imutui.tui.connection.series import Series
+from imutui.tui.terminal.glyphs import Glyphs
+from imutui.tui.widgets import raster
+from imutui.tui.widgets.raster import Codes, Envelope, Floats
+
+Range = tuple[float, float]
+_BAR_SHARE = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Size and time of the cells.
+
+    Attributes
+    ----------
+    span : float
+        Of the whole width, s.
+    cells, rows : int
+        Width, and height of a lane.
+    """
+
+    span: float
+    cells: int
+    rows: int
+
+
+class Lanes:
+    """Cells of some columns of a series.
+
+    Parameters
+    ----------
+    columns : slice
+        Of the series, one a lane.
+    count : int
+        Number of lanes.
+    glyphs : Glyphs
+        Signs to draw with.
+    """
+
+    def __init__(self, columns: slice, count: int, glyphs: Glyphs) -> None:
+        self._columns = columns
+        self._count = count
+        self._glyphs = glyphs
+        self.ranges: list[Range | None] = [None] * count
+        """Scale of each lane, None without data."""
+        self.outside: list[bool] = [False] * count
+        """Whether a locked scale leaves something out."""
+        self._frame: Frame | None = None
+        self._source: Series | None = None
+        self._newest = 0
+
+    def follow_scales(self) -> None:
+        """Forget the scales, so that the next update finds new ones."""
+        self.ranges = [None] * self._count
+
+    def update(self, series: Series, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:
+        """Take what is new; returns the lines of each lane.
+
+        Parameters
+        ----------
+        series : Series
+            The data.
+        frame : Frame
+            Size and span.
+        sweep : bool
+            Whether time stands still and an erase bar moves, or the other way round.
+        locked : bool
+            Whether scales stay as they are.
+        """
+        width = frame.span / (frame.cells * self._glyphs.columns)
+        t, values = series.last(frame.span + 2 * self._glyphs.columns * width)
+        if not t.size:
+            self._frame = None
+            self.ranges = [None] * self._count
+            return [[" " * frame.cells] * frame.rows for _ in range(self._count)]
+        newest = int(np.floor(t[-1] / width))
+        first = self._first(series, frame, newest)
+        self._take(t, values[:, self._columns], width, first, newest)
+        self._newest = newest
+        self._draw(frame, first, sweep=sweep, locked=locked)
+        return [raster.lines(self._arranged(lane, frame.cells, sweep=sweep)) for lane in self._codes]
+
+    def _first(self, series: Series, frame: Frame, newest: int) -> int:
+        """Number of the first dot column to work out: the last one drawn, or all if anything else has changed."""
+        columns = frame.cells * self._glyphs.columns
+        whole = (newest // self._glyphs.columns + 1 - frame.cells) * self._glyphs.columns
+        if (
+            (self._frame, self._source) == (frame, series)
+            and self._newest <= newest
+            and self._newest >= whole + self._glyphs.columns
+        ):
+            return self._newest
+        self._frame, self._source = frame, series
+        self._low = np.full((self._count, columns), np.nan)
+        self._high = self._low.copy()
+        self._codes = np.full((self._count, frame.rows, frame.cells), raster.SPACE, np.uint32)
+        self._drawn: list[Range | None] = [None] * self._count
+        return whole
+
+    def _take(self, t: Floats, values: Floats, width: float, first: int, newest: int) -> None:
+        """Put the columns from `first` to the newest cell's end into the ring."""
+        per_cell = self._glyphs.columns
+        count = (newest // per_cell + 1) * per_cell - first
+        start = max(int(np.searchsorted(t, first * width)) - 1, 0)  # rounding must not cost the column's first sample
+        most = raster.gap_columns(t, width)
+        # from the sample before on, so that what joins it to the first one in sight is drawn too
+        lead = max(first - int(np.floor(t[start] / width)), 0)
+        low, high = raster.column_extremes(t[start:], values[start:], width, first - lead, count + lead, most)
+        places = np.arange(first, first + count) % self._low.shape[1]
+        self._low[:, places], self._high[:, places] = low[:, lead:], high[:, lead:]
+
+    def _draw(self, frame: Frame, first: int, *, sweep: bool, locked: bool) -> None:
+        per_cell = self._glyphs.columns
+        end = self._newest // per_cell + 1
+        hidden = self._bar(frame.cells) if sweep else 0
+        seen = np.arange((end - frame.cells + hidden) * per_cell, end * per_cell) % self._low.shape[1]
+        low, high = self._low[:, seen], self._high[:, seen]
+        for lane in range(self._count):
+            extent = Envelope(low[lane], high[lane]).limits()
+            if extent is None:
+                self._codes[lane], self._drawn[lane], self.outside[lane] = raster.SPACE, None, False
+                continue
+            now = self.ranges[lane]
+            limits = now if locked and now is not None else raster.keep_range(now, *extent)
+            self.ranges[lane] = limits
+            self.outside[lane] = extent[0] < limits[0] or extent[1] > limits[1]
+            # the column before the first new one is joined to it
+            begin = first // per_cell - 1 if limits == self._drawn[lane] else end - frame.cells
+            self._drawn[lane] = limits
+            self._draw_cells(lane, frame, max(begin, end - frame.cells), end, limits)
+
+    def _draw_cells(self, lane: int, frame: Frame, begin: int, end: int, limits: Range) -> None:
+        per_cell = self._glyphs.columns
+        columns = np.arange(begin * per_cell, end * per_cell) % self._low.shape[1]
+        band = Envelope(self._low[lane, columns], self._high[lane, columns])
+        bits = raster.dots(band, limits, frame.rows * self._glyphs.rows)
+        self._codes[lane][:, np.arange(begin, end) % frame.cells] = raster.codes(bits, self._glyphs)
+
+    def _bar(self, cells: int) -> int:
+        """Cells of the erase bar."""
+        return max(cells // _BAR_SHARE, 2)
+
+    def _arranged(self, lane: Codes, cells: int, *, sweep: bool) -> Codes:
+        newest = self._newest // self._glyphs.columns
+        if not sweep:
+            return np.roll(lane, -(newest + 1), axis=1)
+        shown = lane.copy()
+        shown[:, np.arange(newest + 1, newest + 1 + self._bar(cells)) % cells] = raster.SPACE
+        return shown

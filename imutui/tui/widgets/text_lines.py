@@ -1,0 +1,85 @@
+"""Base of widgets that are lines of text made from a view."""
+
+from textual.content import Content
+from textual.geometry import Region
+from textual.widget import Widget
+
+from imutui.tui.connection.model import View
+from imutui.tui.terminal.glyphs import Glyphs, choose
+
+Part = str | Content | tuple[str, str]
+LEVEL_STYLES = {"good": "bold $text-success", "wait": "bold $text-warning", "bad": "bold $text-error", "none": "bold"}
+
+
+class Lines(Widget):
+    """Lines of text that fill the width; subclasses say which, in `lines`."""
+
+    DEFAULT_CSS = "Lines { width: 1fr; height: auto; }"
+
+    def __init__(self, glyphs: Glyphs | None = None, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id)
+        self.glyphs = glyphs or choose()
+        self.view: View | None = None
+        self._made: Content | None = None
+        self._made_for = -1
+        self._fresh = False
+
+    def show(self, view: View) -> None:
+        """Take a view; only lines that read differently are drawn, as no state is said by colour alone."""
+        self.view = view
+        before, width = self._made, self._made_for
+        self._made, self._fresh = self._make(), True
+        if before is None or width != self._made_for:
+            self.refresh()
+        elif before.plain != self._made.plain:
+            self._refresh_lines(before.plain.split("\n"), self._made.plain.split("\n"))
+
+    def _refresh_lines(self, before: list[str], after: list[str]) -> None:
+        width = self._made_for
+        if (
+            len(before) != len(after)
+            or max(map(len, [*before, *after])) > width
+            or len(after) > self.content_size.height
+        ):
+            self.refresh()  # wrapped: a line is not a row
+        else:
+            changed = (y for y, (a, b) in enumerate(zip(before, after, strict=True)) if a != b)
+            self.refresh(*(Region(0, y, width, 1) for y in changed))
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """The lines, at most `width` wide."""
+        raise NotImplementedError
+
+    def render(self) -> Content:
+        """All lines."""
+        if self._made is None or not self._fresh or self._made_for != self._width():
+            self._made = self._make()
+        self._fresh = False  # whatever asks again has another reason than a new view: a cursor that moved
+        return self._made
+
+    def _width(self) -> int:
+        return self.content_size.width or self.app.size.width
+
+    def _make(self) -> Content:
+        self._made_for = self._width()
+        if self.view is None:
+            return Content("")
+        return Content("\n").join(self.lines(self.view, self._made_for))
+
+    def line(self, *parts: Part) -> Content:
+        """Text and styled parts, in signs that the terminal has."""
+        text = self.glyphs.text
+        return Content.assemble(
+            *(p if isinstance(p, Content) else text(p) if isinstance(p, str) else (text(p[0]), p[1]) for p in parts)
+        )
+
+    def spread(self, left: Content, right: Content, width: int) -> Content:
+        """One part at each end of a line; the left one gives way."""
+        room = max(width - right.cell_length, 0)
+        return Content.assemble(left.truncate(room, ellipsis=False, pad=True), right)
+
+    def rule(self, title: str, width: int, right: str = "") -> Content:
+        """A line with a title in it."""
+        start, end = self.glyphs.text(f"── {title} "), self.glyphs.text(f" {right} ──" if right else "")
+        middle = self.glyphs.text("─") * max(width - len(start) - len(end), 0)
+        return Content.assemble((start, ""), (middle, "dim"), (end, ""))

@@ -1,0 +1,201 @@
+"""The acquisition that the UI looks at: series, feed, attempts."""
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from fake import FakeClient
+from textual.message import Message
+
+from imutui.session.client import SessionError
+from imutui.tui.connection.attempt import Attempt
+from imutui.tui.connection.model import Link
+from imutui.tui.connection.poller import Feed
+from imutui.tui.connection.series import Series
+from imutui.tui.terminal.pacing import Pacing
+
+
+class Inbox:
+    """Takes messages of a feed."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self.came = threading.Event()
+
+    def post(self, message: Message) -> bool:
+        """Take one."""
+        self.messages.append(message)
+        self.came.set()
+        return True
+
+
+def test_series_keep_their_capacity_in_order() -> None:
+    """Whatever the sizes of the pieces, the last rows are there, in order."""
+    series = Series(2, 100)
+    numbers = np.arange(1234.0)
+    for piece in np.array_split(numbers, 97):
+        series.extend(piece, np.stack([piece, -piece], axis=1))
+    t, values = series.last(np.inf)
+    np.testing.assert_array_equal(t, numbers[-100:])
+    np.testing.assert_array_equal(values[:, 1], -numbers[-100:])
+    assert len(series) == 100
+
+
+def test_a_frozen_series_stays() -> None:
+    """What is taken later does not reach the copy."""
+    series = Series(1)
+    series.extend(np.arange(5.0), np.ones((5, 1)))
+    still = series.frozen()
+    series.extend(np.arange(5.0, 10.0), np.ones((5, 1)))
+    assert (len(still), len(series)) == (5, 10)
+
+
+def test_a_new_run_starts_the_series_anew() -> None:
+    """Time that jumps back is another run, not a knot in the plot."""
+    series = Series(1)
+    series.extend(np.arange(50.0), np.ones((50, 1)))
+    series.extend(np.arange(3.0), np.ones((3, 1)))
+    assert len(series) == 3
+
+
+def test_slopes_are_per_minute() -> None:
+    """A ramp of 0.01 K/s is 0.6 K/min; too short a series has no slope."""
+    series = Series(1)
+    t = np.arange(0.0, 60.0, 0.1)
+    series.extend(t[:50], (0.01 * t[:50])[:, None])
+    assert series.slope_per_minute(0) is None
+    series.extend(t[50:], (0.01 * t[50:])[:, None])
+    assert series.slope_per_minute(0) == pytest.approx(0.6, rel=1e-3)
+
+
+def test_the_feed_waits_until_its_snapshot_is_taken() -> None:
+    """With a frozen terminal, one snapshot is under way and no more."""
+    client, inbox = FakeClient(), Inbox()
+    feed = Feed(client, inbox.post, 1000.0)  # type: ignore[arg-type]
+    feed.start()
+    assert inbox.came.wait(5.0)
+    polls = client.polls
+    inbox.came.clear()
+    assert not inbox.came.wait(0.1)
+    assert client.polls == polls == 1
+    feed.taken()
+    assert inbox.came.wait(5.0)
+    feed.stop()
+
+
+def test_the_feed_asks_only_for_what_is_new() -> None:
+    """The second snapshot's series goes on where the first one ended."""
+    client, inbox = FakeClient(), Inbox()
+    feed = Feed(client, inbox.post, 20.0)  # type: ignore[arg-type]
+    feed.start()
+    for _ in range(2):
+        assert inbox.came.wait(5.0)
+        inbox.came.clear()
+        feed.taken()
+    feed.stop()
+    first, second = (m.snapshot["series"] for m in inbox.messages[:2] if isinstance(m, Feed.Arrived))
+    assert len(second["t"]) == second["next"] - first["next"] < 100
+
+
+def test_a_lost_acquisition_is_told_once() -> None:
+    """The error is the message, and the feed ends."""
+    client, inbox = FakeClient(), Inbox()
+    client.gone = "the acquisition has ended"
+    Feed(client, inbox.post).start()  # type: ignore[arg-type]
+    assert inbox.came.wait(5.0)
+    assert [m.error for m in inbox.messages if isinstance(m, Feed.Lost)] == ["the acquisition has ended"]
+
+
+def test_the_pace_reaches_the_feed_and_the_view() -> None:
+    """What is decided about drawing holds for an acquisition that is looked at now or later."""
+    link = Link()
+    link.pace(Pacing("sweep", 4.0), "4 fps")
+    client, inbox = FakeClient(), Inbox()
+    link.attach(client, inbox.post)  # type: ignore[arg-type]
+    assert link._feed is not None
+    assert link._feed.rate_hz == 4.0
+    link.pace(Pacing("numbers", 2.0, note="link is slow"))
+    assert link._feed.rate_hz == 2.0
+    assert (link.view().pacing.mode, link.view().debug) == ("numbers", "")
+    link.leave()
+
+
+def test_freezing_keeps_the_view_and_not_the_data() -> None:
+    """Tables stand still, the recording's state does not, and nothing is missing afterwards."""
+    client, link = FakeClient(), Link()
+    link.take(client.snapshot())
+    link.freeze(True)
+    before = len(link.view().series)
+    client.recording = True
+    link.take(client.snapshot(link.newest["series"]["next"] - 10 if link.newest else 0))
+    frozen = link.view()
+    assert frozen.frozen
+    assert len(frozen.series) == before
+    assert frozen.now is not None
+    assert frozen.shown is not None
+    assert (frozen.now["recording"] is None, frozen.shown["recording"] is None) == (False, True)
+    link.freeze(False)
+    assert not link.view().frozen
+
+
+class Starter:
+    """An acquisition whose start takes until it is let go."""
+
+    def __init__(self) -> None:
+        self.client = FakeClient()
+        self.go = threading.Event()
+
+    def start(self) -> Any:
+        """Block, then succeed."""
+        assert self.go.wait(5.0)
+        return self.client
+
+
+def test_what_was_given_up_is_stopped_when_it_begins() -> None:
+    """Nobody would know of an acquisition whose start was cancelled."""
+    starter = Starter()
+    attempt = Attempt(starter.start)
+    thread = threading.Thread(target=attempt.run)
+    thread.start()
+    attempt.give_up()
+    starter.go.set()
+    thread.join(5.0)
+    assert starter.client.asked == ["stop"]
+    assert attempt.take() is None
+    assert attempt.wait(0.0)
+
+
+def test_what_has_begun_and_was_not_taken_is_stopped_too() -> None:
+    """Giving up in the moment of success leaves nothing behind."""
+    starter = Starter()
+    starter.go.set()
+    attempt = Attempt(starter.start)
+    attempt.run()
+    attempt.give_up()
+    assert attempt.wait(5.0)
+    assert starter.client.asked == ["stop"]
+
+
+def test_letting_go_of_a_running_acquisition_does_not_stop_it() -> None:
+    """Cancelling an attach only closes the connection."""
+    starter = Starter()
+    starter.go.set()
+    attempt = Attempt(starter.start, stops=False)
+    attempt.run()
+    attempt.give_up()
+    assert attempt.wait(5.0)
+    assert (starter.client.asked, starter.client.closed) == ([], True)
+
+
+def test_a_failed_start_raises_only_if_somebody_waits() -> None:
+    """After giving up, an error is nobody's business."""
+
+    def fail() -> Any:
+        raise SessionError("no answer")
+
+    with pytest.raises(SessionError):
+        Attempt(fail).run()
+    attempt = Attempt(fail)
+    attempt.give_up()
+    attempt.run()

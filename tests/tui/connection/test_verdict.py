@@ -1,0 +1,256 @@
+"""The badge: its rules, its words, and that it does not flicker."""
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from fake import bias, estimates
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imutui.tui.connection import verdict
+from imutui.tui.connection.verdict import HOLD_S, Hold, Verdict, judge
+from imutui.tui.pages.filter.badge import two_lines
+
+AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
+
+
+def remainder(gz: float | None = 1.2, windows: int = 6) -> list[dict[str, Any]]:
+    """Ratios of six channels, one of them chosen."""
+    ratios = {"gx": 0.9, "gy": 1.1, "gz": gz, "ax": 1.0, "ay": 0.8, "az": 1.1}
+    return [{"channel": name, "ratio": ratio, "windows": windows} for name, ratio in ratios.items()]
+
+
+def settled(**changes: Any) -> dict[str, Any]:
+    """A filter of which nothing bad can be said."""
+    biases = [bias(name, 0.1, 0.02 if "gyro" in name else 0.3) for name in AXES]
+    return estimates(**{"biases": biases, "remainder": remainder(), **changes})
+
+
+def with_bias(**changes: Any) -> dict[str, Any]:
+    """The same with another z gyro."""
+    biases = settled()["biases"]
+    biases[2] = {**biases[2], **changes}
+    return settled(biases=biases)
+
+
+def test_all_converged_and_nothing_unexplained_is_green() -> None:
+    """The word, why, and what the biases are good for."""
+    found = judge(settled(), 0.02)
+    assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; nothing unexplained")
+    assert "reading − bias" in found.todo
+    assert found.short == "filter ● GREEN 6 of 6"
+
+
+def test_what_is_waited_for_is_named_with_number_and_need() -> None:
+    """Name, number, unit and need of the bias that is farthest from converged."""
+    found = judge(estimates(remainder=remainder()), 0.0)
+    assert found.word == "AMBER"
+    assert found.reason == "5 of 6 biases converged; z gyro: 3 sd 0.2100 deg/s, needs 0.15"
+    assert found.short == "filter ▲ AMBER 5 of 6"
+
+
+def test_a_bias_that_moves_is_said_in_its_own_deviations_and_with_the_temperature() -> None:
+    """The operator sees how much it moves, and what most likely moves it."""
+    moving = with_bias(converged_s=None, sd3=0.03, change_10s=0.009)
+    assert "z gyro moves 0.9 sd in 10 s: temperature +0.4 K/min" in judge(moving, 0.42).reason
+    assert judge(moving, 0.01).reason.endswith("z gyro moves 0.9 sd in 10 s")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "word"), [(2.0, "GREEN"), (2.1, "AMBER"), (3.0, "AMBER"), (3.1, "RED"), (None, "GREEN")]
+)
+def test_the_remainder_has_two_thresholds(ratio: float | None, word: str) -> None:
+    """Above 2 look, above 3 act; what is not known is no reason."""
+    found = judge(settled(remainder=remainder(ratio)), 0.0)
+    assert found.word == word
+    if word != "GREEN":
+        assert f"gz 10 s means {ratio:.1f} × what noise allows (AMBER above 2, RED above 3)" in found.reason
+        assert found.todo == "t traces this recording"
+
+
+def test_a_single_mean_is_not_judged() -> None:
+    """One mean of 10 s is beyond twice its deviation in one case of twenty; the page says from when on it judges."""
+    found = judge(settled(remainder=remainder(2.9, windows=2)), 0.0)
+    assert found.word == "GREEN"
+    assert "known after 30 s" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("slope", "word"), [(None, "AMBER"), (0.1, "GREEN"), (-0.1, "GREEN"), (0.11, "AMBER"), (-3.0, "AMBER")]
+)
+def test_an_unsteady_temperature_is_amber(slope: float | None, word: str) -> None:
+    """Converged biases still move with the temperature, up or down, and may where it is not known yet."""
+    found = judge(settled(), slope)
+    assert found.word == word
+    if word == "AMBER":
+        assert found.reason.startswith("all 6 biases converged, but temperature")
+        assert found.short == f"filter ▲ AMBER {'T not known' if slope is None else 'T moves'}"
+
+
+@pytest.mark.parametrize(
+    ("value", "sd3", "word"),
+    [(0.99, 0.02, "GREEN"), (1.01, 0.02, "AMBER"), (1.03, 0.02, "RED"), (-1.03, 0.02, "RED"), (3.0, 4.5, "AMBER")],
+)
+def test_a_bias_outside_table_1_is_red_once_that_is_sure(value: float, sd3: float, word: str) -> None:
+    """Within its own uncertainty of the limit it may be outside; the first estimates of a run are no alarm."""
+    found = judge(with_bias(value=value, sd3=sd3), 0.0)
+    assert found.word == word
+    assert ("Table 1's ±1 deg/s" in found.reason) == (word != "GREEN")
+
+
+@pytest.mark.parametrize(
+    ("mean", "word"), [(9.0, "GREEN"), (9.15, "AMBER"), (8.85, "AMBER"), (9.3, "RED"), (5.0, "RED")]
+)
+def test_nis_counts_if_it_is_a_test(mean: float, word: str) -> None:
+    """Just outside a 95 % band is where one good filter in twenty is; far outside is none."""
+    nis = {**estimates()["nis"], "mean": mean, "is_test": True}
+    found = judge(settled(nis=nis), 0.0)
+    assert found.word == word
+    assert judge(settled(nis={**nis, "is_test": False}), 0.0).word == "GREEN"
+
+
+def test_alarms_come_first_and_are_counted() -> None:
+    """A converged filter with an alarm is red, with the alarm's own words."""
+    found = judge(settled(alarms=["innovations too large", "another"]), 0.0)
+    assert (found.word, found.reason) == ("RED", "2 alarms: innovations too large")
+    assert found.short == "filter × RED 2 alarms"
+
+
+def test_a_filter_that_stopped_says_why_and_what_to_do() -> None:
+    """It is said at once, and once, though the alarms have it too."""
+    failure = "the filter stopped, recording goes on: sample 7"
+    found = judge(settled(failure=failure, alarms=[failure]), 0.0)
+    assert (found.word, found.reason, found.sudden) == ("RED", failure, True)
+    assert "r starts anew" in found.todo
+
+
+def test_what_cannot_be_observed_is_not_waited_for() -> None:
+    """An unobservable bias is named, and does not hold the badge back."""
+    biases = settled()["biases"]
+    biases[3] = bias("x accel", None, None, observable=False, converged_s=None, change_10s=None)
+    found = judge(settled(biases=biases), 0.0)
+    assert found.word == "GREEN"
+    assert found.reason == ("5 of 5 observable biases converged; nothing unexplained; not observable here: x accel")
+    hidden = [{**row, "observable": False} for row in biases]
+    assert judge(settled(biases=hidden), 0.0).word == "AMBER"
+
+
+@pytest.mark.parametrize(
+    ("profile", "guide", "recording", "said"),
+    [
+        (True, None, None, "5 Table, b begins it"),
+        (True, {"state": "cancelled"}, None, "5 Table, b begins it"),
+        (True, {"state": "cancelled"}, {"path": "a.mcap"}, "5 Table, b resumes it"),
+        (True, {"state": "go"}, {"path": "a.mcap"}, "no bias is observable in this setup"),
+        (False, None, None, "no bias is observable in this setup"),
+    ],
+)
+def test_a_profile_that_waits_is_what_hides_the_biases(
+    profile: bool, guide: dict[str, Any] | None, recording: dict[str, Any] | None, said: str
+) -> None:
+    """Where no bias is observable because nobody has begun the profile, the badge says which key begins it."""
+    waits = verdict.waiting_profile({"reference": {"profile": profile}, "guide": guide, "recording": recording})
+    hidden = settled(biases=[{**row, "observable": False} for row in settled()["biases"]])
+    found = judge(hidden, 0.0, None, waits)
+    assert found.word == "AMBER"
+    assert said in found.reason
+    assert judge(settled(), 0.0, None, waits).word == "GREEN"
+
+
+def test_waiting_and_off_are_neither_good_nor_bad() -> None:
+    """The filter's own reason is passed on; no filter is said as well."""
+    waiting = judge(estimates(waiting="finding level, 6 s more"))
+    assert (waiting.word, waiting.reason, waiting.level) == ("WAIT", "finding level, 6 s more", "none")
+    assert judge(estimates(t=None)).word == "WAIT"
+    assert judge(None).word == "OFF"
+
+
+def test_old_estimates_are_not_green() -> None:
+    """With a silent line nothing is estimated, however good the last numbers were; a hiccup is no reason."""
+    assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
+    silent = {"state": "running", "silent_s": 8.0, "rate_hz": 20.0, "sampling": "stream"}
+    assert verdict.stale(silent) is not None
+    assert verdict.stale({**silent, "silent_s": 1.5}) is None
+
+
+def test_motion_that_hides_a_bias_is_amber() -> None:
+    """A bias that could as well be scale is not known, whatever its deviation."""
+    assert judge(settled(confounded=["z gyro bias: turn both ways"]), 0.0).reason.startswith("z gyro bias: turn both")
+
+
+def test_every_word_fits_the_header_beside_the_pages() -> None:
+    """The short form has 24 characters of room at 80 columns."""
+    cases = [judge(settled(), slope) for slope in (0.0, -12.3)]
+    cases += [judge(settled(alarms=["x"] * 12)), judge(settled(remainder=remainder(98.7))), judge(None)]
+    cases += [judge(with_bias(value=2.0)), judge(settled(failure="x")), judge(estimates()), judge(estimates(t=None))]
+    assert max(len(found.short) for found in cases) <= 24
+
+
+@pytest.mark.parametrize(("mean", "word"), [(12.0, "above"), (5.0, "below"), (9.0, "inside"), (None, "no samples")])
+def test_nis_is_judged_by_its_band(mean: float | None, word: str) -> None:
+    """If NIS is a test, its place relative to the band is said."""
+    nis = {"mean": mean, "band95": [8.9, 9.1], "is_test": True, "why": ""}
+    assert verdict.nis_meaning(nis).startswith(word)
+
+
+def test_nis_that_is_no_test_is_not_judged() -> None:
+    """With an exact reference a tiny NIS means nothing, and the reason is given, in full on request."""
+    nis = estimates()["nis"]
+    assert verdict.nis_meaning(nis) == "no test: reference is fed exact"
+    assert "by construction" in verdict.nis_meaning(nis, whole=True)
+
+
+STATES = st.lists(st.tuples(st.floats(0.02, 3.0), st.sampled_from(["good", "wait", "bad"])), min_size=1, max_size=60)
+
+
+def _shown(steps: list[tuple[float, str]]) -> list[tuple[float, Verdict]]:
+    hold, t, out = Hold(), 0.0, []
+    for step, level in steps:
+        t += step
+        out.append((t, hold.take(t, Verdict(level, verdict.WORDS[level], level))))
+    return out
+
+
+@given(STATES)
+def test_a_word_stands_for_two_seconds(steps: list[tuple[float, str]]) -> None:
+    """However the filter's state jumps, the badge does not flicker."""
+    shown = _shown(steps)
+    changes = [t for (_, a), (t, b) in pairwise(shown) if a.word != b.word]
+    assert all(b - a >= HOLD_S for a, b in pairwise(changes))
+
+
+@given(STATES, st.sampled_from(["good", "wait", "bad"]))
+def test_a_state_that_lasts_is_shown(steps: list[tuple[float, str]], last: str) -> None:
+    """Holding a word delays the next one by no more than holding and waiting together."""
+    shown = _shown([*steps, *[(0.1, last)] * 45])
+    assert shown[-1][1].level == last
+
+
+@given(STATES)
+def test_a_better_word_is_earned(steps: list[tuple[float, str]]) -> None:
+    """The badge never gets better while something worse was seen in the last two seconds."""
+    rank = {"good": 1, "wait": 2, "bad": 3}
+    shown = _shown(steps)
+    for i in range(1, len(shown)):
+        (t, now), before = shown[i], shown[i - 1][1]
+        if rank[now.level] < rank[before.level]:
+            recent = [level for (at, _), (_, level) in zip(shown[: i + 1], steps, strict=False) if at > t - HOLD_S]
+            assert rank[now.level] >= max(rank[level] for level in recent)
+
+
+def test_a_filter_that_stops_is_said_at_once() -> None:
+    """Its clock may stand still: nothing is waited for."""
+    hold = Hold()
+    hold.take(1.0, judge(settled(), 0.0))
+    assert hold.take(1.1, judge(settled(failure="broke down"), 0.0)).word == "RED"
+    assert hold.take(1.2, judge(None)).word == "OFF"
+    assert hold.take(1.3, judge(settled(), 0.0)).word == "GREEN"
+
+
+def test_what_to_do_has_room_beside_a_long_reason() -> None:
+    """A short reason leaves a line to it; a long one is cut behind a word."""
+    assert two_lines("all is well\nuse it", 30, 20) == ("all is well", "use it")
+    first, second = two_lines("a reason that is much longer than one line has room for it\nstop here", 30, 38)
+    assert (first, second) == ("a reason that is much longer", "than one line has room …; stop here")
+    assert all(len(line) <= 20 for line in two_lines("word " * 30 + "\n" + "do " * 30, 20, 20))

@@ -1,0 +1,53 @@
+"""What the connect page offers, as words."""
+
+from fake import FakeClient
+
+from filters.kalman.settings import FILTERS
+from imutui.session.plan import SAMPLINGS
+from imutui.tui.pages.connect import text
+
+
+def test_every_filter_and_sampling_is_offered() -> None:
+    """The form has neither more nor less than there is."""
+    assert tuple(text.FILTERS) == (*FILTERS, "none")
+    assert tuple(text.SAMPLINGS) == SAMPLINGS
+
+
+def test_an_answer_stands_in_place_of_the_description() -> None:
+    """Who answers matters more than which adapter it is; the others keep theirs."""
+    found = text.choices([], [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R")])
+    heard = {"/dev/ttyUSB0": "IMU400CD 1.2 #9911750"}
+    labels = [text.label(choice, heard) for choice in found]
+    assert labels[0].split() == ["ttyUSB0", "IMU400CD", "1.2", "#9911750"]
+    assert labels[1].endswith("FT232R")
+    assert labels[2].startswith("virtual instrument")
+
+
+def test_what_a_probe_found_is_short() -> None:
+    """Version and serial number, or why not."""
+    assert text.answered({"answers": True, "firmware": "IMU400CD 1.2", "serial_number": "7"}) == "IMU400CD 1.2 #7"
+    assert text.answered({"answers": True, "firmware": "", "serial_number": ""}) == "answers a ping"
+    assert text.answered({"answers": False, "error": None}) == "silent"
+    for error, short in (
+        ("/dev/x is silent: no answer to a ping (tried 38400 baud). Check", "silent"),
+        ("/dev/x is in use by picocom (pid 12). If that is imutui: stop it", "in use by picocom (pid 12)"),
+        ("/dev/x: no permission to open it. It belongs to group dialout", "no permission to open it"),
+    ):
+        assert text.answered({"port": "/dev/x", "answers": False, "error": error}) == short
+    other = {"answers": True, "firmware": "AHRS400", "serial_number": "7", "error": "/dev/x: another model"}
+    assert text.answered(other) == "AHRS400 #7, not usable"
+
+
+def test_several_acquisitions_are_to_be_chosen_from() -> None:
+    """None of them is taken unasked."""
+    assert "choose one" in text.lead(text.choices(["a", "b"], [])).plain
+    assert "choose" not in text.lead(text.choices(["a"], [])).plain
+
+
+def test_what_is_connected_is_said_with_its_reference_file() -> None:
+    """Filter, reference and effects that were loaded are in the lines."""
+    now = FakeClient().snapshot()
+    now = {**now, "reference": {"name": "profile", "file": "tumble.toml", "profile": True}, "effects": ["gy tone"]}
+    said = text.connected(now).plain
+    assert "from tumble.toml, with 1 effect found before" in said
+    assert "r records them" in text.next_step(now)

@@ -1,0 +1,247 @@
+"""The Filter page in a terminal: complete at 80×24, more with more room, and what its keys do."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from fake import FakeClient, bias, estimates
+from pilot import SMALLEST, shows, text_of, until
+from textual.pilot import Pilot
+
+from imutui.tui.app import ImutuiApp
+from imutui.tui.connection.model import Link
+
+FOOTER = "enter plot t trace e effects space freeze w why r finish m mark"
+
+
+async def filter_page(pilot: Pilot[Any], *texts: str) -> str:
+    """Go to the page and wait for texts."""
+    await shows(pilot, "SIMULATED")
+    await pilot.press("4")
+    return await shows(pilot, "4 Filter", "bias", *texts)
+
+
+def client_with(**changes: Any) -> FakeClient:
+    """An acquisition whose filter is as a test wants it."""
+    client = FakeClient()
+    client.changes["filter"] = estimates(**changes)
+    return client
+
+
+def lines_of(screen: str) -> list[str]:
+    """Lines of the screen, all as wide as it."""
+    return screen.splitlines()
+
+
+async def test_every_vital_text_is_there_at_80x24() -> None:
+    """Badge with reason, six biases with certainty, limit and change, NIS, remainder, navigation, plot, keys."""
+    client = client_with()
+    client.recording = True
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        screen = await filter_page(pilot, "▲ AMBER", "z gyro: 3 sd 0.2100 deg/s, needs 0.15", FOOTER)
+        for text in (
+            ">x gyro     0.3461 ±0.0291  deg/s ▕·····│██···▏ ±1   +0.0004", "-6.11   ±0.67    mg", "9.8 s", "not yet",
+            "NIS         0.24 of 9  no test: reference is fed exact", "first 0.00",
+            "unexplained gz 10 s means 2.1 × what noise allows", "t traces this recording", "velocity N", "m/s",
+            "roll   0.002 ±0.017  deg", "lat -23.211323° ±0.4 m", "641.20", "reference level", "± is 3 sd", "w why",
+            "─> x gyro, deg/s", "↑↓ choose, Enter enlarges", "since attached",
+        ):  # fmt: skip
+            assert text in screen, text
+        assert len(lines_of(screen)) == 24
+
+
+async def test_the_header_has_the_badge_on_every_page() -> None:
+    """The same word as on the page, in short."""
+    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
+        for key in "236":
+            await shows(pilot, "SIMULATED")
+            await pilot.press(key)
+            await shows(pilot, "filter ▲ AMBER 5 of 6")
+
+
+async def test_alarms_are_in_full_behind_a_key() -> None:
+    """The badge has the first alarm and the number, the lines below more, and `w` all of them and every rule."""
+    client = client_with(alarms=[f"alarm number {i}" for i in range(9)])
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
+        await pilot.press("w")
+        await shows(pilot, "BAD  alarms", "wait converged")
+        await pilot.press(*["j"] * 20)
+        await shows(pilot, "alarm number 8")
+        await pilot.press("escape")
+        await shows(pilot, FOOTER.replace("finish", "record"))
+
+
+async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
+    """Arrows or j and k go round; Enter gives the plot the page, Escape gives it back."""
+    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "─> x gyro, deg/s")
+        await pilot.press("down", "j", "down")
+        await shows(pilot, ">x accel", "─> x accel, mg")
+        await pilot.press("enter")
+        screen = await shows(pilot, "Esc back, a scale")
+        assert "velocity" not in screen
+        assert "y gyro" not in screen
+        await pilot.press("a", "a")
+        await shows(pilot, "scale: Table 1", "+12 ┤", "-12 ┤")
+        await pilot.press("up", "k", "k", "k")
+        await shows(pilot, "─> z accel, mg")
+        await pilot.press("escape")
+        await shows(pilot, "velocity N", ">z accel")
+
+
+@pytest.mark.parametrize("size", [(80, 40), (120, 40), (112, 34)])
+async def test_a_tall_terminal_shows_all_six_plots(size: tuple[int, int]) -> None:
+    """Room adds panels and moves none: the lines above are those of the small terminal."""
+    client = client_with()
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        small = lines_of(await filter_page(pilot, "▲ AMBER", "velocity N"))
+    async with ImutuiApp(client).run_test(size=size) as pilot:
+        await filter_page(pilot, "▲ AMBER", "velocity N")
+        names = [f"{axis} {kind}, {unit}" for axis in "xyz" for kind, unit in (("gyro", "deg/s"), ("accel", "mg"))]
+        large = lines_of(await shows(pilot, *names))
+        assert [line[:78].rstrip() for line in large[4:11]] == [line[:78].rstrip() for line in small[4:11]]
+        assert ("why ▲ AMBER" in "\n".join(large)) == (size[0] >= 112)
+
+
+async def test_t_and_e_say_where_that_is() -> None:
+    """Without a recording there is nothing to trace, and the page says what to do."""
+    async with ImutuiApp(client_with()).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "r records, then t traces")
+        await pilot.press("t")
+        await shows(pilot, "not recording: r starts a recording, then t traces it")
+
+
+async def test_what_is_wanted_is_handed_to_the_application(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An application that has the actions gets them, instead of the page's hints."""
+    done: list[str] = []
+    for action in ("trace_recording", "load_effects"):
+        monkeypatch.setattr(ImutuiApp, f"action_{action}", lambda _, a=action: done.append(a), raising=False)
+    client = client_with()
+    client.recording = True
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "t traces this recording")
+        await pilot.press("t", "e")
+        await until(pilot, lambda: done == ["trace_recording", "load_effects"])
+
+
+async def test_loaded_effects_are_listed() -> None:
+    """Value, three standard deviations, unit; more than fit are counted."""
+    effects = [
+        {"label": "gz temperature", "value": 0.01234, "sd": 0.0004, "unit": "deg/s/K"},
+        {"label": "ax scale", "value": -0.00213, "sd": 0.0003, "unit": ""},
+        {"label": "gy temperature", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
+    ]
+    async with ImutuiApp(client_with(effects=effects)).run_test(size=SMALLEST) as pilot:
+        screen = await filter_page(pilot, "effects", "gz temperature 0.0123 ±0.0012 deg/s/K")
+        assert "more" in screen
+        await pilot.press("w")
+        await pilot.press(*["j"] * 12)
+        await shows(pilot, "LOADED EFFECTS", "ax scale -0.00213 ±0.00090", "gy temperature 0.50 ±0.30 deg/s/K")
+
+
+async def test_what_is_unobservable_says_so() -> None:
+    """Under a gravity reference two biases have no estimate, in the table and in the plot."""
+    biases = estimates()["biases"]
+    for i, name in ((3, "x accel"), (4, "y accel")):
+        biases[i] = bias(name, None, None, observable=False, converged_s=None, change_10s=None)
+    async with ImutuiApp(client_with(biases=biases, reference="gravity")).run_test(size=SMALLEST) as pilot:
+        screen = await filter_page(pilot, "unobservable", "3 of 4 observable biases converged")
+        assert len(lines_of(screen)) == 24
+        await pilot.press("down", "down", "down")
+        await shows(pilot, "unobservable in this setup")
+
+
+async def test_frozen_numbers_do_not_hide_a_red_badge() -> None:
+    """The table stands still; the header, and a word in the page's badge, go on."""
+    client = client_with()
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "▲ AMBER")
+        await pilot.press("space")
+        await shows(pilot, "FROZEN")
+        client.changes["filter"] = estimates(failure="the filter stopped, recording goes on: sample 7")
+        await shows(pilot, "filter × RED stopped", "(frozen; now × RED)", "5 of 6 biases converged")
+        await pilot.press("space")
+        await shows(pilot, "× RED   the filter stopped")
+
+
+@pytest.mark.parametrize("glyphs", ["block", "ascii"])
+async def test_poor_fonts_lose_nothing(glyphs: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No row breaks though some signs need two characters, and ASCII is ASCII."""
+    monkeypatch.setenv("IMUTUI_SCREEN_GLYPHS", glyphs)
+    biases = [bias(name, -0.4702, 0.0291, observable=name[0] != "y") for name in ("x gyro", "y gyro", "z gyro")]
+    biases += estimates()["biases"][3:]
+    async with ImutuiApp(client_with(biases=biases, rejected=812)).run_test(size=SMALLEST) as pilot:
+        screen = await filter_page(pilot, "unobservable", "gates 812", "velocity N", "1.1 m")
+        table = lines_of(screen)[4:11]
+        assert [line[1:8].strip() for line in table] == [
+            "bias",
+            *[f"{a} {k}" for k in ("gyro", "accel") for a in "xyz"],
+        ]
+        assert screen.isascii() or glyphs == "block"
+        assert not any("\u2800" < sign < "\u2900" for sign in screen)
+
+
+async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Word and sign are there without colour."""
+    monkeypatch.setenv("NO_COLOR", "1")
+    async with ImutuiApp(client_with(alarms=["innovations too large"])).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "× RED", "alarm: innovations too large", "filter × RED alarm")
+
+
+async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
+    """Both states have a word and a next step."""
+    client = FakeClient()
+    client.changes["filter"] = None
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "– OFF", "no filter in this acquisition", "1 Connect starts one with a filter")
+    app = ImutuiApp()
+    async with app.run_test(size=SMALLEST) as pilot:
+        await pilot.press("4")
+        await until(pilot, lambda: "no acquisition: 1 connects to one" in text_of(app))
+
+
+def snapshot(t: float | None, since_start: float, **changes: Any) -> dict[str, Any]:
+    """What the link takes."""
+    return {**FakeClient().snapshot(), "since_start_s": since_start, "filter": estimates(t=t, **changes)}
+
+
+def test_a_past_that_was_not_seen_is_said() -> None:
+    """Attached late, the plots begin there; seen from the begin, they begin at zero."""
+    link = Link()
+    link.take(snapshot(700.0, 750.0))
+    link.take(snapshot(701.5, 751.5))
+    assert (link.view().biases.attached_late, link.view().biases.begin) == (True, 700.0)
+    link.take(snapshot(0.5, 760.0))
+    assert not link.view().biases.attached_late
+    fresh = Link()
+    fresh.take(snapshot(None, 1.0))
+    fresh.take(snapshot(20.0, 21.0))
+    assert (fresh.view().biases.attached_late, fresh.view().biases.begin) == (False, 0.0)
+
+
+def test_the_past_keeps_estimate_and_certainty() -> None:
+    """Figures 3 and 4 need both, and the instants."""
+    link = Link()
+    for k in range(5):
+        link.take(snapshot(10.0 + k, 20.0 + k))
+    past = link.view().biases
+    np.testing.assert_allclose(past.instants(), [10.0, 11.0, 12.0, 13.0, 14.0])
+    np.testing.assert_allclose(past.estimate(0)[0], 0.3461, rtol=1e-6)
+    low, high = past.band(5)
+    np.testing.assert_allclose(low, 3.05 - 0.67, rtol=1e-6)
+    np.testing.assert_allclose(high, 3.05 + 0.67, rtol=1e-6)
+
+
+def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:
+    """A state that lasts less than two seconds is not taken back at once."""
+    link = Link()
+    converged = [bias(f"{axis} {kind}", 0.1, 0.02) for kind in ("gyro", "accel") for axis in "xyz"]
+    good: dict[str, Any] = {"biases": converged, "remainder": []}
+    words = []
+    for since, alarms in ((0.0, []), (3.0, ["x"]), (4.0, []), (4.9, []), (5.1, [])):
+        link.take(snapshot(since + 1.0, since, alarms=alarms, **good))
+        found = link.view().verdict
+        assert found is not None
+        words.append(found.word)
+    assert words == ["AMBER", "RED", "RED", "RED", "AMBER"]

@@ -1,0 +1,286 @@
+"""The logs page: a list of recordings, and jobs over them in a process beside the screen."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import traces
+from fake import FakeClient
+from pilot import SMALLEST, shows, until
+from textual.pilot import Pilot
+
+from imutui.jobs import replay, tasks
+from imutui.logbook import effects_file
+from imutui.logbook.results import TIMINGS
+from imutui.tui.app import ImutuiApp
+from imutui.tui.pages.logs import result_text
+from imutui.tui.pages.logs.page import LogsPage
+from imutui.tui.pages.logs.result_page import ResultPage
+from imutui.tui.pages.logs.result_text import Outcome
+from imutui.tui.widgets.option_rows import Rows
+
+SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
+SIZES = [SMALLEST, (120, 40)]
+_PATIENCE = 6000
+
+
+def _app(client: FakeClient | None) -> ImutuiApp:
+    return ImutuiApp(client)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def client(home: Path) -> FakeClient:
+    """An acquisition whose folder has a finished, a cut and a still shorter recording."""
+    logs = home / "logs"
+    logs.mkdir()
+    shutil.copy(SAMPLE, logs / "whole.mcap")
+    (logs / "cut.mcap").write_bytes(SAMPLE.read_bytes()[:200_000])
+    (logs / "empty.mcap").write_bytes(b"")
+    made = FakeClient()
+    made.changes["logs"] = str(logs)
+    return made
+
+
+async def to_logs(pilot: Pilot[Any], name: str = "whole") -> LogsPage:
+    """On the logs page, with the cursor on a recording."""
+    await shows(pilot, "SIMULATED")
+    await pilot.press("6")
+    await shows(pilot, name)
+    page = pilot.app.screen
+    assert isinstance(page, LogsPage)
+    names = [line.split()[0] for line in page.query_one("#recordings", Rows).as_text().splitlines()]
+    page.query_one("#recordings", Rows).highlighted = names.index(name)
+    await shows(pilot, f"{name}.mcap")
+    return page
+
+
+def over(app: Any) -> Callable[[], bool]:
+    return lambda: isinstance(app.screen, ResultPage)
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_recordings_have_length_rate_kind_and_state(client: FakeClient, size: tuple[int, int]) -> None:
+    """Each on one line; what is wrong with the one under the cursor is said in words."""
+    async with _app(client).run_test(size=size) as pilot:
+        await to_logs(pilot, "cut")
+        screen = await shows(pilot, "3 recordings, newest first", "unfinished", "finished", "simulated", "its index")
+        assert "0:00:2" in screen
+        assert "20 simulated finished" in screen
+        assert all(len(line) <= size[0] for line in screen.splitlines())
+
+
+async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
+    """Chosen ones are counted and marked; choosing again takes them out."""
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        page = await to_logs(pilot)
+        await pilot.press("g", "x", "space")
+        await shows(pilot, "2 chosen for t")
+        await pilot.press("k", "x")
+        await shows(pilot, "1 chosen for t")
+        assert page.query_one("#recordings", Rows).as_text().count(" x ") == 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
+    client: FakeClient, home: Path, size: tuple[int, int]
+) -> None:
+    """The same job in another process: the document saved is that of `imutui replay --json` in all but timings."""
+    async with _app(client).run_test(size=size) as pilot:
+        await to_logs(pilot)
+        await pilot.press("p")
+        await shows(pilot, "replay of whole.mcap", "Esc cancels")
+        await until(pilot, over(pilot.app), _PATIENCE)
+        await shows(pilot, "converged", "x gyro", "z accel", "Table 1", "of limit", "y copies")
+        await pilot.press("s")
+        await shows(pilot, "whole_replay.json")
+        await pilot.press("escape")
+        await shows(pilot, "3 recordings")
+    saved = json.loads((home / "logs" / "whole_replay.json").read_text())
+    expected = replay.replay(home / "logs" / "whole.mcap", replay.Options())
+    for document in (saved, expected):
+        for key in TIMINGS:
+            document.pop(key)
+    assert saved == json.loads(json.dumps(expected))
+
+
+async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, home: Path) -> None:
+    """A real job over a small log of a table that turns; the screen stays alive meanwhile, and 6 shows the result."""
+    log = traces.imported(home / "logs" / "turns.mcap", traces.arrays(seed=4))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        page = await to_logs(pilot, "turns")
+        await pilot.press("t")
+        await shows(pilot, "trace of turns.mcap", "Esc cancels")
+        assert page.busy() == ["trace of turns.mcap"]
+        await pilot.press("p")
+        await shows(pilot, "one at a time")
+        await pilot.press("2")
+        await shows(pilot, "gx", "counts")
+        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await shows(pilot, "is done: 6 shows it")
+        await pilot.press("6")
+        await until(pilot, over(pilot.app), _PATIENCE)
+        await shows(pilot, "trace of turns.mcap", "gx  ")
+        await pilot.press("s", "w")
+        await shows(pilot, "turns_effects.toml")
+    saved = json.loads((home / "logs" / "turns_trace.json").read_text())
+    expected = tasks.trace_logs([log], None, lambda share, text: None)
+    assert saved == json.loads(json.dumps(expected.document))
+    assert (home / "logs" / "turns_effects.toml").read_text() == expected.effects
+
+
+async def test_esc_cancels_a_job_after_asking(client: FakeClient) -> None:
+    """And it leaves no result behind."""
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        page = await to_logs(pilot)
+        await pilot.press("p")
+        await shows(pilot, "Esc cancels")
+        await pilot.press("escape")
+        await shows(pilot, "Cancel replay of whole.mcap?", "Nothing of it is kept")
+        await pilot.press("y")
+        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await shows(pilot, "cancelled: replay of whole.mcap")
+
+
+async def test_a_job_that_fails_says_why(client: FakeClient) -> None:
+    """The file, the reason, and the list is there as before."""
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        page = await to_logs(pilot)
+        await pilot.press("t")
+        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await shows(pilot, "tracing needs at least 60 s", "3 recordings")
+
+
+async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home: Path) -> None:
+    """Check says what is wrong; recovery writes a finished file beside it that is then in the list."""
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await to_logs(pilot, "cut")
+        await pilot.press("c")
+        await until(pilot, over(pilot.app), _PATIENCE)
+        await shows(pilot, "check of cut.mcap", "finding")
+        await pilot.press("escape")
+        await shows(pilot, "3 recordings")
+        await pilot.press("v")
+        await until(pilot, over(pilot.app), _PATIENCE)
+        await shows(pilot, "read back and found as written", "cut_recovered.mcap")
+        await pilot.press("escape")
+        await shows(pilot, "4 recordings", "cut_recovered")
+        await pilot.press("i")
+        await until(pilot, over(pilot.app), _PATIENCE)
+        await shows(pilot, "info of")
+    assert (home / "logs" / "cut_recovered.mcap").exists()
+
+
+async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient, home: Path) -> None:
+    """From a file that a trace wrote; not while recording."""
+    (home / "logs" / "a_effects.toml").write_text(effects_file.dumps(traces.trace(), "trace of a.mcap"))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await to_logs(pilot)
+        await pilot.press("e")
+        await shows(pilot, "a_effects.toml", "thermal_lin (gy), gauss_markov (gx)", "trace of a.mcap")
+        await pilot.press("enter")
+        await shows(pilot, "loaded a_effects.toml: the filter began anew")
+        assert client.asked[-1] == "configure effects"
+        client.recording = True
+        await shows(pilot, "● REC")
+        await pilot.press("e")
+        await shows(pilot, "Load effects")
+        await pilot.press("enter")
+        await shows(pilot, "a recording runs: r finishes it, then effects can be loaded")
+        assert client.asked.count("configure effects") == 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size: tuple[int, int]) -> None:
+    """Effects and the separating motion are written beside the log, and loaded; the text fits and scrolls."""
+    found = traces.trace()
+    document = {**found.document, "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    result = tasks.TraceResult(
+        document,
+        "trace of a.mcap",
+        (),
+        effects_file.dumps(found, "trace of a.mcap"),
+        ("thermal_lin (gy)",),
+        traces.PROFILE,
+    )
+    log = home / "logs" / "a.mcap"
+    made = Outcome(
+        "trace", "trace of a.mcap", log, document, result_text.traced(result), result.effects, result.experiment,
+        result.included,
+    )  # fmt: skip
+    async with _app(client).run_test(size=size) as pilot:
+        await to_logs(pilot)
+        pilot.app.push_screen(ResultPage(made))
+        screen = await shows(pilot, "Temperature explains most of gy", "gx  drifts", "q quit", "x experiment")
+        assert all(len(line) <= size[0] for line in screen.splitlines())
+        await pilot.press("w")
+        await shows(pilot, "a_effects.toml")
+        await pilot.press("x")
+        await shows(pilot, "a_experiment.toml", "5 Table offers it")
+        await pilot.press("e")
+        await shows(pilot, "loaded thermal_lin (gy)")
+        await pilot.press(*["space"] * 6)
+        await shows(pilot, "5 Table guides through it")
+        await pilot.press("5")
+        await shows(pilot, "a_experiment.toml")
+    assert (home / "logs" / "a_experiment.toml").read_text() == traces.PROFILE
+
+
+async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Path) -> None:
+    """A path that is not there says so."""
+    (home / "other").mkdir()
+    shutil.copy(SAMPLE, home / "other" / "elsewhere.mcap")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await to_logs(pilot)
+        await pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "nowhere"), "enter")
+        await shows(pilot, "there is no such folder or file")
+        await pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "other"), "enter")
+        await shows(pilot, "elsewhere", "1 recording,")
+
+
+async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeClient, home: Path) -> None:
+    """Up to now: the file is readable while it is written."""
+    client.recording = True
+    app = _app(client)
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await app.run_action("trace_recording")
+        await until(pilot, lambda: app.current_mode == "logs")
+        await shows(pilot, "6 Logs", "imu400cd_9911750")
+
+
+def test_a_replay_reads_as_table_1_has_it() -> None:
+    """Value, certainty, limit and share of it, when it converged; what is out of the limit says so."""
+    document = {
+        "converged": False, "log": "a.mcap", "rate_hz": 20.0, "samples": 10, "duration_s": 0.5, "kind": "simulated",
+        "filter": "spkf", "reference": "level",
+        "final": {"gyro_bias_dps": [0.5, -1.25, None], "accel_bias_mg": [6.0, 0.0, 0.0]},
+        "sd": {"gyro_bias_dps": [0.01, 0.01, None], "accel_bias_mg": [0.1, 0.1, 0.1]},
+        "converged_s": {"gyro_bias": [9.8, None, None], "accel_bias": [None, None, None]},
+        "nis": {"mean": 9.1, "dof": 9, "band95": [8.9, 9.2], "is_test": True, "why": ""},
+        "noise": {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3},
+        "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "rejected": 0,
+        "alarms": ["gz moves"], "confounded": [],
+    }  # fmt: skip
+    said = result_text.replayed(document)
+    for line in (
+        "NOT converged: a.mcap",
+        "x gyro      0.5000   0.0300 deg/s         ±1      50 %   at 9.8 s",
+        "125 % OUT",
+        "not observable with this reference",
+        "x accel       6.00     0.30 mg           ±12      50 %   not yet",
+        "inside its 95 % band 8.9 to 9.2",
+        "1 packet lost, 0 bad checksums, 1 gap, 0 outliers left out",
+        "ALARM: gz moves",
+    ):
+        assert line in said, line
+
+
+def test_a_file_that_is_being_written_is_not_called_damaged() -> None:
+    """The reader finds no end; whoever looks at the list knows that a recorder has it open."""
+    document = {"runs": [{"id": "b", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    result = tasks.TraceResult(document, "", ("/a/b.mcap: the file ends in the middle",), "", (), "")
+    assert "b.mcap was being written" in result_text.traced(result, {Path("/a/b.mcap")})(80).splitlines()[0]
+    assert "ends in the middle" in result_text.traced(result)(80).splitlines()[0]

@@ -1,0 +1,136 @@
+"""The Record page at 80×24, and its words."""
+
+from typing import Any
+
+import pytest
+from fake import PATH, FakeClient
+from pilot import SMALLEST, shows, until
+
+from imutui.session.plan import RecordingWish
+from imutui.tui.app import ImutuiApp
+from imutui.tui.pages.record import text
+
+SNAPSHOT: dict[str, Any] = FakeClient().snapshot()
+
+
+def _app(client: FakeClient) -> ImutuiApp:
+    return ImutuiApp(client)  # type: ignore[arg-type]
+
+
+async def test_record_has_every_vital_text_at_80x24() -> None:
+    """State as a word, file, size, growth, time to full, rates, losses, flush, line, form, marks, keys."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("3")
+        screen = await shows(pilot, "● RECORDING  0:1", PATH, "q quit")
+        for text in (
+            "123 kB", "grows 22.0 MB/h", "full in 98 days", "52.00 GB free", "part 1, one file", "flushed 0.4 s ago",
+            "asked 20 Hz, measured 20.00 Hz", "133.31 packets/s", "lost 0, checksum errors 0, resynchronised 0 B",
+            "line      ok", "operator  ana", "place     lab 2", "table id  AC-120", "new file every, min",
+            "or every, MB",
+            "note", "10:30:30   0:00:03  door closed", "e edit form", "r finish", "m mark", "? help", "q quit",
+        ):  # fmt: skip
+            assert text in screen, text
+
+
+async def test_a_late_flush_is_said_in_words() -> None:
+    """Above three seconds the disk does not keep up; colour is not needed to see it."""
+    client = FakeClient()
+    client.recording = True
+    take = client._recording(0.0)
+    client.changes["recording"] = {**take, "flush_age_s": 4.24}
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("3")
+        await shows(pilot, "LATE: last flush 4.2 s ago; the disk does not keep up")
+
+
+async def test_the_form_goes_into_the_next_recording() -> None:
+    """Prefilled from the acquisition; letters are text while typing; r takes the form along, also from another page."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3")
+        await shows(pilot, "NOT RECORDING", "r begins a file", "operator  ana")
+        await pilot.press("e", "end", *" r", "tab", "tab", "tab", *"30", "enter", *"cold 1")
+        screen = await shows(pilot, "operator  ana r", "note      cold 1", "esc done", "Esc done")
+        assert "r record" not in screen
+        await pilot.press("escape", "2", "r")
+        await shows(pilot, "● REC")
+        assert client.wish == RecordingWish("cold 1", "ana r", "lab 2", "AC-120", 30.0, 0.0)
+
+
+async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
+    """It is said while typing, and r says it again instead of recording."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3", "e", *("tab",) * 3, *"often")
+        await shows(pilot, '"new file every, min" is "often", not a number')
+        await pilot.press("escape", "r")
+        await shows(pilot, 'not recorded: "new file every, min" is "often"')
+        assert client.asked == []
+
+
+async def test_a_finished_file_is_named_with_what_comes_next() -> None:
+    """What was written stays on the page, although it was finished on another one."""
+    client = FakeClient()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("r")
+        await shows(pilot, "● REC")
+        await pilot.press("r")
+        await shows(pilot, "finished")
+        await pilot.press("3")
+        await shows(pilot, f"wrote     {PATH}", "15246 samples in", "6 Logs opens it", "NOT RECORDING")
+
+
+async def test_an_empty_acquisition_page_has_no_numbers() -> None:
+    """Without an acquisition it says how to get one."""
+    async with ImutuiApp().run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "not connected")
+        await pilot.press("3")
+        await shows(pilot, "NOT CONNECTED", "1 connects to an instrument; there, v starts the demo")
+        await until(pilot, lambda: pilot.app.focused is None)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(600.0, "10 min"), (5400.0, "1.5 h"), (359_000.0, "99.7 h"), (8_500_000.0, "98 days")]
+)
+def test_time_to_full_has_the_unit_of_its_size(seconds: float, said: str) -> None:
+    """Minutes, hours, days."""
+    assert text.until_full(seconds) == said
+
+
+def test_what_is_not_known_yet_is_said() -> None:
+    """The first seconds of a recording know neither growth nor time to full nor a flush."""
+    take = {"bytes_per_s": None, "to_full_s": None, "flush_age_s": None, "part": 1}
+    assert text.growth(take) == "growth not known before 10 s"
+    assert text.fill_words(take, None) == "free space unknown"
+    assert text.flush(take) == ("wait", "not flushed yet")
+
+
+def test_rotation_in_words() -> None:
+    """By time, by size, by whichever comes first, or not at all."""
+    assert text.rotation(0.0, None) == "one file"
+    assert text.rotation(30.0, 0.0) == "a new file every 30 min"
+    assert text.rotation(30.0, 100.0) == "a new file every 30 min or 100 MB"
+
+
+def test_losses_and_silence_have_levels() -> None:
+    """What went wrong is told apart from what is fine, with the next step."""
+    assert text.losses(SNAPSHOT)[0] == "none"
+    assert text.losses({**SNAPSHOT, "lost_packets": 2})[0] == "wait"
+    assert "check the cable" in text.losses({**SNAPSHOT, "bad_checksums": 1})[1]
+    assert text.line({**SNAPSHOT, "silent_s": 9.0})[0] == "bad"
+
+
+def test_a_wish_takes_decimal_commas_and_refuses_nonsense() -> None:
+    """Empty is never; negative is refused with the field's name."""
+    entered = dict.fromkeys(text.FIELDS, "")
+    assert text.wish({**entered, "rotate_minutes": "2,5"}).rotate_minutes == 2.5
+    assert text.wish(entered).rotate_mb == 0.0
+    with pytest.raises(ValueError, match="or every, MB"):
+        text.wish({**entered, "rotate_mb": "-1"})

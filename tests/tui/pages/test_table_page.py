@@ -1,0 +1,300 @@
+"""The table page: choosing a profile, being guided through it; what it shows is the acquisition's state."""
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake import FakeClient
+from pilot import SMALLEST, shows, text_of, until
+
+from imutui.session.plan import RecordingWish
+from imutui.tui.app import ImutuiApp
+from imutui.tui.pages.table import page
+
+SIZES = [SMALLEST, (120, 40)]
+ANGLES = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0))
+BAD = '[[segment]]\nkind = "spin"\n'
+
+
+def described() -> dict[str, Any]:
+    segments = [
+        {
+            "kind": "dwell", "angles_deg": [float(o), float(m), float(i)], "axis": None, "rate_dps": None,
+            "amplitude_deg": None, "hz": None, "seconds": 30.0, "text": f"go to outer {o}°, middle {m}°, inner {i}°",
+        }
+        for o, m, i in ANGLES
+    ]  # fmt: skip
+    return {"name": "tumble.toml", "align": "marks", "segments": segments}
+
+
+class Acquisition(FakeClient):
+    """Takes a profile and guides through it; holding ends when a test says so."""
+
+    def __init__(self, logs: Path) -> None:
+        super().__init__()
+        self.changes["logs"] = str(logs)
+        self.files: list[tuple[str, str]] = []
+
+    def configure(self, **changes: Any) -> None:
+        super().configure(**changes)
+        if changes.get("reference") == "level":
+            self.table_profile, self.changes["guide"] = None, None
+            self.changes["reference"] = {"name": "level", "file": "", "profile": False}
+        elif "reference_file" in changes:
+            self.files.append(changes["reference_file"])
+            self.table_profile = {**described(), "name": changes["reference_file"][0]}
+            self.changes["reference"] = {"name": "profile", "file": changes["reference_file"][0], "profile": True}
+            self.changes["guide"] = None
+
+    def guide(self, do: str, wish: RecordingWish | None = None) -> None:
+        super().guide(do, wish)
+        now = self.changes.get("guide") or {"segment": 0, "begun": [None] * 4}
+        begun = list(now["begun"])
+        if do == "begin":
+            self.recording = True
+        if do == "next":
+            begun[now["segment"]] = 12.0 + 40.0 * now["segment"]
+        state = {"begin": "go", "next": "hold", "cancel": "cancelled", "resume": "go"}[do]
+        left = 21.4 if state == "hold" else None
+        self.changes["guide"] = {**now, "state": state, "count": 4, "left_s": left, "begun": begun}
+
+    def held(self) -> None:
+        """The segment's seconds are over."""
+        now = self.changes["guide"]
+        last = now["segment"] == 3
+        self.changes["guide"] = {
+            **now, "state": "done" if last else "go", "segment": now["segment"] + (not last), "left_s": None,
+        }  # fmt: skip
+
+
+@pytest.fixture
+def folder(home: Path) -> Path:
+    """A working folder with a bad profile."""
+    (home / "bad.toml").write_text(BAD)
+    (home / "logs").mkdir()
+    return home
+
+
+def _app(client: FakeClient | None) -> ImutuiApp:
+    return ImutuiApp(client)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size: tuple[int, int]) -> None:
+    """Choose, begin, arrive, hold, cancel, resume, done: each state says in words what to do next."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=size) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "six positions, 30 s each", "ready-made", "bad.toml", "can't be used", "bias gx gy gz")
+        await pilot.press("enter")
+        await shows(pilot, "b begins.", "4 segments", "joined by your marks", "to do", "Segment 1 makes testable")
+        assert client.files[0][0].endswith(".toml")
+        assert 'align = "marks"' in client.files[0][1]
+        await pilot.press("b")
+        await shows(pilot, "● REC", "Segment 1 of 4: go to outer 0°", "I wait for you", "now", "next", "c cancel")
+        await pilot.press("enter")
+        await shows(pilot, "hold outer 0°", "21 s left of 30 s", "Leave the table alone", "0:00:12")
+        client.held()
+        await shows(pilot, "Segment 2 of 4: go to outer 90°", "done")
+        await pilot.press("c")
+        await shows(pilot, "Cancelled at segment 2 of 4", "b resume")
+        await pilot.press("b")
+        for _ in range(3):
+            await shows(pilot, "I wait for you")
+            await pilot.press("enter")
+            await shows(pilot, "s left of")
+            client.held()
+        await shows(pilot, "All 4 segments are done", "r finishes the file; then 6")
+    assert [what for what in client.asked if what.startswith("guide")] == [
+        "guide begin", "guide next", "guide cancel", "guide resume", "guide next", "guide next", "guide next",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_attaching_again_shows_where_the_operator_is(folder: Path, size: tuple[int, int]) -> None:
+    """The state is the acquisition's, not the screen's; and what a segment shows is worked out again."""
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    client.recording = True
+    client.changes["guide"] = {
+        "state": "hold",
+        "segment": 2,
+        "count": 4,
+        "left_s": 7.2,
+        "begun": [3.0, 40.0, 80.0, None],
+    }
+    async with _app(client).run_test(size=size) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        screen = await shows(pilot, "Segment 3 of 4: hold outer 180°", "7 s left", "0:01:20", "bias ax ay az")
+        assert max(len(line) for line in screen.splitlines()) <= size[0]
+
+
+async def test_a_profile_that_cannot_be_used_says_why(folder: Path) -> None:
+    """In the list, below it, and when it is taken all the same."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "bad.toml")
+        await pilot.press("G")
+        await shows(pilot, "bad.toml can't be used: segment 1: `kind` is 'spin'")
+        await pilot.press("enter")
+        await until(pilot, lambda: text_of(pilot.app).count("`kind` is 'spin'") == 2)  # type: ignore[arg-type]
+        assert client.files == []
+
+
+async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
+    """It is said before anything is asked."""
+    client = Acquisition(folder / "logs")
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "ready-made", "r finishes the recording that runs")
+        await pilot.press("enter")
+        await shows(pilot, "a recording runs: r finishes it")
+        assert client.files == []
+
+
+async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -> None:
+    """By hand, the operator's marks join it; by itself, what the file says; then nobody is guided."""
+    client = Acquisition(folder / "logs")
+    (folder / "a.toml").write_text(
+        'align = "gyro"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
+    )
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "a.toml")
+        await pilot.press("G", "k", "enter")
+        await shows(pilot, "a.toml: who moves the table?")
+        await pilot.press("h")
+        await shows(pilot, "b begins.")
+        assert 'align = "marks"' in client.files[0][1]
+        await pilot.press("p", "enter")
+        await shows(pilot, "who moves the table?")
+        await pilot.press("t")
+        await until(pilot, lambda: len(client.files) == 2)
+        assert 'align = "gyro"' in client.files[1][1]
+
+
+async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
+    """Files elsewhere can be followed too."""
+    client = Acquisition(folder / "logs")
+    elsewhere = folder / "run"
+    (elsewhere / "my.toml").write_text(
+        'align = "marks"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
+    )
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "ready-made")
+        await pilot.press("o", *"run/no.toml", "enter")
+        await shows(pilot, "run/no.toml: can't be read: No such file")
+        await pilot.press(*["backspace"] * 7, *"my.toml", "enter")
+        await until(pilot, lambda: [name for name, _ in client.files] == ["my.toml"])
+
+
+async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None:
+    """As r does: the form goes into the file; a form that cannot be is said instead of beginning."""
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3", "e", *("tab",) * 3, *"often")
+        await shows(pilot, "not a number")
+        await pilot.press("escape", "5")
+        await shows(pilot, "b begins.")
+        await pilot.press("b")
+        await shows(pilot, 'not recorded: "new file every, min" is "often"')
+        assert not client.recording
+        await pilot.press("3", "e", *("tab",) * 3, *["backspace"] * 5, "3", "tab", *"cold 1", "escape", "5")
+        await shows(pilot, "b begins.")
+        await pilot.press("b")
+        await shows(pilot, "recording; the line in bold above says what to do")
+        assert client.wish == RecordingWish("cold 1", "ana", "lab 2", "AC-120", 3.0, 0.0)
+
+
+async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:
+    """A row of its own, only while there is a profile; the cursor stays with its profile beside it."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        screen = await shows(pilot, "six positions, 30 s each")
+        assert "no profile" not in screen
+        await pilot.press("enter")
+        await shows(pilot, "b begins.", "six positions: 4 segments")
+        await pilot.press("r")
+        await shows(pilot, "● REC", "profile six positions, 5 Table guides")
+        await pilot.press("p", "g")
+        await shows(pilot, "no profile: still and level", "lays the profile aside")
+        await pilot.press("enter")
+        await shows(pilot, "a recording runs: r finishes it")
+        await pilot.press("r")
+        await shows(pilot, "finished")
+        await pilot.press("down", "up", "enter")
+        await shows(pilot, "no profile: still and level; the filter began anew")
+        await until(pilot, lambda: text_of(pilot.app).count("no profile") == 1)  # type: ignore[arg-type]
+        assert client.changes["reference"]["name"] == "level"
+        await shows(pilot, "Enter takes it: the filter then goes by it", "what to do, and what each segment")
+
+
+async def test_a_virtual_units_operator_is_warned_before_beginning(folder: Path) -> None:
+    """It does not turn by hand, so its filter will contradict the profile; a real unit's page does not say so."""
+    client = Acquisition(folder / "logs")
+    client.configure(reference_file=("tumble.toml", ""))
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        await shows(pilot, "a virtual unit does not turn by hand", "follows this profile", "what to do")
+        client.changes["kind"] = "real"
+        await until(pilot, lambda: "virtual unit" not in text_of(pilot.app))  # type: ignore[arg-type]
+        client.changes["kind"] = "simulated"
+        await shows(pilot, "a virtual unit")
+        await pilot.press("b")
+        await shows(pilot, "I wait for you")
+        assert "virtual unit" not in text_of(pilot.app)  # type: ignore[arg-type]
+
+
+async def test_names_have_the_rows_whole_room(folder: Path) -> None:
+    """No name is cut while there is room; a place gives way to a name."""
+    client = Acquisition(folder / "logs")
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("5")
+        screen = await shows(pilot, "six positions, each axis ±30 ±90 deg/s", "ready-made", "bad.toml", "can't be used")
+        assert max(len(line.rstrip()) for line in screen.splitlines()) <= SMALLEST[0]
+
+
+async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first look loads much; an empty list would read as if there were none."""
+    may_look, look = threading.Event(), page._offers
+
+    def patient(folders: list[Path]) -> Any:
+        may_look.wait()
+        return look(folders)
+
+    monkeypatch.setattr(page, "_offers", patient)
+    async with _app(Acquisition(folder / "logs")).run_test(size=SMALLEST) as pilot:
+        try:
+            await shows(pilot, "SIMULATED")
+            await pilot.press("5")
+            await shows(pilot, "looking for profiles…")
+        finally:
+            may_look.set()
+        screen = await shows(pilot, "six positions, 30 s each")
+        assert "looking" not in screen
+
+
+async def test_without_an_acquisition_profiles_can_be_looked_at(folder: Path) -> None:
+    """And the page says what is missing."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "imutui")
+        await pilot.press("escape", "5")
+        await shows(pilot, "ready-made", "connect first: 1 goes there", "bias gx gy gz")

@@ -1,0 +1,71 @@
+"""States said in words."""
+
+import pytest
+
+from imutui.session.client import SessionError
+from imutui.tui import messages
+from imutui.tui.pages.connect import text
+from imutui.tui.pages.connect.text import Choice
+from imutui.tui.pages.live.page import first_span
+
+
+def test_silence_is_judged_by_the_packet_rate() -> None:
+    """Ten seconds are silence for a stream, and normal for one poll in ten seconds."""
+    silent = {"state": "running", "silent_s": 10.0, "rate_hz": 0.1, "sampling": "stream"}
+    assert "NO DATA for 10.0 s" in str(messages.silence(silent))
+    assert messages.silence({**silent, "sampling": "polled"}) is None
+    assert messages.silence({**silent, "sampling": "polled", "silent_s": 31.0}) is not None
+
+
+def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
+    """A quarter of an hour, and then only while the temperature moves."""
+    assert messages.warm_up(180.0, 0.42) == (
+        "warming  on for 3 min  T +0.42 K/min  steady from 15 min, below 0.1 K/min"
+    )
+    assert messages.warm_up(3600.0, 0.01) == "steady  on for 1 h 00 min  T +0.01 K/min  biases will hold"
+    assert messages.warm_up(3600.0, -0.5).startswith("unsteady  on for 1 h 00 min  T -0.50 K/min  wait until")
+    assert messages.warm_up(None, None) == ""
+
+
+def test_a_finished_file_is_named_with_its_biases() -> None:
+    """The answer to stopping a recording is the path and what the filter found."""
+    final = {"gyro_bias_dps": [0.1, None, -0.2], "accel_bias_mg": [1.0, 2.0, 3.0]}
+    said = messages.finished(None, {"log": "/logs/x.mcap", "samples": 246, "final": final})
+    assert said == (
+        "finished /logs/x.mcap, 246 samples\ngyro bias 0.1000 – -0.2000 deg/s, accel bias 1.00 2.00 3.00 mg"
+    )
+
+
+def test_an_acquisition_that_does_not_answer_may_still_run() -> None:
+    """A timeout is not called an end; what the acquisition itself says is passed on."""
+    assert "`imutui status` tells" in messages.fault(TimeoutError("timed out"))
+    assert messages.fault(SessionError("no space left")) == "no space left"
+
+
+@pytest.mark.parametrize(("entered", "rate"), [("133", 133.0), ("0.1", 0.1), (" 0,5 ", 0.5)])
+def test_rates_are_read(entered: str, rate: float) -> None:
+    """The whole range, and a decimal comma."""
+    assert text.parse_rate(entered) == rate
+
+
+@pytest.mark.parametrize("entered", ["", "fast", "0.05", "134", "nan"])
+def test_impossible_rates_are_refused(entered: str) -> None:
+    """The message has the range."""
+    with pytest.raises(ValueError, match=r"0\.1 to 133 Hz"):
+        text.parse_rate(entered)
+
+
+def test_enter_takes_what_is_most_likely_meant() -> None:
+    """A running acquisition, else an adapter, else the virtual instrument; a built-in port only on request."""
+    adapter, built_in = ("/dev/serial/by-id/usb-x", "ttyUSB0"), ("/dev/ttyS0", "n/a")
+    assert text.likely(text.choices(["default"], [adapter])) == Choice(
+        "attach", "default", 'running acquisition "default": look at it again'
+    )
+    assert text.likely(text.choices([], [built_in, adapter])).value == adapter[0]
+    assert text.likely(text.choices([], [built_in])).value == "virtual"
+
+
+@pytest.mark.parametrize(("rate", "span"), [(133.0, 30.0), (1.0, 60.0), (0.1, 600.0)])
+def test_slow_packets_begin_with_a_long_span(rate: float, span: float) -> None:
+    """At least sixty samples are in sight."""
+    assert first_span(rate) == span

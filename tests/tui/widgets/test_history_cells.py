@@ -1,0 +1,102 @@
+"""Gauge and band plot: arithmetic and signs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imutui.tui.connection.history import History
+from imutui.tui.pages.filter.bias_bar import gauge
+from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
+from imutui.tui.widgets import history_cells
+
+
+def ramp(seconds: float, noise: float = 0.0) -> History:
+    """A bias of 0.5 that was uncertain at first."""
+    history = History(1)
+    t = np.arange(0.0, seconds, 0.5)
+    values = 0.5 + noise * np.sin(t) + 2.0 * np.exp(-t)
+    for at, value in zip(t, values, strict=True):
+        history.add(float(at), np.array([value]), np.array([3.0 / np.sqrt(1.0 + 10.0 * at)]))
+    return history
+
+
+def test_the_gauge_shows_side_size_and_excess() -> None:
+    """A bar grows from the middle to the value's side; beyond the limit it is marked."""
+    assert gauge(0.4, 1.0) == "▕·····│██···▏"
+    assert gauge(-12.0, 12.0) == "▕█████│·····▏"
+    assert gauge(13.0, 12.0) == "▕·····│████▲▏"
+    assert gauge(None, 1.0) == "▕·····│·····▏"
+    assert gauge(0.4, 1.0, 0.3) == "▕·····│██░░·▏"
+    assert gauge(0.1, 1.0, 4.5) == "▕░░░░░│█░░░░▏"
+
+
+@given(st.floats(-30, 30), st.floats(-30, 30), st.floats(0, 30))
+def test_the_gauge_grows_with_the_value_and_never_with_its_width(a: float, b: float, sd3: float) -> None:
+    """Of two values on the same side the larger has the longer bar; the gauge is always as wide."""
+    small, large = sorted((abs(a), abs(b)))
+    bars = [gauge(value, 12.0, sd3) for value in (small, large)]
+    assert [len(bar) for bar in bars] == [13, 13]
+    lengths = [sum(cell in "█▲" for cell in bar) for bar in bars]
+    assert lengths[0] <= lengths[1]
+    mirrored = gauge(-large, 12.0, sd3)
+    assert mirrored[1:-1][::-1] == bars[1][1:-1]
+
+
+@given(st.floats(0.0, 1e6))
+def test_the_time_axis_holds_the_run_and_wastes_little(seconds: float) -> None:
+    """It grows in steps of at most a third, so that what is drawn seldom moves."""
+    span = history_cells.span_s(seconds)
+    assert span >= seconds
+    assert span == 60.0 or span <= 1.34 * seconds
+
+
+@given(st.floats(0.0, 1e5), st.floats(60.0, 1e6), st.integers(3, 12))
+def test_ticks_are_round_and_few(begin: float, span: float, most: int) -> None:
+    """They lie within the axis, at whole multiples of one step."""
+    ticks = history_cells.ticks(begin, span, most)
+    assert len(ticks) <= most
+    assert all(begin - 1e-6 <= tick <= begin + span + 1e-6 for tick in ticks)
+
+
+def test_a_settled_scale_shows_what_came_later() -> None:
+    """The first estimates are cut off, not the scale stretched to them; the whole run is there on request."""
+    history = ramp(600.0)
+    curve = history_cells.curve(history, 0, history_cells.span_s(600.0), 120)
+    settled, whole = (history_cells.extent(curve, scale, 1.0) for scale in ("auto", "whole run"))
+    assert settled is not None
+    assert whole is not None
+    assert settled[1] - settled[0] < 0.5
+    assert whole[1] > 2.0
+    table = history_cells.extent(curve, "Table 1", 12.0)
+    assert table is not None
+    assert table[0] < -12.0 < 12.0 < table[1]
+
+
+@pytest.mark.parametrize("glyphs", GLYPHS.values(), ids=lambda glyphs: glyphs.name)
+def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None:
+    """In every set of signs, cells of the estimate and of the band look different."""
+    history = ramp(600.0)
+    curve = history_cells.curve(history, 0, 600.0, 60 * glyphs.columns)
+    lines, shows = history_cells.cells(curve, (0.2, 0.8), [0.0, 0.5], 6, glyphs)
+    assert {len(line) for line in lines} == {60}
+    signs = np.array([list(line) for line in lines])
+    late = np.s_[:, 20:50]
+    estimate = set(signs[late][shows[late] == history_cells.ESTIMATE])
+    band = set(signs[late][shows[late] == history_cells.BAND])
+    assert estimate
+    assert band
+    assert not estimate & band
+    if glyphs.name == "ascii":
+        assert "".join(lines).isascii()
+
+
+def test_the_band_is_where_it_belongs() -> None:
+    """The estimate's cells lie between the band's, in every column."""
+    curve = history_cells.curve(ramp(600.0), 0, 600.0, 120)
+    _, shows = history_cells.cells(curve, (-0.5, 1.5), [], 20, GLYPHS["braille"])
+    for column in shows[:, 5:55].T:
+        rows = np.flatnonzero(column == history_cells.ESTIMATE)
+        band = np.flatnonzero(column == history_cells.BAND)
+        assert rows.size
+        assert band.size == 0 or band.min() - 1 <= rows.min() <= rows.max() <= band.max() + 1
