@@ -28,7 +28,7 @@ from imutui.session.plan import Plan
 # the sshd of its own and the relay that counts are the tests'
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from loopback import CountingProxy, SshServer, Terminal, missing
+from helpers.loopback import CountingProxy, SshServer, Terminal, missing
 
 _WARM_UP_S = 3.0
 _NAME = f"bench-ssh-{os.getpid()}"

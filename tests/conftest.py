@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pytest
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
+ROOT = Path(__file__).parents[1]
+SAMPLE = ROOT / "logs" / "sample.mcap"
+DATA = ROOT.parent / "shared" / "data"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -24,7 +26,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         from imutui.logbook import reader
 
         runner.warm_up()
-        reader.read(Path(__file__).parents[1] / "logs" / "sample.mcap", raw=True)
+        reader.read(SAMPLE, raw=True)
 
 
 @pytest.fixture

@@ -2,11 +2,14 @@
 
 import os
 from dataclasses import replace
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from imutui.cli.options import Json, Rate
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import StateFields
 
 
 def command(
@@ -53,7 +56,7 @@ def command(
     follow(plan, json=json, add=lambda document: document | {"truth": truth(seed)})
 
 
-def truth(seed: int) -> dict[str, Any]:
+def truth(seed: int) -> "StateFields":
     """State and biases of the demo's virtual unit, with the names that the result's `final` has."""
     import numpy as np
 

@@ -1,10 +1,13 @@
 """`imutui devices`."""
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from imutui.cli.options import Json
+
+if TYPE_CHECKING:
+    from imutui.session.snapshot import ProbeAnswer
 
 
 def command(
@@ -27,7 +30,7 @@ def command(
 
     running = _running()
     known = [{"port": name, "description": text} for name, text in client.ports()]
-    found = [p for p in known if not ports or p["port"] in ports]
+    found: list[dict[str, Any]] = [dict(p) for p in known if not ports or p["port"] in ports]
     found += [{"port": name, "description": ""} for name in ports or () if name not in [p["port"] for p in found]]
     if probe or ports:
         for entry in found:
@@ -41,7 +44,7 @@ def command(
     raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)
 
 
-def _probed(port: str) -> dict[str, Any]:
+def _probed(port: str) -> "ProbeAnswer":
     import sys
 
     from imutui.session import client
@@ -68,8 +71,17 @@ def _running() -> list[dict[str, Any]]:
         except client.SessionError:
             out.append({"name": name, "state": "connecting"})
             continue
-        keys = ("name", "port", "instrument", "serial_number", "kind", "state")
-        out.append({**{key: state[key] for key in keys}, "recording": state["recording"] is not None})
+        out.append(
+            {
+                "name": state["name"],
+                "port": state["port"],
+                "instrument": state["instrument"],
+                "serial_number": state["serial_number"],
+                "kind": state["kind"],
+                "state": state["state"],
+                "recording": state["recording"] is not None,
+            }
+        )
     return out
 
 

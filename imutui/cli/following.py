@@ -17,6 +17,7 @@ from imutui.logbook.results import dumps
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
+from imutui.session.snapshot import Snapshot
 
 _REFRESH_S = 0.25
 
@@ -84,14 +85,14 @@ def _watch(connection: Client) -> dict[str, Any] | None:
             live.update(Text(_line(connection.snapshot(since=2**62))))
 
 
-def _line(s: dict[str, Any]) -> str:
+def _line(s: Snapshot) -> str:
     rec, fit = s["recording"], s["filter"]
     parts = [f"{s['measured_hz']:.2f} Hz" if s["measured_hz"] else "– Hz"]
     if rec is not None:
         part = f"part {rec['part']}, " if rec["part"] > 1 else ""
         parts.append(f"{part}{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
     parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
-    if s["silent_s"] > 1.5:
+    if (s["silent_s"] or 0.0) > 1.5:
         parts.append(f"SILENT for {s['silent_s']:.0f} s")
     if fit is not None:
         done = sum(b["converged_s"] is not None for b in fit["biases"])

@@ -1,8 +1,11 @@
 """`imutui status`."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from imutui.cli.options import Json, Name
+
+if TYPE_CHECKING:
+    from imutui.session.snapshot import GuideSnapshot, Snapshot
 
 
 def command(name: Name = None, json: Json = False) -> None:
@@ -22,12 +25,11 @@ def command(name: Name = None, json: Json = False) -> None:
             states.append(client.attach(one).snapshot(since=2**62))
         except client.SessionConnectingError:
             connecting.append(one)
-    for state in states:
-        del state["series"]
     if json:
         from imutui.logbook.results import dumps
 
-        print(dumps(states + [{"name": one, "state": "connecting"} for one in connecting]))
+        told = [{key: value for key, value in state.items() if key != "series"} for state in states]
+        print(dumps(told + [{"name": one, "state": "connecting"} for one in connecting]))
     elif not names:
         print("no acquisition is running")
     for state in [] if json else states:
@@ -36,7 +38,7 @@ def command(name: Name = None, json: Json = False) -> None:
         print(f"{one}: connecting to its instrument")
 
 
-def _line(s: dict[str, Any]) -> str:
+def _line(s: "Snapshot") -> str:
     rec = s["recording"]
     file = f"recording to {rec['path']} ({rec['seconds']:.0f} s, {rec['bytes']} bytes)" if rec else "not recording"
     measured = f"{s['measured_hz']:.2f}" if s["measured_hz"] else "–"
@@ -47,24 +49,25 @@ def _line(s: dict[str, Any]) -> str:
     )
 
 
-def _more(s: dict[str, Any]) -> list[str]:
+def _more(s: "Snapshot") -> list[str]:
     return [line for line in (_room(s), _filter(s), _guide(s["guide"])) if line]
 
 
-def _room(s: dict[str, Any]) -> str:
+def _room(s: "Snapshot") -> str:
     parts = [f"free {s['free_bytes'] / 1e9:.1f} GB"] if s["free_bytes"] is not None else []
     rec = s["recording"]
-    if rec is not None and rec["to_full_s"] is not None:
+    if rec is not None and rec["to_full_s"] is not None and rec["bytes_per_s"] is not None:
         parts.append(f"full in {rec['to_full_s'] / 3600.0:.1f} h at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
     if rec is not None and rec["part"] > 1:
         parts.append(f"part {rec['part']} of the recording")
-    limits = [f"{s[key]:g} {unit}" for key, unit in (("rotate_minutes", "minutes"), ("rotate_mb", "MB")) if s[key]]
+    both = ((s["rotate_minutes"], "minutes"), (s["rotate_mb"], "MB"))
+    limits = [f"{limit:g} {unit}" for limit, unit in both if limit]
     if limits:
         parts.append(f"another file after {' or '.join(limits)}")
     return ", ".join(parts)
 
 
-def _filter(s: dict[str, Any]) -> str:
+def _filter(s: "Snapshot") -> str:
     reference = s["reference"]
     source = f" from {reference['file']}" if reference["file"] else ""
     parts = [f"reference {reference['name']}{source}"]
@@ -74,7 +77,7 @@ def _filter(s: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _guide(guide: dict[str, Any] | None) -> str:
+def _guide(guide: "GuideSnapshot | None") -> str:
     if guide is None:
         return ""
     said = {"go": "waiting for the operator at", "hold": "holding", "done": "done with", "cancelled": "cancelled at"}

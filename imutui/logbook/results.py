@@ -6,7 +6,7 @@ Also the one place where the filter's state leaves SI and body axes for the inst
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -47,7 +47,38 @@ class Timings:
     read_s: float = 0.0
 
 
-def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any]:
+class StateFields(TypedDict):
+    """Navigation state and biases, in the units of their names; None where it cannot be seen."""
+
+    position_deg_m: list[float]
+    velocity_mps: list[float]
+    rpy_deg: list[float]
+    accel_bias_mg: list[float | None]
+    gyro_bias_dps: list[float | None]
+
+
+class SdFields(TypedDict):
+    """Standard deviations that go with `StateFields`; of the position in metres north, east, down."""
+
+    position_m: list[float]
+    velocity_mps: list[float]
+    rpy_deg: list[float | None]
+    accel_bias_mg: list[float | None]
+    gyro_bias_dps: list[float | None]
+
+
+class NisFields(TypedDict):
+    """Mean normalised innovation squared with its 95 % band, whether it is a test, and why (not)."""
+
+    mean: float | None
+    first: float | None
+    dof: float
+    band95: list[float | None]
+    is_test: bool
+    why: str
+
+
+def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> StateFields:
     """Navigation state and biases at the edge: degrees, mg, deg/s, instrument axes; `None` for a bias not seen.
 
     Parameters
@@ -72,7 +103,7 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) 
     }
 
 
-def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any]:
+def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> SdFields:
     """Standard deviations that go with `state_fields`, from a covariance (15, 15)."""
     sd = np.sqrt(np.diag(P))
     J = attitude.rpy_jacobian(nav.C_nb)
@@ -194,7 +225,7 @@ TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 """Fields in which two runs over equal samples may differ."""
 
 
-def nis_fields(estimator: Estimator) -> dict[str, Any]:
+def nis_fields(estimator: Estimator) -> NisFields:
     """Mean NIS with its band, and whether it is a test."""
     # noise drawn on top of a trajectory's own errors makes no test of it
     followed = estimator.settings.reference == "trajectory"

@@ -10,10 +10,11 @@ import sys
 import threading
 import time
 from dataclasses import asdict
-from typing import Any
+from typing import Any, cast
 
 from imutui.session import ipc
 from imutui.session.plan import Plan, RecordingWish
+from imutui.session.snapshot import ProbeAnswer, ProfileDescription, Snapshot
 
 _REPLY_S = 5.0
 _STOP_S = 60.0
@@ -58,9 +59,9 @@ class Client:
         self._socket: socket.socket | None = None
         self.pid = int(self.snapshot(since=2**62)["pid"])
 
-    def snapshot(self, since: int = 0) -> dict[str, Any]:
+    def snapshot(self, since: int = 0) -> Snapshot:
         """State for a screen; `series` holds the packets from number `since` on."""
-        return dict(self._ask({"ask": "snapshot", "since": since})["snapshot"])
+        return cast("Snapshot", self._ask({"ask": "snapshot", "since": since})["snapshot"])
 
     def mark(self, text: str) -> None:
         """Put a mark into the recording."""
@@ -105,10 +106,9 @@ class Client:
         limit = patience_s(max(0, argument)) + _LEEWAY_S
         return str(self._ask_apart({"ask": "zero", "argument": argument}, limit)["said"])
 
-    def profile(self) -> dict[str, Any] | None:
-        """The table profile that the reference comes from: its `name` and its `segments`; None if there is none."""
-        found = self._ask({"ask": "profile"})["profile"]
-        return None if found is None else dict(found)
+    def profile(self) -> ProfileDescription | None:
+        """The table profile that the reference comes from; None if there is none."""
+        return cast("ProfileDescription | None", self._ask({"ask": "profile"})["profile"])
 
     def guide(self, do: str, wish: RecordingWish | None = None) -> None:
         """Guide the operator through the profile.
@@ -268,7 +268,7 @@ def ports() -> list[tuple[str, str]]:
     return [(p.stable_id, f"{p.device} {p.description}".strip()) for p in available()]
 
 
-def probe(port: str) -> dict[str, Any]:
+def probe(port: str) -> ProbeAnswer:
     """What answers at a port, found as at the beginning of an acquisition: packets are stopped, the unit is asked.
 
     A port that an acquisition of this user has is not touched. It takes up to some seconds where nothing answers.
@@ -278,11 +278,6 @@ def probe(port: str) -> dict[str, Any]:
     port : str
         Path, stable id, or pyserial URL.
 
-    Returns
-    -------
-    dict
-        `port`, `answers` (whether an instrument does), `instrument`, `serial_number`, `firmware`, `baud` (empty or
-        None if it does not), and `error`: why it cannot be used as it is, in words; None if it can.
     """
     from imutui.session import port_probe
 

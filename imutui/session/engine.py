@@ -32,12 +32,13 @@ from imutui.session.metadata import (
     motion_of,
     session_info,
 )
+from imutui.session.observe import Mark, snapshot
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import Arrival, Gone, Missed, Reader, Zeroed
 from imutui.session.recent_packets import LiveView
 from imutui.session.recording import Take, Timebase
 from imutui.session.rotation import Parts
-from imutui.session.snapshot import Mark, snapshot
+from imutui.session.snapshot import EventLine, ProfileDescription, SessionState, Snapshot
 
 EXIT_OWN = 1
 EXIT_INSTRUMENT = 4
@@ -74,13 +75,13 @@ class Engine:
     def __init__(self, plan: Plan, port: Port, identity: Identity) -> None:
         self.plan = plan
         self.info = session_info(plan, port, identity)
-        self.state = "connecting"
+        self.state: SessionState = "connecting"
         self.error: str | None = None
         self.exit_code = 0
         self.result: dict[str, Any] | None = None
         self.started_ns = time.monotonic_ns()
         self.live = LiveView(Scaling(plan.rate_range_dps, plan.accel_range_g))
-        self.events: deque[dict[str, str]] = deque(maxlen=_EVENTS)
+        self.events: deque[EventLine] = deque(maxlen=_EVENTS)
         self.marks: deque[Mark] = deque(maxlen=_MARKS)
         self.guide: operator_guide.Guide | None = None
         self.room, self.growth = Room(), Growth()
@@ -159,7 +160,7 @@ class Engine:
 
     # -- requests; each runs in the worker through `call` ---------------------------------------------------------
 
-    def snapshot(self, since: int) -> dict[str, Any]:
+    def snapshot(self, since: int) -> Snapshot:
         """State for viewers."""
         return snapshot(self, since)
 
@@ -231,7 +232,7 @@ class Engine:
         pending: Future[str] = self.call(lambda: self._begin_zeroing(argument))
         return pending.result()
 
-    def profile(self) -> dict[str, Any] | None:
+    def profile(self) -> ProfileDescription | None:
         """The profile that the reference comes from, if it comes from one."""
         if not isinstance(self.motion, Profile):
             return None

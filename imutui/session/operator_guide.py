@@ -7,11 +7,14 @@ by which the filter joins the profile to the log ("segment 3", counted from 1; s
 """
 
 import math
-from typing import Any
 
 from filters.motion.profile import Dwell, Profile, Rate, Sampled, Segment, Sine
+from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescription, SegmentDescription
 
-GO, HOLD, DONE, CANCELLED = "go", "hold", "done", "cancelled"
+GO: GuideState = "go"
+HOLD: GuideState = "hold"
+DONE: GuideState = "done"
+CANCELLED: GuideState = "cancelled"
 
 
 class Guide:
@@ -32,7 +35,7 @@ class Guide:
 
     def __init__(self, profile: Profile) -> None:
         self.profile = profile
-        self.state = GO
+        self.state: GuideState = GO
         self.segment = 0
         self._hold_s = hold_seconds(profile)
         self._begun: list[int | None] = [None] * len(profile.segments)
@@ -147,7 +150,7 @@ class Guide:
     def _left_s(self, now_ns: int) -> float:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
-    def snapshot(self, now_ns: int, take_ns: int | None) -> dict[str, Any]:
+    def snapshot(self, now_ns: int, take_ns: int | None) -> GuideSnapshot:
         """What viewers see.
 
         Parameters
@@ -209,7 +212,7 @@ def hold_seconds(profile: Profile) -> list[float]:
     ]
 
 
-def described(profile: Profile, name: str) -> dict[str, Any]:
+def described(profile: Profile, name: str) -> ProfileDescription:
     """A profile for viewers.
 
     Parameters
@@ -221,31 +224,39 @@ def described(profile: Profile, name: str) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        `name`, `align` and `segments`; each has `kind`, `text` (what to do, in words), `seconds` (from the operator's
-        word on), and `angles_deg`, `axis`, `rate_dps`, `amplitude_deg`, `hz` where they apply, else None.
+    ProfileDescription
+        Fields of a segment that do not apply are None.
     """
     segments = [
-        _described(segment) | {"seconds": seconds}
-        for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
+        _described(segment, seconds) for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
     ]
     return {"name": name, "align": profile.align, "segments": segments}
 
 
-def _described(segment: Segment) -> dict[str, Any]:
-    nothing = dict.fromkeys(("angles_deg", "axis", "rate_dps", "amplitude_deg", "hz"))
+def _described(segment: Segment, seconds: float) -> SegmentDescription:
+    said: SegmentDescription = {
+        "kind": "sampled",
+        "text": "run the recorded motion",
+        "seconds": seconds,
+        "angles_deg": None,
+        "axis": None,
+        "rate_dps": None,
+        "amplitude_deg": None,
+        "hz": None,
+    }
     match segment:
         case Dwell(angles):
             outer, middle, inner = (round(math.degrees(a), 6) for a in angles)
-            text = f"go to outer {outer:g}°, middle {middle:g}°, inner {inner:g}°"
-            return nothing | {"kind": "dwell", "angles_deg": [outer, middle, inner], "text": text}
+            said["kind"], said["angles_deg"] = "dwell", [outer, middle, inner]
+            said["text"] = f"go to outer {outer:g}°, middle {middle:g}°, inner {inner:g}°"
         case Rate(axis, rate):
             dps = round(math.degrees(rate), 6)
-            text = f"turn {axis} at {dps:+g} deg/s"
-            return nothing | {"kind": "rate", "axis": axis, "rate_dps": dps, "text": text}
+            said["kind"], said["axis"], said["rate_dps"] = "rate", axis, dps
+            said["text"] = f"turn {axis} at {dps:+g} deg/s"
         case Sine(axis, amplitude, hz):
             degrees = round(math.degrees(amplitude), 6)
-            text = f"swing {axis} by ±{degrees:g}° at {hz:g} Hz"
-            return nothing | {"kind": "sine", "axis": axis, "amplitude_deg": degrees, "hz": hz, "text": text}
+            said["kind"], said["axis"], said["amplitude_deg"], said["hz"] = "sine", axis, degrees, hz
+            said["text"] = f"swing {axis} by ±{degrees:g}° at {hz:g} Hz"
         case Sampled():
-            return nothing | {"kind": "sampled", "text": "run the recorded motion"}
+            pass
+    return said

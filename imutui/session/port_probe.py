@@ -2,38 +2,40 @@
 
 import os
 import re
-from typing import Any
 
 from imutui.instrument.port import Port, PortError, resolve
 from imutui.session import handshake
 from imutui.session.handshake import InstrumentError
+from imutui.session.snapshot import ProbeAnswer
 
 _POWER_UP_BAUD = 38400
 
 
-def probe(port: str) -> dict[str, Any]:
+def probe(port: str) -> ProbeAnswer:
     """Open a port, stop what streams, ping, ask for version and serial number; see `client.probe`."""
     try:
         with Port(port, _POWER_UP_BAUD) as line:
             handshake.find_speed(line, _POWER_UP_BAUD)
             identity = handshake.identify(line)
-            found = not_answered(port, None) | {
+            found: ProbeAnswer = {
+                "port": port,
                 "answers": True,
                 "instrument": _model(identity.version),
                 "serial_number": identity.serial_number,
                 "firmware": identity.version,
                 "baud": line.baud,
+                "error": None,
             }
             try:
                 handshake.check_model(line, identity)
             except InstrumentError as error:
-                return found | {"error": str(error)}
+                found["error"] = str(error)
             return found
     except (PortError, InstrumentError) as error:
         return not_answered(port, str(error))
 
 
-def not_answered(port: str, error: str | None) -> dict[str, Any]:
+def not_answered(port: str, error: str | None) -> ProbeAnswer:
     """Record of a port where nothing answered, and why."""
     return {
         "port": port,

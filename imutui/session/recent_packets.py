@@ -1,10 +1,9 @@
 """Numbers for the screen: the last packets in a ring, with mean and standard deviation; instrument axes and signs."""
 
-from typing import Any
-
 import numpy as np
 
 from imutui.instrument.crossbow import Packet, Scaling
+from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az", "T")
 UNITS = ("deg/s", "deg/s", "deg/s", "mg", "mg", "mg", "degC")
@@ -60,7 +59,7 @@ class LiveView:
         slots = np.arange(self.count - n, self.count) % _CAPACITY
         return self._t[slots], self._values[slots]
 
-    def channels(self) -> list[dict[str, Any]]:
+    def channels(self) -> list[ChannelSnapshot]:
         """Newest counts and value of each channel, and mean, sd, least and largest over the last 10 s."""
         _, recent = self._recent()
         if not len(recent):
@@ -92,7 +91,7 @@ class LiveView:
         t, _ = self._recent()
         return float((t.size - 1) / (t[-1] - t[0])) if t.size > 2 else None
 
-    def series(self, since: int) -> dict[str, Any]:
+    def series(self, since: int) -> SeriesSnapshot:
         """Packets from number `since` on, at most the last 30 s."""
         t, values = self._last(min(self.count - max(since, 0), _MOST_ROWS))
         if t.size:

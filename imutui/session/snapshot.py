@@ -1,287 +1,239 @@
-"""The state that viewers see: one JSON object, made between two packets."""
+"""What viewers see of an acquisition: the shapes of its snapshot, the one contract between it and every viewer.
 
-import os
-import time
-from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+Records only, as they travel over the socket (JSON objects); `observe` fills them. Times are seconds, sizes bytes,
+biases and channels in the instrument's own axes and sign. None stands for what is not known, or not there.
+"""
 
-import numpy as np
+from typing import Literal, TypedDict
 
-from filters.imu import CHANNELS
-from filters.kalman.runner import Estimator
-from filters.motion.profile import Profile
-from filters.motion.reference import Trajectory
-from imutui.logbook import results
-from imutui.logbook.session_info import SessionInfo
-from imutui.session.disk_space import Growth, Room
-from imutui.session.metadata import effect_labels
-from imutui.session.operator_guide import Guide
-from imutui.session.plan import Plan
-from imutui.session.recent_packets import STATISTICS_S, LiveView
-from imutui.session.recording import Take, Timebase
-from imutui.session.rotation import Parts
-
-_NAMES = ("x", "y", "z")
+SessionState = Literal["connecting", "running", "stopping", "stopped", "failed", "ended"]
+"""Of an acquisition; "ended" is a viewer's word for one that does not answer any more."""
+GuideState = Literal["go", "hold", "done", "cancelled"]
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """What the operator said.
+class EventLine(TypedDict):
+    """Something that happened: what the acquisition did, or met with."""
 
-    Attributes
-    ----------
-    at_ns : int or None
-        Monotonic; None if an earlier take is meant.
-    utc, text : str
-        When, as a clock on the wall shows it, and what.
-    """
+    utc: str
+    name: str
+    text: str
 
-    at_ns: int | None
+
+class MarkLine(TypedDict):
+    """What the operator said; `t` since the recording began, None if it belongs to an earlier one."""
+
+    t: float | None
     utc: str
     text: str
 
 
-class Acquisition(Protocol):
-    """What a snapshot is taken of: the engine, between two packets."""
+class RecordingSnapshot(TypedDict):
+    """The file that is being written; `to_full_s` until the disk is full, `part` its number in a rotation, from 1."""
 
-    plan: Plan
-    info: SessionInfo
-    state: str
-    error: str | None
-    take: Take
-    live: LiveView
-    timebase: Timebase
-    started_ns: int
-    motion: Profile | Trajectory | None
-    guide: Guide | None
-    parts: Parts | None
-    room: Room
-    growth: Growth
-
-    @property
-    def last_packet_ns(self) -> int:
-        """When the last packet was read, monotonic."""
-        ...
-
-    @property
-    def zeroing(self) -> bool:
-        """Whether packets pause for the unit to zero its rate sensors."""
-        ...
-
-    @property
-    def marks(self) -> Iterable[Mark]:
-        """The recording's last marks."""
-        ...
-
-    @property
-    def events(self) -> Iterable[dict[str, str]]:
-        """The last events."""
-        ...
+    path: str
+    bytes: int
+    seconds: float
+    samples: int
+    flush_age_s: float | None
+    marks: int
+    bytes_per_s: float | None
+    to_full_s: float | None
+    part: int
 
 
-def snapshot(engine: Acquisition, since: int) -> dict[str, Any]:
-    """Everything a screen shows.
+class ReferenceSnapshot(TypedDict):
+    """What the filter is fed; `profile` whether it comes from a table profile, whose file's name is `file`."""
 
-    Parameters
-    ----------
-    engine : Acquisition
-        The running one.
-    since : int
-        Number of the first packet wanted in `series`.
+    name: str
+    file: str
+    profile: bool
+
+
+class GuideSnapshot(TypedDict):
+    """Where the operator is in a table profile: at `segment` (from 0) of `count`, which goes on for `left_s` still.
+
+    `begun` has for each segment when it began, since the recording did; None if it has not been done.
     """
-    now = time.monotonic_ns()
-    info, take, plan = engine.info, engine.take, engine.plan
-    return {
-        "name": plan.name,
-        "pid": os.getpid(),
-        "state": engine.state,
-        "error": engine.error,
-        "instrument": info.instrument,
-        "serial_number": info.serial_number,
-        "firmware": info.firmware,
-        "kind": info.kind,
-        "port": info.port,
-        "baud": info.baud,
-        "rate_hz": info.rate_hz,
-        "sampling": info.sampling,
-        "measured_hz": take.rate.hz(),
-        "packet_hz": engine.live.rate_hz(),
-        "packets": take.tally.packets,
-        "lost_packets": take.tally.lost_packets,
-        "bad_checksums": take.tally.bad_checksums,
-        "discarded_bytes": take.tally.discarded_bytes,
-        "silent_s": 0.0 if engine.zeroing else (now - engine.last_packet_ns) / 1e9,
-        "zeroing": engine.zeroing,
-        "since_start_s": (now - engine.started_ns) / 1e9,
-        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(engine.timebase.utc_ns(now) / 1e9)),
-        "recording": _recording(engine, now),
-        **_next_recording(engine),
-        "free_bytes": _free_bytes(engine, now),
-        "marks": [{"t": _seconds(mark.at_ns, take), "utc": mark.utc, "text": mark.text} for mark in engine.marks],
-        "reference": {
-            "name": plan.reference,
-            "file": plan.reference_file[0],
-            "profile": isinstance(engine.motion, Profile),
-        },
-        "effects": list(effect_labels(plan.effects)),
-        "guide": None if engine.guide is None else engine.guide.snapshot(now, take.started_ns),
-        "channels": engine.live.channels(),
-        "statistics_s": STATISTICS_S,
-        "filter": None if take.estimator is None else _filter(take, take.estimator),
-        "events": list(engine.events),
-        "series": engine.live.series(since),
-    }
+
+    state: GuideState
+    segment: int
+    count: int
+    left_s: float | None
+    begun: list[float | None]
 
 
-def _recording(engine: Acquisition, now: int) -> dict[str, Any] | None:
-    take = engine.take
-    if take.writer is None:
-        return None
-    rate, free = engine.growth.bytes_per_s(), _free_bytes(engine, now)
-    return {
-        "path": str(take.writer.path),
-        "bytes": take.writer.size,
-        "seconds": (now - take.started_ns) / 1e9 if take.started_ns is not None else 0.0,
-        "samples": take.samples,
-        "flush_age_s": (now - take.flushed_ns) / 1e9 if take.flushed_ns is not None else None,
-        "marks": take.marks,
-        "bytes_per_s": rate,
-        "to_full_s": free / rate if rate and free is not None else None,
-        "part": engine.parts.number if engine.parts is not None else 1,
-    }
+class ChannelSnapshot(TypedDict):
+    """Newest reading of a channel in counts and `unit`, and statistics over the last `statistics_s` seconds."""
+
+    name: str
+    counts: int
+    value: float | None
+    unit: str
+    mean: float
+    sd: float | None
+    min: float
+    max: float
 
 
-def _next_recording(engine: Acquisition) -> dict[str, Any]:
-    """What the present recording has, or the next one gets."""
-    info, plan = engine.take.info, engine.plan
-    recording = engine.take.writer is not None
-    return {
-        "logs": plan.logs,
-        "operator": engine.info.operator,
-        "place": plan.place,
-        "table": plan.table,
-        "note": info.note if recording else plan.note,
-        "rotate_minutes": plan.rotate_minutes,
-        "rotate_mb": plan.rotate_mb,
-    }
+class SeriesSnapshot(TypedDict):
+    """Packets since the last look: `t` since start, `values` a row of seven each; ask with `next` next time."""
+
+    next: int
+    t: list[float]
+    values: list[list[float]]
 
 
-def _free_bytes(engine: Acquisition, now: int) -> int | None:
-    """Free space where the present recording goes, or the next one would."""
-    writer = engine.take.writer
-    return engine.room.free_bytes(writer.path.parent if writer is not None else Path(engine.plan.logs), now)
+class BiasSnapshot(TypedDict):
+    """A bias: three standard deviations, the data sheet's limit, change over 10 s, when it converged."""
+
+    name: str
+    value: float | None
+    sd3: float | None
+    unit: str
+    limit: float
+    change_10s: float | None
+    converged_s: float | None
+    observable: bool
 
 
-def _seconds(at_ns: int | None, take: Take) -> float | None:
-    """Seconds since the take began."""
-    if at_ns is None or take.started_ns is None:
-        return None
-    return max(0.0, (at_ns - take.started_ns) / 1e9)
+class NisSnapshot(TypedDict):
+    """Mean normalised innovation squared with its 95 % band, and whether it is a test."""
+
+    mean: float | None
+    first: float | None
+    dof: float
+    band95: list[float | None]
+    is_test: bool
+    why: str
 
 
-def _filter(take: Take, estimator: Estimator) -> dict[str, Any]:
-    latest = estimator.latest
-    out: dict[str, Any] = {
-        "name": take.info.filter,
-        "reference": take.info.reference,
-        "t": None if latest is None else latest.t,
-        "samples": estimator.samples,
-        "waiting": _waiting(take, estimator),
-        "converged": estimator.converged,
-        "biases": _biases(take, estimator),
-        "nis": results.nis_fields(estimator),
-        "remainder": _remainder(take, estimator),
-        "effects": _effects(estimator),
-        "state": None,
-        "state_sd": None,
-        "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
-        "failure": take.failure,
-        "rejected": estimator.rejected,
-        "confounded": estimator.confounded(),
-    }
-    if latest is not None:
-        axes, g_unit = take.info.axes(), take.info.g_unit
-        seen = results.seen_axes(estimator, axes)
-        nav, P = latest.belief.nav, latest.belief.P
-        state = results.state_fields(nav, axes, g_unit, seen)
-        sd = results.sd_fields(P, nav, axes, g_unit, seen)
-        out["state"] = {key: state[key] for key in ("position_deg_m", "velocity_mps", "rpy_deg")}
-        out["state_sd"] = {key: sd[key] for key in ("position_m", "velocity_mps", "rpy_deg")}
-    return out
+class RemainderSnapshot(TypedDict):
+    """What the model leaves unexplained on a channel: means of 10 s over what noise allows, of so many windows."""
+
+    channel: str
+    ratio: float | None
+    windows: int
 
 
-def _remainder(take: Take, estimator: Estimator) -> list[dict[str, Any]]:
-    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
-    axes, found = take.info.axes(), estimator.gauge.remainder()
-    ratio = np.full(6, np.nan)
-    if found.ratio is not None:
-        parts = found.ratio[3:], found.ratio[:3]
-        ratio = np.concatenate([results.to_instrument_order(part, axes) for part in parts])
-        accel, gyro = np.split(results.seen_axes(estimator, axes), 2)
-        ratio[~np.concatenate([gyro, accel])] = np.nan
-    return [
-        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
-        for channel, r in zip(CHANNELS, ratio, strict=True)
-    ]
+class EffectSnapshot(TypedDict):
+    """Estimated state of an effect that joined the filter, in the unit of its file."""
+
+    label: str
+    value: float
+    sd: float
+    unit: str
 
 
-def _effects(estimator: Estimator) -> list[dict[str, Any]]:
-    """States of the effects that joined the filter, each in the unit of its file."""
-    if estimator.latest is None:
-        return []
-    out = []
-    for field in results.effect_fields(estimator):
-        label, _, unit = field["name"].removesuffix(")").partition(" (")
-        out.append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})
-    return out
+class NavigationSnapshot(TypedDict):
+    """Navigation states, in the units of their names."""
+
+    position_deg_m: list[float]
+    velocity_mps: list[float]
+    rpy_deg: list[float]
 
 
-def _waiting(take: Take, estimator: Estimator) -> str | None:
-    if take.filter is not None and take.filter.waiting > 1:
-        return f"preparing the filter, the first time on this machine; {take.filter.waiting} samples wait for it"
-    if estimator.reference is None:
-        return "finding level from gravity: keep the unit still for the first 10 s"
-    return "waiting for the first sample" if take.samples == 0 else None
+class NavigationSdSnapshot(TypedDict):
+    """Standard deviations of the navigation states."""
+
+    position_m: list[float]
+    velocity_mps: list[float]
+    rpy_deg: list[float | None]
 
 
-def _biases(take: Take, estimator: Estimator) -> list[dict[str, Any]]:
-    axes, g_unit = take.info.axes(), take.info.g_unit
-    spec = estimator.settings.spec
-    latest, convergence = estimator.latest, estimator.gauge.convergence()
-    seen = results.seen_axes(estimator, axes)
-    since = results.converged_since(estimator, axes)
-    rows: dict[str, dict[str, Any]] = {}
-    change = convergence.change if convergence.change is not None else np.full(6, np.nan)
-    changes = {
-        "gyro": np.rad2deg(axes.gyro_to_instrument(change[3:])),
-        "accel": axes.accel_to_instrument(change[:3]) / g_unit * 1e3,
-    }
-    if latest is not None:
-        nav = latest.belief.nav
-        values = results.state_fields(nav, axes, g_unit, seen)
-        sds = results.sd_fields(latest.belief.P, nav, axes, g_unit, seen)
-        rows = {"values": values, "sds": sds}
-    out = []
-    for kind, unit, limit in (
-        ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
-        ("accel", "mg", spec.accel_bias_limit / g_unit * 1e3),
-    ):
-        key = f"{kind}_bias_{'dps' if kind == 'gyro' else 'mg'}"
-        for i, axis in enumerate(_NAMES):
-            sd = rows["sds"][key][i] if rows else None
-            moved = changes[kind][i]
-            out.append(
-                {
-                    "name": f"{axis} {kind}",
-                    "value": rows["values"][key][i] if rows else None,
-                    "sd3": None if sd is None else 3.0 * sd,
-                    "unit": unit,
-                    "limit": limit,
-                    "change_10s": float(moved) if np.isfinite(moved) else None,
-                    "converged_s": since[f"{kind}_bias"][i],
-                    "observable": bool(seen[i + 3 * (kind == "gyro")]),
-                }
-            )
-    return out
+class FilterSnapshot(TypedDict):
+    """The filter; `t` of its last sample, `waiting` what it waits for, in words."""
+
+    name: str
+    reference: str
+    t: float | None
+    samples: int
+    waiting: str | None
+    converged: bool
+    biases: list[BiasSnapshot]
+    nis: NisSnapshot
+    remainder: list[RemainderSnapshot]
+    effects: list[EffectSnapshot]
+    state: NavigationSnapshot | None
+    state_sd: NavigationSdSnapshot | None
+    alarms: list[str]
+    failure: str | None
+    rejected: int
+    confounded: list[str]
+
+
+class Snapshot(TypedDict):
+    """Everything a screen shows of an acquisition."""
+
+    name: str
+    pid: int
+    state: SessionState
+    error: str | None
+    instrument: str
+    serial_number: str
+    firmware: str
+    kind: str
+    port: str
+    baud: int
+    rate_hz: float
+    sampling: str
+    measured_hz: float | None
+    packet_hz: float | None
+    packets: int
+    lost_packets: int
+    bad_checksums: int
+    discarded_bytes: int
+    silent_s: float | None
+    zeroing: bool
+    since_start_s: float
+    utc: str
+    recording: RecordingSnapshot | None
+    logs: str
+    operator: str
+    place: str
+    table: str
+    note: str
+    rotate_minutes: float
+    rotate_mb: float
+    free_bytes: int | None
+    marks: list[MarkLine]
+    reference: ReferenceSnapshot
+    effects: list[str]
+    guide: GuideSnapshot | None
+    channels: list[ChannelSnapshot]
+    statistics_s: float
+    filter: FilterSnapshot | None
+    events: list[EventLine]
+    series: SeriesSnapshot
+
+
+class SegmentDescription(TypedDict):
+    """A segment of a table profile: `text` what to do, in words, `seconds` from the operator's word on."""
+
+    kind: str
+    text: str
+    seconds: float
+    angles_deg: list[float] | None
+    axis: str | None
+    rate_dps: float | None
+    amplitude_deg: float | None
+    hz: float | None
+
+
+class ProfileDescription(TypedDict):
+    """A table profile, for a viewer: `name` of its file, how it is joined to the log, its segments in order."""
+
+    name: str
+    align: str
+    segments: list[SegmentDescription]
+
+
+class ProbeAnswer(TypedDict):
+    """What answers at a port; empty or None if nothing does. `error` says why it cannot be used as it is, if so."""
+
+    port: str
+    answers: bool
+    instrument: str
+    serial_number: str
+    firmware: str
+    baud: int | None
+    error: str | None

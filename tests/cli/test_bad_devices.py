@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_until
-from fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
+from helpers.fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
 
 from imutui.cli import status
 from imutui.instrument.port import Port

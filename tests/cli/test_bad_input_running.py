@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from conftest import imutui, wait_until
-from fake_devices import Device, Habits, answers, command, error_of, record
+from helpers.fake_devices import Device, Habits, answers, command, error_of, record
 
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader

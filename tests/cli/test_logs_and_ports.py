@@ -6,15 +6,13 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import imutui
-from fake_devices import command
+from conftest import SAMPLE, imutui
+from helpers.fake_devices import command
 from rosbags.highlevel import AnyReader
 
 from imutui import config
 from imutui.config import ALLOWED, ConfigError
 from imutui.logbook import schemas
-
-SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
 
 
 @pytest.fixture

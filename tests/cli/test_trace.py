@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import traces
-from traces import arrays, imported
+from helpers import traces
+from helpers.traces import arrays, imported
 
 from filters.effects.records import Trace
 from filters.tracing.residual import Run

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import traces
+from helpers import traces
 
 from imutui.jobs import sidecar_files
 from imutui.logbook import effects_file

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from traces import arrays, imported, readings, tumble
+from helpers.traces import arrays, imported, readings, tumble
 
 from filters.attitude import to_quaternion
 from filters.imu import AxisMap, parse_mount

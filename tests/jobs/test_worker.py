@@ -4,9 +4,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jobs_for_workers as jobs
 import pytest
 from conftest import wait_until
+from helpers import jobs_for_workers as jobs
 
 from imutui.jobs.worker import Worker
 
@@ -98,7 +98,7 @@ def test_a_job_that_does_not_listen_is_ended_all_the_same(tmp_path: Path) -> Non
 def test_a_worker_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None:
     """A dead screen leaves no job behind, and the job cleans up."""
     script = (
-        "import signal, sys; from pathlib import Path; import jobs_for_workers as jobs\n"
+        "import signal, sys; from pathlib import Path; from helpers import jobs_for_workers as jobs\n"
         "from imutui.jobs.worker import Worker\n"
         f"Worker(jobs.patient, Path({str(tmp_path)!r})).start(); signal.pause()"
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import traces
+from helpers import traces
 
 from filters.effects.records import Included, State, Trace
 from imutui.logbook import atomic_file, effects_file

@@ -10,12 +10,12 @@ import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import loopback
 import numpy as np
 import pytest
 from conftest import wait_until
-from loopback import SshServer, Terminal, imutui_command, processes_with
-from tap import packets_of
+from helpers import loopback
+from helpers.loopback import SshServer, Terminal, imutui_command, processes_with
+from helpers.tap import packets_of
 
 from imutui.instrument.clock import WRAP
 from imutui.logbook import reader

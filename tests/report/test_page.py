@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import traces
+from helpers import traces
 
 from imutui.report import figures, page, sentences
 from imutui.report.numbers import duration, plus_minus, share, times_floor

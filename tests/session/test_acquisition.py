@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import unit_time
 from conftest import imutui, wait_until
-from tap import packets_of
+from helpers.tap import packets_of
 
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from runs import run_of
+from helpers.runs import run_of
 
 from filters.tracing import trace
 from imutui.scenario import load_scenario

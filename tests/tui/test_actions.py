@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from fake import FakeClient
-from pilot import SMALLEST, shows, until
+from helpers.fake_client import FakeClient
+from helpers.pilot import SMALLEST, shows, until
 
 from imutui.tui.app import ImutuiApp
 from imutui.tui.terminal.appearance import Look

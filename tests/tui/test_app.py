@@ -4,8 +4,8 @@ import re
 import time
 
 import pytest
-from fake import PATH, FakeClient
-from pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import PATH, FakeClient
+from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
 from imutui.tui.app import ImutuiApp

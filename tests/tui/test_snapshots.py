@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake import FakeClient, estimates
-from pilot import text_of
+from conftest import SAMPLE
+from helpers.fake_client import FakeClient, estimates
+from helpers.pilot import text_of
 from syrupy.assertion import SnapshotAssertion
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 from textual.pilot import Pilot
@@ -24,7 +25,6 @@ from imutui.session import client as session
 from imutui.tui.app import ImutuiApp
 from imutui.tui.terminal.appearance import Look
 
-SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
 PORTS = [("/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "FT232R USB UART"), ("/dev/ttyS0", "ttyS0")]
 PAGES = {
     "live": (["2"], "asked 20"),

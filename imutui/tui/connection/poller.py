@@ -85,7 +85,7 @@ class Feed:
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Feed.Arrived(self, snapshot, asked_at)):
+            if self._stop.is_set() or not self._post(Feed.Arrived(self, dict(snapshot), asked_at)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))

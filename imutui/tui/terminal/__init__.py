@@ -1,1 +1,1 @@
-"""The terminal: what is sent to it, how often, with which signs and colours. The only place with Textual's private names."""
+"""The terminal: what is sent to it, how often, in which signs and colours. Textual's private names are here only."""

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import QUIET, run_of
+from helpers.runs import QUIET, run_of
 
 from filters import simulation
 from filters.effects import additive, catalogue, drivers, reference_errors

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import QUIET, run_of
+from helpers.runs import QUIET, run_of
 
 from filters import attitude
 from filters.effects import catalogue

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import WHITE, power_ons
+from helpers.runs import WHITE, power_ons
 
 from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.simulation import Effect

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-import runs
+from helpers import runs
 
 from filters.effects import catalogue
 from filters.effects.hypothesis import DPS

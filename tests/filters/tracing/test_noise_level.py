@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from runs import power_ons
+from helpers.runs import power_ons
 
 from filters.simulation import Effect
 from filters.tracing.design_matrix import Design, Stack

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs import QUIET, run_of
+from helpers.runs import QUIET, run_of
 
 from filters.imu import AxisMap, parse_mount
 from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes

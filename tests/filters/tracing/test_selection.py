@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import TUMBLE, power_ons
+from helpers.runs import TUMBLE, power_ons
 
 from filters.simulation import Effect, Temperature
 from filters.tracing.design_matrix import Design, Stack

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import HISTORIES, TUMBLE, power_ons
+from helpers.runs import HISTORIES, TUMBLE, power_ons
 
 from filters.effects import catalogue
 from filters.effects.records import Trace

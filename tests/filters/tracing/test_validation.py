@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from runs import QUIET, run_of
+from helpers.runs import QUIET, run_of
 
 from filters.earth import meridian_radius, transverse_radius
 from filters.effects.hypothesis import DPS

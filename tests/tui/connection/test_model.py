@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake import FakeClient
+from helpers.fake_client import FakeClient
 from textual.message import Message
 
 from imutui.session.client import SessionError

@@ -4,7 +4,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from fake import bias, estimates
+from helpers.fake_client import bias, estimates
 from hypothesis import given
 from hypothesis import strategies as st
 

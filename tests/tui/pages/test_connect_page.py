@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from fake import PATH, FakeClient
-from pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import PATH, FakeClient
+from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, demo

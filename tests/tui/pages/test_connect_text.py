@@ -1,6 +1,6 @@
 """What the connect page offers, as words."""
 
-from fake import FakeClient
+from helpers.fake_client import FakeClient
 
 from filters.kalman.settings import FILTERS
 from imutui.session.plan import SAMPLINGS

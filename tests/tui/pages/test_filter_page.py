@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake import FakeClient, bias, estimates
-from pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import FakeClient, bias, estimates
+from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
 from imutui.tui.app import ImutuiApp

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import traces
-from fake import FakeClient
-from pilot import SMALLEST, shows, until
+from conftest import SAMPLE
+from helpers import traces
+from helpers.fake_client import FakeClient
+from helpers.pilot import SMALLEST, shows, until
 from textual.pilot import Pilot
 
 from imutui.jobs import replay, tasks
@@ -22,7 +23,6 @@ from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.widgets.option_rows import Rows
 
-SAMPLE = Path(__file__).parents[2] / "logs" / "sample.mcap"
 SIZES = [SMALLEST, (120, 40)]
 _PATIENCE = 6000
 

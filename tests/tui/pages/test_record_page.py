@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
-from fake import PATH, FakeClient
-from pilot import SMALLEST, shows, until
+from helpers.fake_client import PATH, FakeClient
+from helpers.pilot import SMALLEST, shows, until
 
 from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake import FakeClient
-from pilot import SMALLEST, shows, text_of, until
+from helpers.fake_client import FakeClient
+from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp

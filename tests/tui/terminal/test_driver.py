@@ -14,10 +14,11 @@ from fcntl import ioctl
 from pathlib import Path
 
 import pyte
+from conftest import ROOT
 
 _PROGRAM = """
 import sys
-from fake import FakeClient
+from helpers.fake_client import FakeClient
 from imutui.tui.app import run
 sys.exit(run(FakeClient()))
 """
@@ -37,7 +38,7 @@ class Terminal:
         env = {**os.environ, "TERM": "xterm-256color", **environ}
         self.process = subprocess.Popen(
             [sys.executable, "-c", _PROGRAM],
-            cwd=Path(__file__).parent, env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+            cwd=ROOT / "tests", env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
         )  # fmt: skip
 
     def read_until(self, text: str, timeout: float = 20.0) -> str:

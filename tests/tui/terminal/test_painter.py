@@ -5,10 +5,10 @@ from typing import Any
 
 import pyte
 import pytest
-from fake import FakeClient
+from helpers.fake_client import FakeClient
+from helpers.pilot import shows, text_of, until
 from hypothesis import given
 from hypothesis import strategies as st
-from pilot import shows, text_of, until
 from rich.color import ColorSystem
 from rich.segment import Segment
 from rich.style import Style

@@ -313,10 +313,10 @@ class ConnectPage(Page):
             try:
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
             except (session.SessionError, OSError) as error:
-                found = {"port": port, "answers": False, "error": str(error)}
+                found = text.not_answered(port, str(error))
             self._heard(port, text.answered(found))
-            said = found.get("error") or f"{formatting.port_name(port)}: {self._answers[port]}"
-            self.post_message(self.Say(said, "good" if found["answers"] and not found.get("error") else "wait"))
+            said = found["error"] or f"{formatting.port_name(port)}: {self._answers[port]}"
+            self.post_message(self.Say(said, "good" if found["answers"] and not found["error"] else "wait"))
 
     def _heard(self, port: str, answer: str) -> None:
         self._answers[port] = answer

@@ -2,11 +2,11 @@
 
 import re
 from dataclasses import dataclass
-from typing import Any
 
 from textual.content import Content
 
 from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
+from imutui.session.snapshot import ProbeAnswer
 from imutui.tui import formatting
 from imutui.tui.connection.model import Snapshot
 
@@ -82,7 +82,20 @@ def label(choice: Choice, answers: dict[str, str]) -> str:
     return f"{formatting.port_name(choice.value, _NAME):{_NAME}}  {formatting.clipped(answer, _ANSWER)}"
 
 
-def answered(found: dict[str, Any]) -> str:
+def not_answered(port: str, error: str) -> ProbeAnswer:
+    """What stands for an answer where asking itself failed."""
+    return {
+        "port": port,
+        "answers": False,
+        "instrument": "",
+        "serial_number": "",
+        "firmware": "",
+        "baud": None,
+        "error": error,
+    }
+
+
+def answered(found: ProbeAnswer) -> str:
     """What answers on a port that was probed, in a few words: who, or the first clause of why not."""
     who = str(found.get("firmware") or found.get("instrument") or "answers a ping")
     who = f"{who} #{found['serial_number']}" if found.get("serial_number") else who

@@ -25,6 +25,7 @@ from imutui.tui.widgets.option_rows import Rows
 
 if TYPE_CHECKING:
     from imutui.jobs.operator_steps import Offer, Step
+    from imutui.session.snapshot import ProfileDescription
 
 _NEEDED = 74
 _WHO = """\
@@ -229,7 +230,7 @@ class TablePage(Page):
         self._profile, self._shows, self._at, self._choosing = None, None, None, False
 
     def _fetch(self) -> None:
-        found: list[dict[str, Any] | None] = []
+        found: list[ProfileDescription | None] = []
 
         def ask(client: Client) -> str:
             found.append(client.profile())
