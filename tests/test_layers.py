@@ -1,20 +1,32 @@
-"""Who may import whom; read from the syntax trees."""
+"""Who may import whom, what may cross a border, how large a class may be; read from the syntax trees.
+
+The floors are those of docs/architecture.md. One test each: it lists everything that it finds, not only the first.
+"""
 
 import ast
+import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).parents[1]
 PACKAGES = ("imutui", "filters")
+GROUND = {f"filters.{name}" for name in ("types", "earth", "attitude", "imu", "allan", "state")}
 
-# package → what it may import of this project, besides itself
+# package or module → what it may import of this project, besides itself
 FLOORS = {
-    "filters": set(),
+    "filters": GROUND,
+    "filters.motion": GROUND,
+    "filters.kalman": GROUND | {"filters.motion"},
+    "filters.effects": GROUND | {"filters.motion"},
+    "filters.simulation": GROUND | {"filters.motion"},
+    "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects"},
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},
     "imutui.session": {"imutui.instrument", "imutui.logbook", "filters"},
-    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling"},
+    "imutui.session.snapshot": set(),
+    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling", "imutui.instrument.crossbow"},
     "imutui.report": {"filters", "imutui.jobs"},
     "imutui.tui": {
         "imutui.session.client",
@@ -23,23 +35,33 @@ FLOORS = {
         "imutui.jobs",
         "imutui.report",
     },
-    "imutui.config": {"filters"},
-    "imutui.scenario": {"filters", "imutui.logbook.reference_file"},
+    "imutui.config": {"filters", "imutui.logbook"},
+    "imutui.scenario": {"filters", "imutui.logbook"},
     "imutui.cli": {"filters", "imutui"},
 }
 
-# library → the modules that may import it
+# library → the packages or modules that may import it
 DOORS = {
     "serial": {"imutui.instrument.port"},
     "mcap": {"imutui.logbook"},
     "rosbags": {"imutui.logbook"},
+    "zstandard": {"imutui.logbook.mcap_format"},
+    "lz4": {"imutui.logbook.mcap_format"},
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},
     "matplotlib": {"imutui.report"},
+    "numba": {"filters", "imutui.logbook.mcap_kernels"},
 }
 
+# what is said, and what is judged: pure functions, which a command may use as well as a page
+WITHOUT_TEXTUAL = ("imutui.tui.messages", "imutui.tui.formatting", "imutui.tui.connection.verdict")
+TEXT_MODULES = ("text", "result_text", "explanation")
 
-def modules() -> dict[str, Path]:
+MOST_METHODS = 36
+
+
+def find_modules() -> dict[str, Path]:
+    """Name and path of every module of the project."""
     found = {}
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
@@ -48,57 +70,71 @@ def modules() -> dict[str, Path]:
     return found
 
 
-MODULES = modules()
+MODULES = find_modules()
 
 
-def imports(path: Path, *, top_level: bool = False) -> set[str]:
+@cache
+def tree_of(module: str) -> ast.Module:
+    """Syntax tree of a module."""
+    return ast.parse(MODULES[module].read_text())
+
+
+@cache
+def imports(module: str, *, top_level: bool = False) -> frozenset[str]:
     """Absolute names of what a module imports; `from a import b` counts as a.b where that is a module."""
-    tree = ast.parse(path.read_text())
-    nodes = tree.body if top_level else list(ast.walk(tree))
-    names = set()
+    nodes = tree_of(module).body if top_level else list(ast.walk(tree_of(module)))
+    names: set[str] = set()
     for node in nodes:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
+            assert node.level == 0, f"{module}: relative import"
             assert node.module is not None
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
                 names.add(full if full in MODULES else node.module)
-    return names
+    return frozenset(names)
 
 
 def within(name: str, package: str) -> bool:
+    """Whether a module is a package or lies in it."""
     return name == package or name.startswith(package + ".")
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_a_module_imports_only_from_the_floors_below(module: str) -> None:
+def floor_of(module: str) -> str | None:
+    """The innermost package or module with a floor that a module belongs to."""
+    return max((f for f in FLOORS if within(module, f)), key=len, default=None)
+
+
+def test_a_module_imports_only_from_the_floors_below() -> None:
     """No floor reaches up, so that filters stand alone and a replay never loads a terminal."""
-    floor = max((f for f in FLOORS if within(module, f)), key=len, default=None)
-    if floor is None:
-        return
-    for name in imports(MODULES[module]):
-        if any(within(name, package) for package in PACKAGES) and name != "imutui":
-            allowed = FLOORS[floor] | {floor}
-            assert any(within(name, a) for a in allowed), f"{module} imports {name}"
+    wrong = []
+    for module in MODULES:
+        if (floor := floor_of(module)) is None:
+            continue
+        allowed = FLOORS[floor] if floor == "filters" else FLOORS[floor] | {floor}
+        for name in imports(module):
+            ours = any(within(name, package) for package in PACKAGES) and name not in PACKAGES
+            if ours and not any(within(name, a) for a in allowed):
+                wrong.append(f"{module} imports {name}")
+    assert not wrong
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_each_library_has_one_door(module: str) -> None:
+def test_each_library_has_one_door() -> None:
     """A library is imported where its door is and nowhere else."""
-    for name in imports(MODULES[module]):
-        for library, doors in DOORS.items():
-            if within(name, library):
-                assert any(within(module, door) for door in doors), f"{module} imports {name}"
+    wrong = [
+        f"{module} imports {name}"
+        for module in MODULES
+        for name in imports(module)
+        for library, doors in DOORS.items()
+        if within(name, library) and not any(within(module, door) for door in doors)
+    ]
+    assert not wrong
 
 
 def test_there_are_no_import_cycles() -> None:
     """Modules can be read one after the other."""
-    graph = {
-        name: {i for i in imports(path) if i in MODULES and i != name and not within(name, i)}
-        for name, path in MODULES.items()
-    }
+    graph = {name: {i for i in imports(name) if i in MODULES and i != name and not within(name, i)} for name in MODULES}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
@@ -113,11 +149,72 @@ def test_there_are_no_import_cycles() -> None:
         visit(name, ())
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if within(m, "imutui.cli")])
-def test_a_command_imports_what_is_heavy_when_it_runs(module: str) -> None:
+def test_the_snapshot_needs_the_standard_library_only() -> None:
+    """Whoever reads a snapshot needs nothing installed but this module."""
+    foreign = {name.split(".")[0] for name in imports("imutui.session.snapshot")} - sys.stdlib_module_names
+    assert not foreign
+
+
+def test_text_and_verdicts_never_load_textual() -> None:
+    """What is said is told from how it is drawn."""
+    text = [m for m in MODULES if within(m, "imutui.tui.pages") and m.rsplit(".", 1)[-1] in TEXT_MODULES]
+    assert len(text) >= 5
+    wrong = []
+    for module in (*text, *WITHOUT_TEXTUAL):
+        reached, waiting = set(), [module]
+        while waiting:
+            name = waiting.pop()
+            reached.add(name)
+            waiting += [i for i in imports(name) if i in MODULES and i not in reached and within(i, "imutui.tui")]
+            wrong += [f"{module} reaches {i} by {name}" for i in imports(name) if within(i, "textual")]
+    assert not wrong
+
+
+def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
     """Help is instant: no command loads numpy, textual, mcap or a filter at the top of its module."""
-    if module in ("imutui.cli.readings", "imutui.cli.following", "imutui.cli.session_options"):
-        return  # helpers that commands import when they run
-    heavy = {n for n in imports(MODULES[module], top_level=True) if within(n, "filters") or within(n, "imutui")}
-    heavy = {n for n in heavy if not within(n, "imutui.cli") or n.rsplit(".", 1)[-1] in ("readings", "following")}
-    assert not heavy, f"{module} imports {sorted(heavy)} at its top"
+    # helpers that commands import when they run
+    late = ("imutui.cli.readings", "imutui.cli.following", "imutui.cli.session_options")
+    wrong = [
+        f"{module} imports {name} at its top"
+        for module in MODULES
+        if within(module, "imutui.cli") and module not in late
+        for name in imports(module, top_level=True)
+        if any(within(name, package) for package in PACKAGES) and (name in late or not within(name, "imutui.cli"))
+    ]
+    assert not wrong
+
+
+def public_functions(module: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Functions and methods of a module that others may call."""
+    for node in ast.walk(tree_of(module)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not node.name.startswith("_"):
+            yield node
+
+
+def test_what_crosses_a_border_has_a_name_for_its_shape() -> None:
+    """No public function takes or returns a dictionary of anything, but where JSON or TOML comes in or goes out."""
+    wrong = []
+    for module in MODULES:
+        if any(within(module, edge) for edge in EDGES):
+            continue
+        for function in public_functions(module):
+            arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+            annotations = [a.annotation for a in arguments if a.annotation] + [function.returns or ast.Constant(None)]
+            shapeless = [ast.unparse(a) for a in annotations if "[str, Any]" in ast.unparse(a)]
+            wrong += [f"{module}.{function.name}: {annotation}" for annotation in shapeless]
+    assert not wrong
+
+
+EDGES: dict[str, str] = {}
+"""Modules where documents of any shape are read or written, and why."""
+
+
+def test_a_class_is_small_enough_to_be_read() -> None:
+    """The limit is far above the usual: a class that reaches it has more than one subject."""
+    wrong = []
+    for module in MODULES:
+        for node in ast.walk(tree_of(module)):
+            if isinstance(node, ast.ClassDef):
+                methods = sum(isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef) for n in node.body)
+                wrong += [f"{module}.{node.name}: {methods} methods"] if methods > MOST_METHODS else []
+    assert not wrong
