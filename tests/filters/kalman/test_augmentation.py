@@ -21,8 +21,9 @@ from filters.kalman.augmentation import Augmented
 from filters.kalman.runner import Estimate, Estimator
 from filters.kalman.settings import Settings
 from filters.motion import reference
-from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from filters.motion.segments import Dwell, Rate
 from filters.state import PAPER_SITE
 
 DT = 0.05

@@ -7,8 +7,9 @@ from filters.kalman import consistency, engines, kernels, layout, runner, spkf
 from filters.kalman.runner import Estimate, Estimator
 from filters.kalman.settings import Settings
 from filters.motion import alignment, reference
-from filters.motion.profile import Dwell, Profile
+from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE, NavState
 
 DT = 0.05
