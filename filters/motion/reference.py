@@ -1,7 +1,7 @@
 """What is known of the motion: still and level, still under gravity, a table's profile, a trajectory.
 
 A reference says for each sample which of the nine navigation states are known, how well, and what a perfect unit would
-read; `known` gives it as rows in the layout of `filters.kalman.kernels` (KNOWN_*). How a reference is found, where it
+read; `known` gives it as rows in the layout of `COLUMNS`. How a reference is found, where it
 has to be, is `filters.motion.alignment`'s.
 """
 

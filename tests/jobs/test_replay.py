@@ -11,7 +11,8 @@ from mcap.reader import make_reader
 from filters import attitude, simulation, state
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, Samples
 from filters.kalman import runner
-from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.rows import Estimate
+from filters.kalman.runner import Estimator
 from filters.motion import kinematics, reference
 from filters.motion.profile import Profile
 from filters.simulation import Truth
@@ -360,7 +361,7 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     assert len(messages) == len(estimates)
     for message, estimate in zip(messages, estimates, strict=True):
         check_estimate(message, estimate)
-    assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.gauge.convergence().since]
+    assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.monitor.convergence().since]
     if name == "spkf":
         assert all(messages[-1].converged)
     assert not any(messages[0].converged)

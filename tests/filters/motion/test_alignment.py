@@ -8,7 +8,8 @@ from scipy.stats import chi2
 from filters import attitude, earth
 from filters.imu import IMU400CD_200, Samples
 from filters.kalman import runner
-from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.rows import Estimate
+from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion import alignment, kinematics, reference
 from filters.motion.profile import Profile
@@ -275,7 +276,7 @@ def test_a_profile_live_and_all_at_once_are_the_same_to_the_last_bit(
     for sizes in ways(samples.t.size):
         other, live = in_parts(settings, samples, marks, sizes)
         same(estimates, live)
-        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert whole.monitor.convergence().since == other.monitor.convergence().since
         assert (whole.nis_sum, whole.rejected, whole.observable) == (other.nis_sum, other.rejected, other.observable)
         assert (whole.alarms(), whole.confounded()) == (other.alarms(), other.confounded())
 
@@ -303,7 +304,7 @@ def test_a_trajectory_live_and_all_at_once_are_the_same_to_the_last_bit(kind: st
     for sizes in ways(samples.t.size):
         other, live = in_parts(settings, samples, [], sizes)
         same(estimates, live)
-        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert whole.monitor.convergence().since == other.monitor.convergence().since
         assert whole.nis_sum == other.nis_sum
 
 

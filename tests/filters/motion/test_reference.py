@@ -8,7 +8,7 @@ from filters import attitude, earth, simulation, state
 from filters.imu import IMU400CD_200, ImuSpec, Samples
 from filters.kalman import runner
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import Settings
+from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings
 from filters.motion import kinematics, reference
 from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion
@@ -17,7 +17,7 @@ from filters.simulation import Truth
 from filters.state import PAPER_SITE
 
 SPEC = IMU400CD_200
-P0_BIAS_SD = np.repeat([runner.P0_ACCEL_BIAS_SD, runner.P0_GYRO_BIAS_SD], 3)
+P0_BIAS_SD = np.repeat([P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD], 3)
 
 
 def dwell(outer: float, middle: float, inner: float, seconds: float) -> Dwell:
