@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from filters import attitude
 from filters.imu import IMU400CD_200
-from filters.kalman import engines, kernels, layout, spkf_paper, strapdown
+from filters.kalman import kernels, layout, spkf_paper, strapdown
+from filters.kalman.rows import nav_of, row_of
 from filters.state import PAPER_SITE, NavState
 
 RATES = (133.0, 20.0, 1.0, 0.1)
@@ -84,7 +85,7 @@ def readable_whole(rate: np.ndarray, dt: float) -> State:
 def compiled(rate: np.ndarray, dt: float) -> State:
     """The compiled prediction, with the rule, of a belief so narrow that its mean is its centre."""
     core, par = np.zeros(layout.CORE), np.zeros(layout.PAR)
-    core[: layout.NAV] = engines.row_of(_level())
+    core[: layout.NAV] = row_of(_level())
     P = np.zeros((15, layout.STRIDE))
     np.fill_diagonal(P, 1e-30)
     lanes, room = np.zeros(41 * kernels.LANES), 16 * kernels.LANES
@@ -93,7 +94,7 @@ def compiled(rate: np.ndarray, dt: float) -> State:
     L, mean = np.zeros(15 * layout.STRIDE), np.zeros(layout.STRIDE)
     failed = kernels._predict(core, P.ravel(), gyro, accel, dt, par, 1.0, 0.0, X, E, D, L, mean)
     assert failed < 0
-    nav = engines.nav_of(core)
+    nav = nav_of(core)
     return nav.C_nb, nav.velocity_n
 
 

@@ -5,8 +5,8 @@
 The problem: 15 states, 31 sigma points, κ = 0, one step of 1/133 s a sample, the paper's R, Table 1's Q, on synthetic
 static samples quantised to the instrument's counts (simulated). All sides feed the same samples and must agree within
 1e-3 of a standard deviation, which is checked first; then they are timed in turn, each peer between two runs of ours.
-Ours is the product's step as `imutui replay` runs it (attitude in closed form, with gate, tallies and gauge), and the
-same kernel on the peers' own Euler equations. CPU time; only the ratios say something.
+Ours is the product's step as `imutui replay` runs it (attitude in closed form, with gate, tallies and convergence
+monitor), and the same kernel on the peers' own Euler equations. CPU time; only the ratios say something.
 """
 
 import argparse
@@ -26,8 +26,8 @@ from euler_lanes import EulerLanes
 from filters import attitude, earth
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY
 from filters.kalman import runner
-from filters.kalman.runner import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Estimator
-from filters.kalman.settings import Settings
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings
 from filters.motion import reference
 from filters.motion.reference import PAPER_R_SD
 from filters.state import PAPER_SITE

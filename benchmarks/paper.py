@@ -8,8 +8,8 @@ pseudo-terminal, still and level, that answers as the instrument does): 20 Hz po
 figures are of a real unit.
 
 Convergence is told in two ways. As the paper reads it off its figures: from when on all six biases stay within 0.6 mg
-and 0.05 deg/s (Table 1's resolution) of their last values. And as `imutui` tells it while it lasts: the gauge's, which
-needs ten seconds of proof and counts them.
+and 0.05 deg/s (Table 1's resolution) of their last values. And as `imutui` tells it while it lasts: by the convergence
+monitor, which needs ten seconds of proof and counts them.
 
 One recording says little of convergence, which is a matter of chance; so many more units are simulated without a wire.
 """
@@ -97,7 +97,7 @@ DIFFERENCES = """\
   one noise level gives both. The paper does not print Q; here it is Table 1's random walk.
 * Convergence at 133 Hz: white noise of 1 m/s/sqrt(h) alone leaves 0.6 mg after 8 s, one standard deviation of one axis,
   so that 10 s is about the middle of what chance gives six of them. One recording cannot tell 10 s from 25 s.
-* Settled is read as the paper reads its figures, with Table 1's resolution as the limit; the gauge's time counts the
+* Settled is read as the paper reads its figures, with Table 1's resolution as the limit; the monitor's time counts the
   ten seconds in which it asks for proof, and tells of the estimates while they last.
 * Height: exact measurements are fed; the height's row of R (30 m) lets through what is left.
 * Yaw scatters 2.5 times as much as roll and pitch, in the paper and here: R gives it 0.5 deg, them 0.1 deg."""
@@ -202,7 +202,7 @@ def table(ours: dict[str, Ours]) -> list[str]:
             cells += [PAPER_CONVERGED[paper_of[name]]] if name in paper_of else []
             cells.append(", ".join(f"{s:.1f}" for s in ours[name].settled_s[part]))
         lines.append(f"| {label} x, y, z | {' | '.join(cells)} |")
-    for label, key in (("gauge s: accelerometer", "accel_bias"), ("gauge s: gyro", "gyro_bias")):
+    for label, key in (("monitor s: accelerometer", "accel_bias"), ("monitor s: gyro", "gyro_bias")):
         cells = []
         for name in RECORDINGS:
             cells += [""] if name in paper_of else []

@@ -16,7 +16,9 @@ import tracing_forms as forms
 
 from filters.earth import earth_rate_n
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec
-from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes, body_rate
+from filters.motion.kinematics import attitudes, body_rate
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, PowerOn, Recording, Scenario, Temperature, Unit
 from filters.tracing.residual import Run, rest_attitudes
 from filters.types import Array

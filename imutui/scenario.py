@@ -1,6 +1,6 @@
 """Files that say what a table does and what is simulated: profiles (TOML or CSV) and scenarios (TOML).
 
-The format of a profile is in `filters.motion.profile`, effects and their parameters in `filters.simulation`. A
+The format of a profile is in `imutui.logbook.reference_file`, effects and their parameters in `filters.simulation`. A
 scenario::
 
     seed = 7
@@ -54,10 +54,9 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
-from filters.motion import profile
 from filters.motion.profile import Profile
 from filters.simulation import FAULT_KINDS, Effect, Fault, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
@@ -150,15 +149,14 @@ def _parsed(path: Path) -> dict[str, Any]:
 def _profile(document: Mapping[str, Any], path: Path) -> Profile:
     try:
         if "samples" not in document:
-            return profile.from_document(document)
+            return reference_file.from_document(cast("reference_file.ProfileDocument", document))
         _known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
         if not isinstance(document["samples"], str):
             raise ValueError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
-        rest = {key: value for key, value in document.items() if key != "samples"}
         # what comes beside the samples is what comes beside segments: checked by the one who knows
-        model = profile.from_document(
-            {**rest, "segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
-        )
+        beside = dict(document) | {"segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
+        del beside["samples"]
+        model = reference_file.from_document(cast("reference_file.ProfileDocument", beside))
         sampled = _csv_profile(path.parent / document["samples"])
     except ScenarioError:
         raise

@@ -15,7 +15,8 @@ import typer
 from conftest import imutui
 
 from filters.imu import IMU400CD_200
-from filters.motion.profile import Dwell, Profile, Rate, Sampled
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sampled
 from filters.simulation import Fault, PowerOn, Scenario, Temperature, Unit
 from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command

@@ -19,7 +19,7 @@ from filters.effects.hypothesis import DPS, MG, Hypothesis
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
 from filters.effects.records import Included
 from filters.imu import CHANNELS, AxisMap
-from filters.motion import profile
+from filters.motion import kinematics
 from filters.motion.reference import FORCE, QUATERNION, RATE
 from filters.state import Site
 from filters.types import Array
@@ -154,7 +154,7 @@ class CausalEffects:
             spin,
             tilt,
             arms,
-            profile.angles_of(C),
+            kinematics.angles_of(C),
             zero,
             np.zeros(n),
             np.zeros(n),

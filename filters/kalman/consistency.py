@@ -103,7 +103,7 @@ class Remainder:
     windows: int
 
 
-class Gauge:
+class ConvergenceMonitor:
     """Keeps the last 10 s of residuals and estimates in blocks of a second, and judges the biases once a block.
 
     What is in a block is added up by whoever runs the filter.

@@ -1,31 +1,31 @@
 """What turns samples into estimates for the runner: the compiled `spkf`, and any filter written as numpy steps.
 
-Both keep the same totals, in the layout of `filters.kalman.kernels`, and stop at the same samples; neither judges.
+Both keep the same totals, in the layout of `filters.kalman.layout`, and stop at the same samples; neither judges.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.special import ndtri
 
-from filters import attitude, earth, state
+from filters import earth, state
 from filters.imu import Noise
 from filters.kalman import ekf, kernels, layout, spkf, spkf_paper
 from filters.kalman.augmentation import Effects
 from filters.kalman.consistency import nis_gates
+from filters.kalman.filter_input import FilterInput
 from filters.kalman.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
-from filters.kalman.settings import FILTERS, Settings
+from filters.kalman.rows import covariance_of, nav_of, padded, row_of
+from filters.kalman.settings import FILTERS, GAP, Settings
 from filters.kalman.spkf import Belief, DivergenceError
 from filters.motion import reference
 from filters.state import NavState, Site
 from filters.types import Array
 
 _ROOM = 128
-_WORDS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,25 +64,7 @@ class Parameters:
         return self.site.gravity - float(normal)
 
 
-@dataclass(frozen=True, slots=True)
-class Feed:
-    """Samples, body axes, with what is known at each; `t` (N,), `gyro`, `accel` (N, 3), `known` (N or 1, 25).
-
-    `draws` are the standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones. With
-    effects, `phi` is the regressor of the p extra states, (N, 6, p), and `noise_scale` the factor on the white noise of
-    each channel, (N, 6), accelerometer then gyro; empty without.
-    """
-
-    t: Array
-    gyro: Array
-    accel: Array
-    known: Array
-    draws: Array
-    phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
-    noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
-
-
-class Engine(Protocol):
+class FilterEngine(Protocol):
     """A filter in a run.
 
     Attributes
@@ -104,8 +86,8 @@ class Engine(Protocol):
         """Begin with this belief; the first sample only sets the clock."""
         ...
 
-    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
-        """Feed samples from `first` on while t < `stop` and there is room for output.
+    def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
+        """FilterInput samples from `first` on while t < `stop` and there is room for output.
 
         Returns the index of the first sample not used and the number of rows of output; raises DivergenceError.
         """
@@ -126,58 +108,6 @@ class Engine(Protocol):
     def alarm(self) -> str | None:
         """A sentence where this filter knows that it is not to be trusted."""
         ...
-
-
-def draws(seed: int, first: int, count: int) -> Array:
-    """Standard normal draws that depend on seed and sample number alone.
-
-    Philox counts: a sample has twelve words of its own, nine are used, by the inverse of the normal distribution.
-
-    Parameters
-    ----------
-    seed : int
-        Key of the generator.
-    first, count : int
-        Samples.
-
-    Returns
-    -------
-    Array
-        Shape (count, 9).
-    """
-    generator = np.random.Philox(key=seed, counter=[first * _WORDS // 4, 0, 0, 0])
-    words = generator.random_raw(count * _WORDS).reshape(count, _WORDS)[:, :9]
-    return np.asarray(ndtri(((words >> np.uint64(11)) + 0.5) * 2.0**-53))
-
-
-def nav_of(row: Array) -> NavState:
-    """Navigation state of a row of 16 numbers: position, velocity, quaternion, biases."""
-    return NavState(
-        np.array(row[0]),
-        np.array(row[1]),
-        np.array(row[2]),
-        row[3:6].copy(),
-        attitude.from_quaternion(row[6:10]),
-        row[10:13].copy(),
-        row[13:16].copy(),
-    )
-
-
-def row_of(nav: NavState) -> Array:
-    """Inverse of `nav_of`, shape (16,)."""
-    position = [nav.latitude, nav.longitude, nav.height]
-    return np.concatenate([position, nav.velocity_n, attitude.to_quaternion(nav.C_nb), nav.accel_bias, nav.gyro_bias])
-
-
-def covariance_of(padded: Array) -> Array:
-    """Covariance (15, 15) of its padded rows, (15 · STRIDE,)."""
-    return np.array(padded.reshape(state.SIZE, STRIDE)[:, : state.SIZE])
-
-
-def _padded(P: Array) -> Array:
-    out = np.zeros((state.SIZE, STRIDE))
-    out[:, : state.SIZE] = P
-    return out.ravel()
 
 
 class Compiled:
@@ -204,22 +134,22 @@ class Compiled:
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief."""
         self.core[: layout.NAV] = row_of(nav)
-        self._P = _padded(np.diag(P0_sd**2))
+        self._P = padded(np.diag(P0_sd**2))
         self._extra, self._across = _extra_of(self._effects)
 
-    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
-        """Feed samples; see `Engine`."""
+    def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
+        """FilterInput samples; see `FilterEngine`."""
         k, rows, why, row = kernels.advance(
             self.core,
             self._P,
             self._par,
-            feed.t,
-            feed.gyro,
-            feed.accel,
-            feed.known.reshape(-1),
-            feed.draws,
-            feed.phi,
-            feed.noise_scale,
+            samples.t,
+            samples.gyro,
+            samples.accel,
+            samples.known.reshape(-1),
+            samples.draws,
+            samples.phi,
+            samples.noise_scale,
             first,
             stop,
             self.sums,
@@ -300,24 +230,24 @@ class Stepwise:
         """What the filter says of itself, or last said: what the biases went through stays in them."""
         return self._alarm
 
-    def advance(self, feed: Feed, first: int, stop: float) -> tuple[int, int]:
-        """Feed samples; see `Engine`."""
+    def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
+        """FilterInput samples; see `FilterEngine`."""
         rows, k, core = 0, first, self.core
-        while k < feed.t.size and feed.t[k] < stop and rows < len(self.out):
-            known = feed.known[k if len(feed.known) > 1 else 0]
+        while k < samples.t.size and samples.t[k] < stop and rows < len(self.out):
+            known = samples.known[k if len(samples.known) > 1 else 0]
             if core[layout.CORE_SAMPLES] > 0.0:
-                draw = feed.draws[k] if feed.draws.size else None
-                self._step(feed.t[k], feed.gyro[k], feed.accel[k], known, draw)
-            core[layout.CORE_T] = feed.t[k]
-            core[layout.CORE_GYRO : layout.CORE_GYRO + 3] = feed.gyro[k]
-            core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3] = feed.accel[k]
+                draw = samples.draws[k] if samples.draws.size else None
+                self._step(samples.t[k], samples.gyro[k], samples.accel[k], known, draw)
+            core[layout.CORE_T] = samples.t[k]
+            core[layout.CORE_GYRO : layout.CORE_GYRO + 3] = samples.gyro[k]
+            core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3] = samples.accel[k]
             belief = self.belief()
             if hasattr(self._module, "alarm"):
                 self._alarm = self._module.alarm(self._belief) or self._alarm
-            self._tally(belief, feed.gyro[k], feed.accel[k], known)
+            self._tally(belief, samples.gyro[k], samples.accel[k], known)
             core[layout.CORE_SAMPLES] += 1.0
-            if feed.t[k] >= core[layout.CORE_NEXT_OUT] - 1e-9:
-                self._write(self.out[rows], feed.t[k], belief)
+            if samples.t[k] >= core[layout.CORE_NEXT_OUT] - 1e-9:
+                self._write(self.out[rows], samples.t[k], belief)
                 rows += 1
             k += 1
         return k, rows
@@ -332,7 +262,7 @@ class Stepwise:
             accels[0] = core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3]
         nav = self.belief().nav
         turned = 0.0
-        if held > kernels.GAP:
+        if held > GAP:
             turned = float(np.linalg.norm(np.max(np.abs(gyros - nav.gyro_bias), axis=0))) * dt
         Q_d = spkf.process_noise(p.noise, nav.C_nb, dt, held, turned)
         gravity = self._anomaly + float(earth.normal_gravity(nav.latitude, nav.height))
@@ -397,7 +327,7 @@ class Stepwise:
         row[layout.OUT_NIS] = core[layout.CORE_NIS_LAST]
         row[layout.OUT_DOF] = core[layout.CORE_DOF_LAST]
         row[layout.OUT_NU : layout.OUT_P] = core[layout.CORE_NU :]
-        row[layout.OUT_P :] = _padded(belief.P)
+        row[layout.OUT_P :] = padded(belief.P)
         core[layout.CORE_NEXT_OUT] += self._parameters.every
         if core[layout.CORE_NEXT_OUT] <= t:
             core[layout.CORE_NEXT_OUT] = t + self._parameters.every
@@ -421,14 +351,14 @@ def _extra_of(effects: Effects | None) -> tuple[Array, Array]:
     return extra.ravel(), np.zeros(2 * p * STRIDE)
 
 
-def engine_of(settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> Engine:
-    """Engine for a filter by name; `linear`, `every` and `effects` as in `Parameters`."""
+def engine_of(settings: Settings, linear: bool, every: float, effects: Effects | None = None) -> FilterEngine:
+    """FilterEngine for a filter by name; `linear`, `every` and `effects` as in `Parameters`."""
     noise = settings.process_noise()
     parameters = Parameters(settings.period, settings.kappa, settings.site, linear, noise, every, effects)
     return ENGINES[settings.filter](parameters)
 
 
-ENGINES: dict[str, Callable[[Parameters], Engine]] = {
+ENGINES: dict[str, Callable[[Parameters], FilterEngine]] = {
     "spkf": Compiled,
     "spkf-paper": partial(Stepwise, spkf_paper),
     "ekf": partial(Stepwise, ekf),
@@ -449,4 +379,4 @@ def compile_all() -> None:
     t = np.array([0.0, 1.0])
     _, force = still.rates_and_forces()
     known = still.known(t, -np.inf, np.zeros((2, 3)))
-    engine.advance(Feed(t, np.zeros((2, 3)), np.tile(force, (2, 1)), known, np.empty((0, 9))), 0, np.inf)
+    engine.advance(FilterInput(t, np.zeros((2, 3)), np.tile(force, (2, 1)), known, np.empty((0, 9))), 0, np.inf)

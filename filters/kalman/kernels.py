@@ -84,6 +84,8 @@ from filters.kalman.layout import (
     SUM_RESIDUAL,
     SUM_RESIDUALS,
 )
+from filters.kalman.settings import GAP
+from filters.kalman.strapdown import MAX_STEP, MAX_STEP_ANGLE
 
 # vector instructions out of straight-line code (rows below), which numba leaves off unless told
 numba.config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]
@@ -91,8 +93,6 @@ numba.config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]
 LANES = 32
 CENTRE = 15
 """Lanes 0..14 are x̂ + columns, 15 the centre, 16..30 x̂ - columns, 31 a copy of the centre."""
-GAP = 2.5
-"""Sample periods beyond which a step is a gap."""
 MAX_REJECTIONS = 5
 """Updates that may be left out in a row: the reference is not wrong for long, so after these the filter is."""
 
@@ -103,7 +103,6 @@ _OMEGA = earth.EARTH_RATE
 _G0 = earth.EQUATORIAL_GRAVITY
 _K = earth.SOMIGLIANA
 _M = earth._M_RATIO
-_STEP_ANGLE = 0.2
 _LN = LANES
 
 
@@ -788,7 +787,7 @@ def _predict(core, P, gyro, accel, dt, par, held, turned, X, E, D, L, mean):  # 
     _lanes_start(core, L, scale, X)
     gravity = gravity_at(par[PAR_GRAVITY_ANOMALY], core[0], core[2])
     fastest = math.sqrt(_lanes_fastest(X, gyro))
-    n = max(1, math.ceil(dt * max(fastest / _STEP_ANGLE, 1.0) - 1e-9))
+    n = max(1, math.ceil(dt * max(fastest / MAX_STEP_ANGLE, 1.0 / MAX_STEP) - 1e-9))
     for k in range(n):
         _lanes_substep(X, gyro, accel, k / n, (k + 1.0) / n, dt / n, gravity)
     _lanes_errors(X, E)
@@ -802,7 +801,7 @@ def _predict(core, P, gyro, accel, dt, par, held, turned, X, E, D, L, mean):  # 
 
 @_compiled
 def _tally(core, gyro, accel, known, at, sums, moments, nu, extra, p, phi, k):  # type: ignore[no-untyped-def]
-    """Sums that the gauge wants, and moments of the error while `CORE_SPREAD` is set; residuals are without effects."""
+    """Sums for the convergence monitor, moments of the error while `CORE_SPREAD` is set; residuals without effects."""
     for i in range(3):
         sums[SUM_BIAS + i] += core[NAV_BA + i]
         sums[SUM_BIAS + 3 + i] += core[NAV_BG + i]
@@ -836,7 +835,7 @@ def advance(  # type: ignore[no-untyped-def]
 ):
     """Feed samples from `first` while t < `stop` and the output has room.
 
-    Parameters are the arrays described at the top of this module: `core` (CORE,), `P` (15·STRIDE,), `par` (PAR,); `t`
+    Parameters are the arrays of `filters.kalman.layout`: `core` (CORE,), `P` (15·STRIDE,), `par` (PAR,); `t`
     (N,), `gyro` and `accel` (N, 3); `known` (KNOWN,) for what never changes or (N·KNOWN,); `draws` (N, 9), or empty for
     exact measurements; `phi` (N, 6, p) the regressor of the extra states, `scale` (N, 6) the factors on white noise, or
     either empty; `sums` (SUMS,), `moments` (MOMENTS,), `out` (rows, OUT), `work` scratch, `extra` and

@@ -1,8 +1,9 @@
 """Layout of the arrays that the runner, the engines and the compiled step share. Plain numbers: nothing to compile.
 
 `core` holds the state and the totals of a run, a row of `known` what is known at a sample, `par` what never changes in
-a run but for the noise in force, `sums` a block of the gauge, `moments` the errors after convergence, a row of `out`
-one estimate, `extra` and `across` the states beyond the 15, if effects bring some. Covariances have 15 rows of STRIDE.
+a run but for the noise in force, `sums` a block of the convergence monitor, `moments` the errors after convergence, a
+row of `out` one estimate, `extra` and `across` the states beyond the 15, if effects bring some. Covariances have 15
+rows of STRIDE.
 """
 
 STRIDE = 16
@@ -34,7 +35,7 @@ PAR_GATE = 17  # NIS limit by number of rows, 0..9
 PAR_WHITE = 27  # accel_vrw, gyro_arw as set; those of PAR_NOISE are scaled where an effect says so
 PAR = 33
 
-# sums over a block of the gauge
+# sums over a block of the convergence monitor
 SUM_RESIDUAL, SUM_BIAS, SUM_RESIDUALS, SUM_BIASES = 0, 6, 12, 13
 SUMS = 14
 

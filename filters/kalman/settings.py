@@ -1,18 +1,31 @@
-"""All that decides the estimates, apart from the samples."""
+"""All that decides the estimates, apart from the samples, and the reference that it asks for."""
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from filters import state
-from filters.imu import IMU400CD_200, ImuSpec, Noise
+from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec, Noise
 from filters.kalman.augmentation import MakeEffects
-from filters.motion import reference
+from filters.motion import alignment, reference
 from filters.motion.profile import Profile
-from filters.motion.reference import Trajectory
+from filters.motion.reference import Reference, TableMotion, Trajectory
 from filters.state import PAPER_SITE, Site
 
 FILTERS = ("spkf", "spkf-paper", "ekf")
 """Filters by name; `filters.kalman.engines.ENGINES` makes them."""
 MEASUREMENTS = ("exact", "drawn")
+"""How the reference is fed: as it is, or with noise of covariance R."""
+
+P0_ACCEL_BIAS_SD = 18e-3 * STANDARD_GRAVITY
+"""m/s²; 1.5 times Table 1."""
+P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0
+"""rad/s; 1.5 times Table 1."""
+
+GAP = 2.5
+"""Sample periods beyond which a step is a gap."""
+MAX_TURN = 1.0
+"""rad between two samples that no filter can make up for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +35,7 @@ class Settings:
     Attributes
     ----------
     period : float
-        Sample period the log was made for, s; a step above 2.5 times this is a gap.
+        Sample period the log was made for, s; a step above `GAP` times this is a gap.
     filter : str
         A name of `FILTERS`.
     reference : str
@@ -86,3 +99,35 @@ class Settings:
     def process_noise(self) -> Noise:
         """Process noise in force."""
         return self.noise if self.noise is not None else Noise.of(self.spec)
+
+
+def alignment_of(settings: Settings) -> alignment.Alignment | None:
+    """What finds the reference in the first samples, where it has to be found; raises ValueError if it cannot be."""
+    if settings.reference == "gravity":
+        return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD)
+    if settings.reference == "trajectory":
+        if not isinstance(settings.motion, Trajectory):
+            raise ValueError('`motion` is missing: the reference "trajectory" needs one')
+        return alignment.InMotion(settings.motion, settings.site, P0_ACCEL_BIAS_SD)
+    return None
+
+
+def reference_of(settings: Settings) -> Reference:
+    """The reference that is known from the start; raises ValueError if no motion is given, or the rate is too slow."""
+    if settings.reference == "level":
+        return reference.level(settings.site)
+    profile = settings.motion
+    if not isinstance(profile, Profile):
+        raise ValueError('`motion` is missing: the reference "profile" needs one')
+    if profile.align == "gyro" and settings.offset_sd is None:
+        raise ValueError(
+            '`align` is "gyro": the profile is found in the whole log, so it cannot be used live. Record, then replay;'
+            ' or align by "marks"'
+        )
+    if profile.max_rate * settings.period > MAX_TURN:
+        raise ValueError(
+            f"`profile` turns at up to {np.rad2deg(profile.max_rate):.0f} deg/s, which is"
+            f" {np.rad2deg(profile.max_rate * settings.period):.0f} deg between two samples at"
+            f" {1.0 / settings.period:g} Hz: nothing is known of the rate in between. Sample faster, or turn slower"
+        )
+    return TableMotion(profile, settings.site, settings.spec, settings.period, settings.offset, settings.offset_sd)

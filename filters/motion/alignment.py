@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from filters import attitude
-from filters.motion import profile as motion
+from filters.motion import kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import PAPER_R_SD, Path, Reference, Still, Trajectory
 from filters.state import NavState, Site
@@ -332,4 +332,4 @@ def _check_fit(gyro: Array, expected: Array) -> None:
 
 
 def _rates(profile: Profile, t: Array) -> Array:
-    return motion.body_rate(profile.angles(t), profile.rates(t))
+    return kinematics.body_rate(profile.angles(t), profile.rates(t))

@@ -1,7 +1,7 @@
 """What is known of the motion: still and level, still under gravity, a table's profile, a trajectory.
 
 A reference says for each sample which of the nine navigation states are known, how well, and what a perfect unit would
-read; `known` gives it as rows in the layout of `filters.kalman.kernels` (KNOWN_*). How a reference is found, where it
+read; `known` gives it as rows in the layout of `COLUMNS`. How a reference is found, where it
 has to be, is `filters.motion.alignment`'s.
 """
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from filters import attitude, earth, state
 from filters.imu import ImuSpec
-from filters.motion import profile
-from filters.motion.profile import Dwell, Profile
+from filters.motion import kinematics
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell
 from filters.state import NavState, Site
 from filters.types import Array
 
@@ -207,15 +208,15 @@ class TableMotion:
     def start(self) -> tuple[NavState, Array]:
         """At rest with the angles of the first sample's time; aligned by marks, those of the last dwell marked."""
         profile_t = self._by_marks(np.zeros(1))[0] if self.profile.align == "marks" else np.zeros(1) - self.offset
-        C_nb = profile.attitudes(self.profile.angles(profile_t))[0]
+        C_nb = kinematics.attitudes(self.profile.angles(profile_t))[0]
         return NavState.at_rest(self._site, C_nb), PAPER_R_SD
 
     def known(self, t: Array, before: float, gyro: Array) -> Array:
         """Rows for samples at `t`; rows of the table are all known or none."""
         profile_t, rests, aligned = self.joined(t)
         angles, rates = self.profile.angles(profile_t), self.profile.rates(profile_t)
-        C = profile.attitudes(angles)
-        turning_b = profile.body_rate(angles, rates)
+        C = kinematics.attitudes(angles)
+        turning_b = kinematics.body_rate(angles, rates)
         site, omega = self._site, earth.EARTH_RATE
         rows = np.empty((t.size, COLUMNS))
         rows[:, POSITION] = site.latitude, site.longitude, site.height

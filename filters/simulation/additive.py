@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 
 from filters.imu import CHANNELS
-from filters.motion.profile import AXES
+from filters.motion.segments import AXES
 from filters.simulation.parameters import (
     DPS,
     GYROS,

@@ -12,7 +12,8 @@ import numpy as np
 
 from filters import attitude, earth
 from filters.imu import CHANNELS, AxisMap
-from filters.motion.profile import Profile, attitudes, body_rate
+from filters.motion.kinematics import attitudes, body_rate
+from filters.motion.profile import Profile
 from filters.simulation.parameters import ACCELS, Parameter, Setup
 from filters.state import Site
 from filters.types import Array

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.motion.profile import AXES, Dwell, Profile, Rate, Segment, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import AXES, Dwell, Rate, Segment, Sine
 from filters.tracing.design_matrix import Stack
 from filters.tracing.residual import Run
 from filters.types import Array

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from filters.effects import additive, reference_errors
 from filters.effects.hypothesis import ACCELS, GYROS, Hypothesis
 from filters.imu import CHANNELS, IMU400CD_200, AxisMap, ImuSpec
-from filters.motion.profile import Profile, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Sine
 from filters.state import PAPER_SITE, Site
 from filters.tracing import residual
 from filters.tracing.design_matrix import Atom, Stack, columns_on

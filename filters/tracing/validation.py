@@ -388,7 +388,7 @@ def drift(
 
 def _attitudes_at(stack: Stack) -> Array:
     """C_nb of every block, shape (n or 1, 3, 3)."""
-    from filters.motion.profile import attitudes
+    from filters.motion.kinematics import attitudes
 
     run = stack.blocks[0].run
     if run.C_nb is not None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY
-from filters.motion import alignment, profile
+from filters.motion import alignment, kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion, Trajectory
 from filters.tracing.residual import rest_attitudes
@@ -163,7 +163,7 @@ def _from_trajectory(log: Log, known: Trajectory) -> Motion:
         )
     t, at = log.seconds(), known.t[rows]
     # roll, pitch, yaw turn about the same axes in the other order: Rz Ry Rx is the transpose of Rx(-) Ry(-) Rz(-)
-    own = profile.angles_of(profile.attitudes(-known.values[rows, 6:9]).transpose(0, 2, 1))
+    own = kinematics.angles_of(kinematics.attitudes(-known.values[rows, 6:9]).transpose(0, 2, 1))
     angles = _lines(t, at, own, turns=True)
     near = np.interp(t, at, np.abs(np.cos(own[:, 1])))
     # farther from a row than three of their steps, nobody knows the attitude

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from filters.motion import profile as motion
-from filters.motion.profile import Dwell, Profile, Rate, Segment, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import candidate_motions, prospect
 from filters.tracing.prospect import BIAS, TESTABLE, Quantity
 from imutui.logbook import reference_file
@@ -88,14 +88,15 @@ def ready_made() -> list[Offer]:
     six = candidate_motions.positions(candidate_motions.SIX, _BY_HAND_S)
     eighteen = candidate_motions.positions((*candidate_motions.SIX, *candidate_motions.TWELVE), _BRIEF_S)
     rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
-    turns = [segment for axis in reversed(motion.AXES) for segment in candidate_motions.turns(axis, rates)]
+    turns = [segment for axis in reversed(AXES) for segment in candidate_motions.turns(axis, rates)]
     made = [
         (f"six positions, {_BY_HAND_S:.0f} s each", "six positions", Profile(tuple(six), align="marks")),
         (f"eighteen positions, {_BRIEF_S:.0f} s each", "eighteen positions", Profile(tuple(eighteen), align="marks")),
         ("six positions, each axis ±30 ±90 deg/s", "six positions and rates", Profile((*six, *turns), align="gyro")),
     ]
     return [
-        _offer(profile, name, "ready-made", motion.to_toml(profile), f"{file}.toml") for name, file, profile in made
+        _offer(profile, name, "ready-made", reference_file.to_toml(profile), f"{file}.toml")
+        for name, file, profile in made
     ]
 
 
@@ -158,10 +159,10 @@ def _meant_as_profile(path: Path) -> bool:
 def by_hand(offer: Offer) -> Offer | None:
     """The same profile joined to a log by the operator's marks; None if nobody can follow it by hand."""
     profile = load(offer.file, offer.text)
-    if any(isinstance(segment, motion.Sampled) for segment in profile.segments):
+    if any(isinstance(segment, Sampled) for segment in profile.segments):
         return None
     marked = replace(profile, align="marks")
-    return replace(offer, text=motion.to_toml(marked), align=marked.align)
+    return replace(offer, text=reference_file.to_toml(marked), align=marked.align)
 
 
 def load(name: str, text: str) -> Profile:
@@ -174,14 +175,14 @@ def load(name: str, text: str) -> Profile:
 
 def from_segments(segments: Sequence[Mapping[str, Any]], align: str = "none") -> Profile | None:
     """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
-    tables = []
+    tables: list[reference_file.SegmentTable] = []
     for segment in segments:
         keys = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
         own = keys.get(str(segment.get("kind")))
         if own is None:
             return None
-        tables.append({key: segment[key] for key in ("kind", *own, "seconds")})
-    return motion.from_document({"align": align, "segment": tables})
+        tables.append(cast("reference_file.SegmentTable", {key: segment[key] for key in ("kind", *own, "seconds")}))
+    return reference_file.from_document({"align": align, "segment": tables})
 
 
 # -------------------------------------------------------------------------------------------------------- what it shows
@@ -226,7 +227,7 @@ def what_to_do(segment: Segment) -> str:
 
 def seconds_of(segment: Segment) -> float:
     """How long a segment lasts, without moves and ramps."""
-    return segment.t[-1] - segment.t[0] if isinstance(segment, motion.Sampled) else segment.seconds
+    return segment.t[-1] - segment.t[0] if isinstance(segment, Sampled) else segment.seconds
 
 
 def _degrees(radians: float) -> float:

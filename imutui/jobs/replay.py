@@ -324,7 +324,7 @@ class _EstimateSink:
 
     def take(self, rows: np.ndarray, estimator: Estimator) -> None:
         """Write rows of estimates."""
-        said = (estimator.observable, tuple(s is not None for s in estimator.gauge.convergence().since))
+        said = (estimator.observable, tuple(s is not None for s in estimator.monitor.convergence().since))
         if said != self._said or self._count >= _ROWS:
             self._write()
             self._said, self._verdict = said, Verdict.of(estimator, self._info)

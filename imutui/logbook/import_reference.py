@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from filters import attitude
-from filters.motion.profile import Profile, attitudes
+from filters.motion.kinematics import attitudes
+from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
 from filters.types import Array

@@ -1,19 +1,73 @@
-"""A reference that travels in a log, or lies in a file beside it, as the motion that the filter takes."""
+"""A reference that travels in a log, or lies in a file beside it, as the motion that the filter takes.
+
+A table profile as a TOML document (angles in degrees; what segments mean is in `filters.motion.segments`)::
+
+    align = "marks"               # "none", "marks" or "gyro": how profile time is joined to log time
+    sign = [1, 1, -1]             # of each axis, default 1
+    offset_sd_s = 0.05            # standard deviation of that joint, s; absent where it is not known
+    slew_dps = 20.0               # of moves
+    accel_dps2 = 100.0            # of moves and of ramps
+
+    [[segment]]
+    kind = "dwell"
+    angles_deg = [0.0, 90.0, 0.0] # outer, middle, inner
+    seconds = 30.0
+
+    [[segment]]
+    kind = "rate"
+    axis = "inner"
+    rate_dps = 30.0
+    seconds = 12.0
+
+    [[segment]]
+    kind = "sine"
+    axis = "middle"
+    amplitude_deg = 10.0
+    hz = 0.5
+    seconds = 20.0
+"""
 
 import csv
+import math
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
 from filters.motion import profile
-from filters.motion.profile import Profile
+from filters.motion.profile import ACCEL, SLEW, Profile
 from filters.motion.reference import Trajectory
+from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from imutui.logbook import trajectory_file
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
 """Names under which a reference travels."""
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
+
+
+class SegmentTable(TypedDict, total=False):
+    """One [[segment]] of a profile's document; which keys it has depends on its kind."""
+
+    kind: str
+    angles_deg: list[float]
+    axis: str
+    rate_dps: float
+    amplitude_deg: float
+    hz: float
+    seconds: float
+
+
+class ProfileDocument(TypedDict, total=False):
+    """A profile's document as `tomllib` gives it; its values are checked when it is read."""
+
+    align: str
+    sign: list[int]
+    offset_sd_s: float
+    slew_dps: float
+    accel_dps2: float
+    segment: list[SegmentTable]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +115,7 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
         raise ValueError(f"{name} is not a text file ({error})") from error
     if name.lower().endswith(".toml"):
         try:
-            return profile.from_document(tomllib.loads(text))
+            return from_document(cast("ProfileDocument", tomllib.loads(text)))
         except ValueError as error:
             raise ValueError(f"{name} is no table profile: {error}") from error
     first = next(csv.reader([text.partition("\n")[0]]), [])
@@ -96,3 +150,134 @@ def parse_angles(text: str, name: str) -> Profile:
         return profile.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
     except ValueError as error:
         raise ValueError(f"{name}: {error} (rows counted from 0, after the heading)") from error
+
+
+# -------------------------------------------------------------------------------------- a profile as a TOML document
+
+
+def from_document(document: ProfileDocument) -> Profile:
+    """Profile from the content of a TOML file; the module shows one.
+
+    Parameters
+    ----------
+    document : ProfileDocument
+        As `tomllib` gives it; nothing in it is taken for granted.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    ValueError
+        If a key is missing, unknown, or has a value that does not fit; the message names it.
+    """
+    _known(document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "")
+    tables = document.get("segment")
+    if not isinstance(tables, list) or not tables:
+        raise ValueError("`segment` is missing: a profile has at least one [[segment]]")
+    sign = document.get("sign", [1, 1, 1])
+    if not isinstance(sign, list) or len(sign) != 3 or any(s not in (-1, 1) for s in sign):
+        raise ValueError(f"`sign` is {sign}, not three of -1 and 1")
+    offset_sd = _number(document, "offset_sd_s", "") if "offset_sd_s" in document else None
+    if offset_sd is not None and offset_sd < 0.0:
+        raise ValueError(f"`offset_sd_s` is {offset_sd:g}, not 0 or more")
+    align = document.get("align", "none")
+    limits = [
+        math.radians(_number(document, key, "", positive=True)) if key in document else default
+        for key, default in (("slew_dps", SLEW), ("accel_dps2", ACCEL))
+    ]
+    segments = tuple(_segment(table, f"segment {n}: ") for n, table in enumerate(tables, 1))
+    return Profile(segments, (int(sign[0]), int(sign[1]), int(sign[2])), align, offset_sd, limits[0], limits[1])
+
+
+def to_toml(profile: Profile) -> str:
+    """Text of a TOML document that `from_document` reads as the same profile, to a billionth of a degree.
+
+    Parameters
+    ----------
+    profile : Profile
+        Without sampled angles, which belong into a CSV file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If a segment is sampled.
+    """
+    head = [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
+    if profile.offset_sd is not None:
+        head.append(f"offset_sd_s = {profile.offset_sd!r}")
+    head += [f"slew_dps = {_degrees(profile.slew)!r}", f"accel_dps2 = {_degrees(profile.accel)!r}"]
+    return "\n\n".join(["\n".join(head), *map(_segment_text, profile.segments)]) + "\n"
+
+
+def _segment_text(segment: Segment) -> str:
+    match segment:
+        case Dwell():
+            lines = ['kind = "dwell"', f"angles_deg = {[_degrees(angle) for angle in segment.angles]}"]
+        case Rate():
+            lines = ['kind = "rate"', f'axis = "{segment.axis}"', f"rate_dps = {_degrees(segment.rate)!r}"]
+        case Sine():
+            lines = ['kind = "sine"', f'axis = "{segment.axis}"', f"amplitude_deg = {_degrees(segment.amplitude)!r}"]
+            lines.append(f"hz = {float(segment.hz)!r}")
+        case Sampled():
+            raise ValueError("`profile` has sampled angles: they belong into a CSV file")
+    return "\n".join(["[[segment]]", *lines, f"seconds = {float(segment.seconds)!r}"])
+
+
+def _degrees(radians: float) -> float:
+    # what was written in degrees comes back as it was written
+    return round(math.degrees(radians), 9)
+
+
+_KEYS = {
+    "dwell": ("angles_deg", "seconds"),
+    "rate": ("axis", "rate_dps", "seconds"),
+    "sine": ("axis", "amplitude_deg", "hz", "seconds"),
+}
+
+
+def _segment(table: Any, where: str) -> Segment:
+    kind = table.get("kind") if isinstance(table, dict) else table
+    if not isinstance(kind, str) or kind not in _KEYS:
+        raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(_KEYS)}")
+    _known(table, ("kind", *_KEYS[kind]), where)
+    seconds = _number(table, "seconds", where, positive=True)
+    if kind == "dwell":
+        angles = table.get("angles_deg")
+        if not isinstance(angles, list) or len(angles) != 3 or not all(_is_number(a) for a in angles):
+            raise ValueError(f"{where}`angles_deg` is {angles}, not three angles: [outer, middle, inner]")
+        return Dwell((math.radians(angles[0]), math.radians(angles[1]), math.radians(angles[2])), seconds)
+    axis = table.get("axis")
+    if axis not in AXES:
+        raise ValueError(f"{where}`axis` is {axis!r}, not one of: {', '.join(AXES)}")
+    if kind == "rate":
+        rate_dps = _number(table, "rate_dps", where)
+        if rate_dps == 0.0:
+            raise ValueError(f"{where}`rate_dps` is 0; a dwell rests")
+        return Rate(axis, math.radians(rate_dps), seconds)
+    amplitude = math.radians(_number(table, "amplitude_deg", where, positive=True))
+    return Sine(axis, amplitude, _number(table, "hz", where, positive=True), seconds)
+
+
+def _known(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise ValueError(f"{where}`{key}` is unknown; known here: {', '.join(keys)}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _number(table: Mapping[str, Any], key: str, where: str, *, positive: bool = False) -> float:
+    if key not in table:
+        raise ValueError(f"{where}`{key}` is missing")
+    value = table[key]
+    if not _is_number(value) or (positive and not value > 0):
+        raise ValueError(f"{where}`{key}` is {value!r}, not a {'positive' if positive else 'finite'} number")
+    return float(value)

@@ -131,7 +131,7 @@ def to_instrument_order(values: np.ndarray, axes: AxisMap) -> np.ndarray:
 
 def converged_since(estimator: Estimator, axes: AxisMap) -> dict[str, list[float | None]]:
     """When each bias was declared converged, s, instrument axes; None where it is not."""
-    since = estimator.gauge.convergence().since
+    since = estimator.monitor.convergence().since
     as_numbers = np.array(
         [-1.0 if s is None or not seen else s for s, seen in zip(since, estimator.observable, strict=True)]
     )
@@ -244,7 +244,7 @@ def nis_fields(estimator: Estimator) -> NisFields:
 
 def noise_fields(estimator: Estimator, axes: AxisMap, source: str) -> dict[str, Any]:
     """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
-    measured = estimator.gauge.noise()
+    measured = estimator.monitor.noise()
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
     nothing: list[float | None] = [None] * 3
     return {

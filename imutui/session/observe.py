@@ -223,7 +223,7 @@ def _filter(take: Take, estimator: Estimator) -> FilterSnapshot:
 
 def _remainder(take: Take, estimator: Estimator) -> list[RemainderSnapshot]:
     """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
-    axes, found = take.info.axes(), estimator.gauge.remainder()
+    axes, found = take.info.axes(), estimator.monitor.remainder()
     ratio = np.full(6, np.nan)
     if found.ratio is not None:
         parts = found.ratio[3:], found.ratio[:3]
@@ -258,7 +258,7 @@ def _waiting(take: Take, estimator: Estimator) -> str | None:
 def _biases(take: Take, estimator: Estimator) -> list[BiasSnapshot]:
     axes, g_unit = take.info.axes(), take.info.g_unit
     spec = estimator.settings.spec
-    latest, convergence = estimator.latest, estimator.gauge.convergence()
+    latest, convergence = estimator.latest, estimator.monitor.convergence()
     values, sds = None, None
     seen = results.seen_axes(estimator, axes)
     since = results.converged_since(estimator, axes)

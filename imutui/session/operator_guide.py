@@ -8,7 +8,8 @@ by which the filter joins the profile to the log ("segment 3", counted from 1; s
 
 import math
 
-from filters.motion.profile import Dwell, Profile, Rate, Sampled, Segment, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescription, SegmentDescription
 
 GO: GuideState = "go"

@@ -6,7 +6,8 @@ import pytest
 from filters import simulation
 from filters.imu import AxisMap, format_mount, parse_mount
 from filters.kalman import runner
-from filters.kalman.runner import Estimator, Settings
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import Settings
 from filters.motion import reference
 from filters.state import PAPER_SITE
 

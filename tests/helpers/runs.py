@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from filters.imu import AxisMap, ImuSpec
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
 from filters.tracing.residual import Run, rest_attitudes
 

@@ -8,7 +8,7 @@ import numpy as np
 from filters import earth
 from filters.effects.records import Included, Series, State, Trace
 from filters.imu import STANDARD_GRAVITY, AxisMap
-from filters.motion import profile
+from filters.motion import kinematics
 from filters.state import PAPER_SITE
 from imutui.logbook import import_reference, importer
 from imutui.logbook.session_info import SessionInfo
@@ -31,8 +31,8 @@ def tumble(t: np.ndarray, *, moving: bool = True) -> tuple[np.ndarray, np.ndarra
 def readings(t: np.ndarray, angles: np.ndarray, rates: np.ndarray, axes: AxisMap) -> tuple[np.ndarray, np.ndarray]:
     """What a perfect unit reads: deg/s and g, instrument axes and sign."""
     a, r = np.deg2rad(angles), np.deg2rad(rates)
-    C = profile.attitudes(a)
-    w = profile.body_rate(a, r) + np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(PAPER_SITE.latitude)))
+    C = kinematics.attitudes(a)
+    w = kinematics.body_rate(a, r) + np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(PAPER_SITE.latitude)))
     f = -PAPER_SITE.gravity * C[:, 2]
     return np.rad2deg(axes.gyro_to_instrument(w)), axes.accel_to_instrument(f) / STANDARD_GRAVITY
 

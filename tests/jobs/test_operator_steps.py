@@ -7,7 +7,8 @@ from pathlib import Path
 
 from conftest import imutui
 
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.tracing import prospect
 from filters.tracing.prospect import TESTABLE, Quantity
 from imutui.jobs import operator_steps

@@ -11,9 +11,9 @@ from mcap.reader import make_reader
 from filters import attitude, simulation, state
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, Samples
 from filters.kalman import runner
-from filters.kalman.runner import Estimate, Estimator
-from filters.motion import profile as motion
-from filters.motion import reference
+from filters.kalman.rows import Estimate
+from filters.kalman.runner import Estimator
+from filters.motion import kinematics, reference
 from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import PAPER_SITE
@@ -230,7 +230,7 @@ def table_trajectory(samples: Samples) -> ReferenceFile:
     assert isinstance(profile, Profile)
     t = np.arange(0.0, samples.t[-1], 0.25)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
-    values[:, 6:9] = attitude.to_rpy(motion.attitudes(profile.angles(t)))
+    values[:, 6:9] = attitude.to_rpy(kinematics.attitudes(profile.angles(t)))
     text = trajectory_file.format(Trajectory(t, values))
     return ReferenceFile("trajectory", "reference.csv", "text/csv", text.encode())
 
@@ -361,7 +361,7 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     assert len(messages) == len(estimates)
     for message, estimate in zip(messages, estimates, strict=True):
         check_estimate(message, estimate)
-    assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.gauge.convergence().since]
+    assert [bool(c) for c in messages[-1].converged] == [s is not None for s in estimator.monitor.convergence().since]
     if name == "spkf":
         assert all(messages[-1].converged)
     assert not any(messages[0].converged)

@@ -10,7 +10,7 @@ from helpers.traces import arrays, imported, readings, tumble
 
 from filters.attitude import to_quaternion
 from filters.imu import AxisMap, parse_mount
-from filters.motion.profile import angles_of, attitudes
+from filters.motion.kinematics import angles_of, attitudes
 from filters.tracing import residual
 from imutui.jobs import run_consistency, runs
 from imutui.jobs.replay import Options

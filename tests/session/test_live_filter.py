@@ -4,7 +4,8 @@ import pytest
 from filters.kalman import runner
 from filters.kalman.runner import Estimator
 from filters.motion import reference
-from filters.motion.profile import Dwell, Profile
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from imutui.logbook import reader, schemas
 from imutui.logbook.session_info import SessionInfo

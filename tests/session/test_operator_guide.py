@@ -2,7 +2,8 @@
 
 import pytest
 
-from filters.motion.profile import Dwell, Profile, Rate, Sampled, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sampled, Sine
 from imutui.session import operator_guide
 from imutui.session.operator_guide import Guide
 

@@ -13,7 +13,8 @@ from filters import simulation
 from filters.effects import additive, catalogue, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS, AxisMap, parse_mount
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, Scenario, Temperature
 from filters.tracing.design_matrix import is_slow
 from filters.tracing.residual import Blocks, blocks

@@ -7,7 +7,8 @@ import pytest
 
 from filters.effects import faults, time_stamps
 from filters.effects.quantisation import lattice
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import LOOP_HZ, Effect, Scenario, Unit
 from filters.simulation.truth import World
 from filters.state import PAPER_SITE

@@ -16,8 +16,10 @@ from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.kalman import augmentation
-from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes
+from filters.motion.kinematics import attitudes
+from filters.motion.profile import Profile
 from filters.motion.reference import COLUMNS, FORCE, QUATERNION, RATE
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
 from filters.state import PAPER_SITE
 from filters.tracing.design_matrix import is_slow

@@ -8,7 +8,8 @@ from filters.imu import IMU400CD_200, Samples
 from filters.kalman import runner
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
-from filters.motion.profile import AXES, Dwell, Profile, Rate
+from filters.motion.profile import Profile
+from filters.motion.segments import AXES, Dwell, Rate
 from filters.simulation import Effect, Truth
 
 SPEC = IMU400CD_200

@@ -12,17 +12,19 @@ from filters.kalman import (
     augmentation,
     consistency,
     engines,
-    kernels,
     layout,
     runner,
     spkf,
 )
 from filters.kalman.augmentation import Augmented
-from filters.kalman.runner import Estimate, Estimator
-from filters.kalman.settings import Settings
+from filters.kalman.filter_input import FilterInput, draws
+from filters.kalman.rows import Estimate, nav_of
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import GAP, Settings
 from filters.motion import reference
-from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from filters.motion.segments import Dwell, Rate
 from filters.state import PAPER_SITE
 
 DT = 0.05
@@ -70,7 +72,7 @@ def constants(mean: list[float], sd: list[float], column: Callable[..., np.ndarr
 # ------------------------------------------------------------------------------------------------ compiled and readable
 
 
-def by_numpy(parameters: engines.Parameters, feed: engines.Feed, nav: state.NavState, P0_sd: np.ndarray) -> Augmented:
+def by_numpy(parameters: engines.Parameters, feed: FilterInput, nav: state.NavState, P0_sd: np.ndarray) -> Augmented:
     """The filter on 15 + p states as `inclusion` writes it, over all samples of a feed."""
     effects, noise = parameters.effects, parameters.noise
     assert effects is not None
@@ -82,7 +84,7 @@ def by_numpy(parameters: engines.Parameters, feed: engines.Feed, nav: state.NavS
         belief = augmentation.drift(belief, effects.tau, effects.q, dt)
         held = max(1.0, dt / parameters.period)
         turned = 0.0
-        if held > kernels.GAP:
+        if held > GAP:
             rates = feed.gyro[ends] - np.einsum("eip,p->ei", feed.phi[ends], belief.x)[:, 3:] - belief.nav.gyro_bias
             turned = float(np.linalg.norm(np.max(np.abs(rates), axis=0))) * dt
         scale = feed.noise_scale[k]
@@ -97,7 +99,7 @@ def by_numpy(parameters: engines.Parameters, feed: engines.Feed, nav: state.NavS
         known = feed.known[k]
         rows = np.flatnonzero(known[reference.VARIANCES] >= 0.0)
         if rows.size:
-            target = engines.nav_of(np.concatenate([known[:10], np.zeros(6)]))
+            target = nav_of(np.concatenate([known[:10], np.zeros(6)]))
             R_sd = np.sqrt(known[reference.VARIANCES][rows])
             belief, _ = augmentation.correct(belief, target, rows, R_sd, feed.draws[k][rows])
     return belief
@@ -136,7 +138,7 @@ def test_the_compiled_step_is_the_readable_one(p: int, moving: bool) -> None:
     known[60:100, reference.VARIANCES] = -1.0
     known[::3, reference.VARIANCES][:, 2:5] = -1.0
     scale = 1.0 + 0.5 * np.sin(t)[:, None] * np.ones(6)
-    feed = engines.Feed(t, gyro, accel, known, engines.draws(7, 0, n), phi, scale)
+    feed = FilterInput(t, gyro, accel, known, draws(7, 0, n), phi, scale)
     parameters = engines.Parameters(DT, 0.0, PAPER_SITE, moving, noise, np.inf, effects)
     nav, P0_sd = found.start()
     P0_sd = np.append(P0_sd, [0.2] * 3 + [0.03] * 3)
@@ -278,7 +280,7 @@ def test_scale_factors_are_found_on_a_table_that_turns() -> None:
         list(runner.rows(estimator, t, gyro, accel))
         assert estimator.latest is not None
         found, P = estimator.extra()
-        truth = engines.nav_of(np.concatenate([known[-1, :10], bias]))
+        truth = nav_of(np.concatenate([known[-1, :10], bias]))
         error = np.concatenate([estimator.latest.belief.nav.minus(truth), found - k])
         total += float(error @ np.linalg.solve(P, error))
         assert np.all(np.sqrt(np.diag(P)[15:]) < 3e-3)
@@ -345,7 +347,7 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> N
             assert np.array_equal(a.belief.P, b.belief.P)
             assert np.array_equal(a.nu, b.nu, equal_nan=True)
         assert all(np.array_equal(a, b) for a, b in zip(whole.extra(), estimator.extra(), strict=True))
-        assert whole.gauge.convergence().since == estimator.gauge.convergence().since
+        assert whole.monitor.convergence().since == estimator.monitor.convergence().since
 
 
 def test_a_sample_that_is_not_used_is_as_if_it_had_not_come() -> None:
@@ -388,7 +390,7 @@ def test_noise_by_sample_is_that_of_the_channel() -> None:
     assert covariances[0][12, 12] > 1.5 * covariances[2][12, 12]
 
 
-def test_the_gauge_judges_residuals_without_the_effect() -> None:
+def test_the_monitor_judges_residuals_without_the_effect() -> None:
     """6 deg/s that an effect explains: no alarm, converged, and and what is left looks like the bias."""
     error = np.zeros(6)
     error[3] = np.deg2rad(6.0)
@@ -399,7 +401,7 @@ def test_the_gauge_judges_residuals_without_the_effect() -> None:
     explained, plain = (Estimator(Settings(DT, effects=effects)) for effects in (make, None))
     for estimator in (explained, plain):
         list(runner.rows(estimator, *samples))
-    apparent = [e.gauge.convergence().apparent for e in (explained, plain)]
+    apparent = [e.monitor.convergence().apparent for e in (explained, plain)]
     assert apparent[0] is not None
     assert apparent[1] is not None
     assert abs(apparent[0][3]) < np.deg2rad(0.2)

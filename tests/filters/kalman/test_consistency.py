@@ -6,15 +6,16 @@ from scipy.stats import chi2
 
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, Noise
 from filters.kalman import consistency, engines, layout, runner
-from filters.kalman.consistency import Gauge
+from filters.kalman.consistency import ConvergenceMonitor
+from filters.kalman.filter_input import FilterInput, draws
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import Settings
+from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings
 from filters.motion import reference
 from filters.state import PAPER_SITE, SIZE
 
 SPEC = IMU400CD_200
 LEVEL = reference.level(PAPER_SITE)
-P0_SD = np.concatenate([reference.PAPER_R_SD, np.full(3, runner.P0_ACCEL_BIAS_SD), np.full(3, runner.P0_GYRO_BIAS_SD)])
+P0_SD = np.concatenate([reference.PAPER_R_SD, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
 TAILS = np.array([0.001, 0.999])
 SIGMA = np.repeat([SPEC.accel_vrw, SPEC.gyro_arw], 3)
 
@@ -41,7 +42,7 @@ def trial(name: str, seed: int, hz: float, times: tuple[float, ...], noise: floa
     engine = engines.ENGINES[name](engines.Parameters(1.0 / hz, 0.0, PAPER_SITE, False, Noise.of(SPEC), np.inf))
     engine.start(LEVEL.nav.plus(np.append(wrong[:9], np.zeros(6))), P0_SD)
     t = np.arange(n) / hz
-    feed = engines.Feed(t, gyro, accel, LEVEL.known(t, -np.inf, gyro), engines.draws(seed, 0, n))
+    feed = FilterInput(t, gyro, accel, LEVEL.known(t, -np.inf, gyro), draws(seed, 0, n))
     k, nees = 0, []
     for time in times:
         stop = time + 0.5 / hz
@@ -113,8 +114,8 @@ class Clean:
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        self.gauge = Gauge(0.05)
-        self.gauge.begin(0.0)
+        self.monitor = ConvergenceMonitor(0.05)
+        self.monitor.begin(0.0)
         self.seconds, self.sum = 0, np.zeros(6)
         self.turned_off = 0
         self.before: tuple[float | None, ...] = (None,) * 6
@@ -127,8 +128,8 @@ class Clean:
             self.sum += residual
             mean = self.sum / self.seconds
             seen = residual + shift if known else np.full(6, np.nan)
-            self.gauge.close(float(self.seconds), seen, mean, mean, SIGMA / np.sqrt(self.seconds))
-            since = self.gauge.convergence().since
+            self.monitor.close(float(self.seconds), seen, mean, mean, SIGMA / np.sqrt(self.seconds))
+            since = self.monitor.convergence().since
             self.turned_off += sum(b is not None and s is None for b, s in zip(self.before, since, strict=True))
             self.before = since
 
@@ -144,14 +145,14 @@ def test_a_day_of_clean_data_turns_a_bias_off_at_most_once() -> None:
         noise = rng.standard_normal((part, 6)) * SIGMA / np.sqrt(dt)
         t = (first + np.arange(part)) * dt
         list(runner.rows(estimator, t, rate + noise[:, 3:], force + noise[:, :3], last=False))
-        since = estimator.gauge.convergence().since
+        since = estimator.monitor.convergence().since
         turned_off += sum(b is not None and s is None for b, s in zip(before, since, strict=True))
         before = since
     assert all(since is not None for since in before)
     assert turned_off <= 1
 
 
-def test_the_gauge_does_not_flicker_in_its_first_minutes() -> None:
+def test_the_monitor_does_not_flicker_in_its_first_minutes() -> None:
     """The noise is measured on few blocks then: 60 starts of 100 s of six biases, ten hours of one, at most one off."""
     turned_off = 0
     for seed in range(60):
@@ -195,17 +196,17 @@ def test_without_residuals_the_first_two_conditions_judge() -> None:
     clean = Clean(51)
     clean.run(100, known=False)
     assert all(since is not None for since in clean.before)
-    verdict = clean.gauge.convergence()
+    verdict = clean.monitor.convergence()
     assert verdict.apparent is None
-    assert clean.gauge.noise() is None
+    assert clean.monitor.noise() is None
 
 
 def test_without_residuals_a_bias_that_is_uncertain_or_wanders_does_not_converge() -> None:
     """The first two conditions still can say no: sd above tolerance, or an estimate on the move."""
     tolerance = consistency.TOLERANCE
-    uncertain, wandering = Gauge(0.05), Gauge(0.05)
-    for gauge in (uncertain, wandering):
-        gauge.begin(0.0)
+    uncertain, wandering = ConvergenceMonitor(0.05), ConvergenceMonitor(0.05)
+    for monitor in (uncertain, wandering):
+        monitor.begin(0.0)
     nothing = np.full(6, np.nan)
     for k in range(1, 100):
         steady, moved = np.zeros(6), 0.5 * k * tolerance
@@ -230,7 +231,7 @@ def remainders(drift: np.ndarray, seconds: int = 120, seeds: int = 60) -> np.nda
             # the filter's mean follows the drift as a mean does
             clean.sum += drift * second
             clean.run(1, drift * second)
-        remainder = clean.gauge.remainder()
+        remainder = clean.monitor.remainder()
         assert remainder.windows == consistency.REMAINDER_WINDOWS
         assert remainder.ratio is not None
         found.append(remainder.ratio)
@@ -269,7 +270,7 @@ def test_the_remainder_of_the_filter_itself_is_one_without_and_more_with_a_tempe
             estimator = Estimator(Settings(dt), every=np.inf)
             readings = noise + effect
             list(runner.rows(estimator, t, rate + readings[:, 3:], force + readings[:, :3], last=True))
-            remainder = estimator.gauge.remainder()
+            remainder = estimator.monitor.remainder()
             assert remainder.windows == consistency.REMAINDER_WINDOWS
             squares.append(remainder.ratio**2)
         rms = np.sqrt(np.mean(squares, axis=0))
@@ -282,8 +283,8 @@ def test_the_remainder_is_told_from_windows_that_do_not_overlap() -> None:
     counts = []
     for _ in range(90):
         clean.run(1)
-        counts.append(clean.gauge.remainder().windows)
+        counts.append(clean.monitor.remainder().windows)
     assert counts == [min(6, second // 10) for second in range(1, 91)]
     blind = Clean(3)
     blind.run(60, known=False)
-    assert blind.gauge.remainder() == consistency.Remainder(None, 0)
+    assert blind.monitor.remainder() == consistency.Remainder(None, 0)

@@ -4,11 +4,14 @@ import pytest
 from filters import attitude, simulation
 from filters.imu import IMU400CD_200, Noise
 from filters.kalman import consistency, engines, kernels, layout, runner, spkf
-from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.filter_input import FilterInput, draws
+from filters.kalman.rows import Estimate, estimate_of
+from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion import alignment, reference
-from filters.motion.profile import Dwell, Profile
+from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE, NavState
 
 DT = 0.05
@@ -67,7 +70,7 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(name: str) -> N
         for a, b in zip(at_once, one_by_one, strict=True):
             assert np.array_equal(a.belief.P, b.belief.P)
             assert np.array_equal(a.nu, b.nu, equal_nan=True)
-        assert whole.gauge.convergence().since == single.gauge.convergence().since
+        assert whole.monitor.convergence().since == single.monitor.convergence().since
         assert (whole.nis_sum, whole.samples) == (single.nis_sum, single.samples)
         if n > 500:
             assert whole.after_convergence is not None
@@ -95,7 +98,7 @@ def test_the_compiled_step_is_the_readable_one() -> None:
         # rows are known now and then only, as on a table that moves
         known[60:200, reference.VARIANCES] = -1.0
         known[::3, reference.VARIANCES][:, 2:5] = -1.0
-        samples = engines.Feed(t, gyro, accel, known, engines.draws(7, 0, n))
+        samples = FilterInput(t, gyro, accel, known, draws(7, 0, n))
         for engine in (fast, slow):
             engine.start(nav, np.append(P0_sd, [0.2] * 3 + [0.03] * 3))
         k = 0
@@ -104,7 +107,7 @@ def test_the_compiled_step_is_the_readable_one() -> None:
             assert after == slow.advance(samples, k, np.inf)
             a, b = (engine.out[: after[1]] for engine in (fast, slow))
             for x, y in zip(a, b, strict=True):
-                p, q = (runner.estimate_of(row).belief for row in (x, y))
+                p, q = (estimate_of(row).belief for row in (x, y))
                 sd = np.sqrt(np.diag(q.P))
                 assert np.max(np.abs(p.nav.minus(q.nav)) / sd) < 1e-6
                 assert np.max(np.abs(p.P - q.P) / np.outer(sd, sd)) < 1e-6
@@ -297,7 +300,7 @@ def test_a_bias_that_jumps_loses_its_convergence_after_ten_seconds() -> None:
     assert estimator.converged
     for t, gyro, accel in zip(*noisy(700, seed=1, bias=jump), strict=True):
         runner.step(estimator, float(t) + 40.0, gyro, accel)
-        since = estimator.gauge.convergence().since
+        since = estimator.monitor.convergence().since
         if since[4] is None:
             break
     assert since[4] is None
@@ -308,17 +311,17 @@ def test_a_bias_that_jumps_loses_its_convergence_after_ten_seconds() -> None:
 def test_a_clean_hour_never_loses_its_convergence() -> None:
     """3600 s of clean blocks at 1 Hz: once declared, no bias is taken back."""
     rng = np.random.default_rng(12)
-    gauge = consistency.Gauge(1.0)
+    monitor = consistency.ConvergenceMonitor(1.0)
     sigma = np.repeat([1 / 60, np.deg2rad(0.075)], 3)
     sums = np.zeros(6)
     lost = 0
     before: tuple[float | None, ...] = (None,) * 6
-    gauge.begin(0.0)
+    monitor.begin(0.0)
     for k in range(1, 3601):
         residual = rng.normal(size=6) * sigma
         sums += residual
-        gauge.close(float(k), residual, sums / k, sums / k, sigma / np.sqrt(k))
-        since = gauge.convergence().since
+        monitor.close(float(k), residual, sums / k, sums / k, sigma / np.sqrt(k))
+        since = monitor.convergence().since
         lost += sum(b is not None and s is None for b, s in zip(before, since, strict=True))
         before = since
     assert all(s is not None for s in before)
@@ -328,12 +331,12 @@ def test_a_clean_hour_never_loses_its_convergence() -> None:
 def test_noise_is_measured_through_drift_and_steps() -> None:
     """The median of block differences gives the white level within 15 % though the mean wanders and jumps."""
     rng = np.random.default_rng(13)
-    gauge = consistency.Gauge(0.1)
-    gauge.begin(0.0)
+    monitor = consistency.ConvergenceMonitor(0.1)
+    monitor.begin(0.0)
     for t in range(1, 600):
         residual = rng.normal(size=6) * 0.02 + 1e-4 * t + 0.5 * (t > 300)
-        gauge.close(float(t), residual, np.zeros(6), np.zeros(6), np.ones(6))
-    noise = gauge.noise()
+        monitor.close(float(t), residual, np.zeros(6), np.zeros(6), np.ones(6))
+    noise = monitor.noise()
     assert noise is not None
     assert np.all(np.abs(noise / 0.02 - 1.0) < 0.15)
 
@@ -357,8 +360,8 @@ def test_spread_is_the_scatter_after_convergence() -> None:
 
 def test_draws_are_standard_normal_and_each_samples_own() -> None:
     """A stretch from the middle is that stretch of the whole; mean and variance of 90 000 draws fit."""
-    whole = engines.draws(4, 0, 10_000)
-    assert np.array_equal(engines.draws(4, 500, 20), whole[500:520])
+    whole = draws(4, 0, 10_000)
+    assert np.array_equal(draws(4, 500, 20), whole[500:520])
     assert abs(whole.mean()) < 4 / np.sqrt(whole.size)
     assert abs(whole.var() - 1.0) < 4 * np.sqrt(2 / whole.size)
     assert np.max(np.abs(np.corrcoef(whole.T) - np.eye(9))) < 0.05

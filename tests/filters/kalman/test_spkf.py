@@ -7,7 +7,8 @@ from filters.kalman import runner, spkf, strapdown
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion import reference
-from filters.motion.profile import Dwell, Profile
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE, NavState
 
 LEVEL = reference.level(PAPER_SITE)

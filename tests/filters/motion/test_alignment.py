@@ -8,12 +8,13 @@ from scipy.stats import chi2
 from filters import attitude, earth
 from filters.imu import IMU400CD_200, Samples
 from filters.kalman import runner
-from filters.kalman.runner import Estimate, Estimator
+from filters.kalman.rows import Estimate
+from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
-from filters.motion import alignment, reference
-from filters.motion import profile as motion
-from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion import alignment, kinematics, reference
+from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion, Trajectory
+from filters.motion.segments import Dwell, Rate
 from filters.state import PAPER_SITE
 
 SPEC = IMU400CD_200
@@ -53,9 +54,11 @@ def recorded(
     rng = np.random.default_rng([seed, 3])
     t = np.arange(round(seconds * hz)) / hz
     angles, rates = profile.angles(t - offset), profile.rates(t - offset)
-    C = motion.attitudes(angles)
+    C = kinematics.attitudes(angles)
     bias = rng.uniform(-1.0, 1.0, 6) * np.repeat([SPEC.accel_bias_limit, SPEC.gyro_bias_limit], 3)
-    gyro = motion.body_rate(angles, rates) + C.transpose(0, 2, 1) @ earth.earth_rate_n(np.array(PAPER_SITE.latitude))
+    gyro = kinematics.body_rate(angles, rates) + C.transpose(0, 2, 1) @ earth.earth_rate_n(
+        np.array(PAPER_SITE.latitude)
+    )
     accel = C.transpose(0, 2, 1) @ np.array([0.0, 0.0, -PAPER_SITE.gravity])
     gyro = gyro + bias[3:] + rng.standard_normal(gyro.shape) * SPEC.gyro_arw * np.sqrt(hz)
     accel = accel + bias[:3] + rng.standard_normal(accel.shape) * SPEC.accel_vrw * np.sqrt(hz)
@@ -273,7 +276,7 @@ def test_a_profile_live_and_all_at_once_are_the_same_to_the_last_bit(
     for sizes in ways(samples.t.size):
         other, live = in_parts(settings, samples, marks, sizes)
         same(estimates, live)
-        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert whole.monitor.convergence().since == other.monitor.convergence().since
         assert (whole.nis_sum, whole.rejected, whole.observable) == (other.nis_sum, other.rejected, other.observable)
         assert (whole.alarms(), whole.confounded()) == (other.alarms(), other.confounded())
 
@@ -282,7 +285,7 @@ def _followed(samples: Samples, hz: float, kind: str) -> Trajectory:
     """What is known of a table's motion, written down as a trajectory every 1 / hz s, partly unknown."""
     t = np.arange(0.0, samples.t[-1], 1.0 / hz) + (0.0 if kind == "whole" else 0.013)
     values = np.tile([PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height, 0, 0, 0, 0, 0, 0], (t.size, 1))
-    values[:, 6:9] = attitude.to_rpy(motion.attitudes(BOTH_WAYS.angles(t - 2.5)))
+    values[:, 6:9] = attitude.to_rpy(kinematics.attitudes(BOTH_WAYS.angles(t - 2.5)))
     if kind == "yaw":
         values[1:, 6:8] = np.nan
         values[3::7, :3] = np.nan
@@ -301,7 +304,7 @@ def test_a_trajectory_live_and_all_at_once_are_the_same_to_the_last_bit(kind: st
     for sizes in ways(samples.t.size):
         other, live = in_parts(settings, samples, [], sizes)
         same(estimates, live)
-        assert whole.gauge.convergence().since == other.gauge.convergence().since
+        assert whole.monitor.convergence().since == other.monitor.convergence().since
         assert whole.nis_sum == other.nis_sum
 
 
@@ -326,7 +329,7 @@ def test_a_trajectory_known_from_before_the_log_starts_the_filter_at_the_first_s
     part = Samples(samples.t[use] - begin, samples.gyro[use], samples.accel[use])
     settings = Settings(0.05, reference="trajectory", motion=Trajectory(known.t - begin, known.values))
     estimator, estimates = at_once(settings, part, [])
-    expected = motion.attitudes(BOTH_WAYS.angles(np.array([begin - 2.5])))[0]
+    expected = kinematics.attitudes(BOTH_WAYS.angles(np.array([begin - 2.5])))[0]
     error = np.concatenate([estimates[-1].belief.nav.accel_bias, estimates[-1].belief.nav.gyro_bias]) - bias
     assert estimator.rejected == 0
     assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(estimates[-1].belief.P)[9:]))

@@ -1,6 +1,5 @@
-"""The table's motion: moves, ramps, swings, rates against difference quotients, and the documents it is read from."""
+"""The table's motion: moves, ramps, swings, and rates against difference quotients."""
 
-import tomllib
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from filters import attitude
+from filters.motion import kinematics
 from filters.motion import profile as motion
-from filters.motion.profile import AXES, Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import AXES, Dwell, Rate, Sine
 
 DEG = np.pi / 180.0
 TUMBLE = Profile(
@@ -144,14 +145,14 @@ def test_numbers_do_not_depend_on_how_times_are_cut(profile: Profile) -> None:
     """One by one, in odd pieces, backwards, strided: the same bits, body rates and attitudes too."""
     t = dense(profile, 1013)
     angles, rates = profile.angles(t), profile.rates(t)
-    body, C_nb = motion.body_rate(angles, rates), motion.attitudes(angles)
+    body, C_nb = kinematics.body_rate(angles, rates), kinematics.attitudes(angles)
     assert np.array_equal(np.vstack([profile.angles(x) for x in t]), angles)
     assert np.array_equal(np.vstack([profile.rates(float(x)) for x in t]), rates)
     assert np.array_equal(profile.angles(t[::-3]), angles[::-3])
     for cut in np.array_split(np.arange(t.size), 17):
         assert np.array_equal(profile.rates(t[cut]), rates[cut])
-        assert np.array_equal(motion.body_rate(angles[cut], rates[cut]), body[cut])
-        assert np.array_equal(motion.attitudes(angles[cut]), C_nb[cut])
+        assert np.array_equal(kinematics.body_rate(angles[cut], rates[cut]), body[cut])
+        assert np.array_equal(kinematics.attitudes(angles[cut]), C_nb[cut])
 
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
@@ -161,7 +162,7 @@ def test_body_rate_is_what_turns_the_attitude(profile: Profile) -> None:
     for t in np.linspace(0.1, profile.duration - 0.1, 61):
         before, after = (attitude.table(*profile.angles(x)[0]) for x in (t - h, t + h))
         turned = attitude.log(before.T @ after) / (2.0 * h)
-        assert np.allclose(motion.body_rate(profile.angles(t), profile.rates(t))[0], turned, atol=2e-5)
+        assert np.allclose(kinematics.body_rate(profile.angles(t), profile.rates(t))[0], turned, atol=2e-5)
 
 
 @settings(max_examples=50, deadline=None)
@@ -169,85 +170,11 @@ def test_body_rate_is_what_turns_the_attitude(profile: Profile) -> None:
 def test_many_attitudes_are_the_tables_one_by_one(numbers: list[float]) -> None:
     """The written-out product of three rotations, and the rate it implies for any angles and rates."""
     angles, rates = np.array(numbers[:3]), np.array(numbers[3:])
-    assert np.allclose(motion.attitudes(angles[None])[0], attitude.table(*angles))
+    assert np.allclose(kinematics.attitudes(angles[None])[0], attitude.table(*angles))
     h = 1e-5
     before, after = (attitude.table(*(angles + x * rates)) for x in (-h, h))
     turned = attitude.log(before.T @ after) / (2.0 * h)
-    assert np.allclose(motion.body_rate(angles[None], rates[None])[0], turned, atol=1e-6)
-
-
-DOCUMENT = """
-align = "marks"
-sign = [1, 1, -1]
-offset_sd_s = 0.05
-slew_dps = 30
-accel_dps2 = 200.0
-[[segment]]
-kind = "dwell"
-angles_deg = [0, 90.0, 0]
-seconds = 30
-[[segment]]
-kind = "rate"
-axis = "inner"
-rate_dps = -30.0
-seconds = 12.0
-[[segment]]
-kind = "sine"
-axis = "middle"
-amplitude_deg = 10.0
-hz = 0.5
-seconds = 20.0
-"""
-
-
-def test_a_document_is_the_profile_it_describes() -> None:
-    """Degrees become radians; every key lands where it belongs."""
-    assert motion.from_document(tomllib.loads(DOCUMENT)) == Profile(
-        (
-            Dwell((0.0, 90 * DEG, 0.0), 30.0),
-            Rate("inner", -30 * DEG, 12.0),
-            Sine("middle", 10 * DEG, 0.5, 20.0),
-        ),
-        (1, 1, -1),
-        "marks",
-        0.05,
-        np.deg2rad(30.0),
-        np.deg2rad(200.0),
-    )
-
-
-DWELL = {"kind": "dwell", "angles_deg": [0, 0, 0], "seconds": 1}
-RATE = {"kind": "rate", "axis": "inner", "rate_dps": 5, "seconds": 1}
-SINE = {"kind": "sine", "axis": "inner", "amplitude_deg": 5, "hz": 1, "seconds": 1}
-WRONG: list[tuple[dict[str, Any], list[str]]] = [
-    ({}, ["`segment` is missing"]),
-    ({"segment": []}, ["`segment` is missing"]),
-    ({"segment": [DWELL], "speed": 3}, ["`speed` is unknown", "slew_dps"]),
-    ({"segment": [DWELL], "align": "gps"}, ["`align`", "gps", "marks"]),
-    ({"segment": [DWELL], "sign": [1, 1]}, ["`sign`", "[1, 1]"]),
-    ({"segment": [DWELL], "sign": [1, 2, 1]}, ["`sign`", "[1, 2, 1]"]),
-    ({"segment": [DWELL], "slew_dps": 0}, ["`slew_dps` is 0"]),
-    ({"segment": [DWELL], "accel_dps2": "fast"}, ["`accel_dps2`", "fast"]),
-    ({"segment": [DWELL], "offset_sd_s": -1}, ["`offset_sd_s` is -1"]),
-    ({"segment": [DWELL, {"kind": "spin"}]}, ["segment 2", "`kind`", "spin", "sine"]),
-    ({"segment": ["dwell"]}, ["segment 1"]),
-    ({"segment": [DWELL | {"seconds": 0}]}, ["segment 1", "`seconds` is 0"]),
-    ({"segment": [DWELL | {"angles_deg": [0, 0]}]}, ["`angles_deg`", "[0, 0]"]),
-    ({"segment": [DWELL | {"axis": "inner"}]}, ["`axis` is unknown"]),
-    ({"segment": [RATE | {"axis": "yaw"}]}, ["`axis`", "yaw", "middle"]),
-    ({"segment": [RATE | {"rate_dps": 0}]}, ["`rate_dps` is 0"]),
-    ({"segment": [RATE | {"rate_dps": float("nan")}]}, ["`rate_dps`", "nan"]),
-    ({"segment": [SINE | {"hz": -1}]}, ["`hz` is -1"]),
-    ({"segment": [{"kind": "sine", "axis": "inner", "hz": 1, "seconds": 1}]}, ["`amplitude_deg` is missing"]),
-]
-
-
-@pytest.mark.parametrize(("document", "words"), WRONG)
-def test_a_wrong_document_is_refused_by_key_and_value(document: dict[str, Any], words: list[str]) -> None:
-    """The message names what is wrong and what may be there."""
-    with pytest.raises(ValueError, match="`") as caught:
-        motion.from_document(document)
-    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert np.allclose(kinematics.body_rate(angles[None], rates[None])[0], turned, atol=1e-6)
 
 
 @pytest.mark.parametrize(

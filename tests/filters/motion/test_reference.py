@@ -8,16 +8,16 @@ from filters import attitude, earth, simulation, state
 from filters.imu import IMU400CD_200, ImuSpec, Samples
 from filters.kalman import runner
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import Settings
-from filters.motion import profile as motion
-from filters.motion import reference
-from filters.motion.profile import AXES, Dwell, Profile, Rate
+from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings
+from filters.motion import kinematics, reference
+from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion
+from filters.motion.segments import AXES, Dwell, Rate
 from filters.simulation import Truth
 from filters.state import PAPER_SITE
 
 SPEC = IMU400CD_200
-P0_BIAS_SD = np.repeat([runner.P0_ACCEL_BIAS_SD, runner.P0_GYRO_BIAS_SD], 3)
+P0_BIAS_SD = np.repeat([P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD], 3)
 
 
 def dwell(outer: float, middle: float, inner: float, seconds: float) -> Dwell:
@@ -132,7 +132,7 @@ def test_without_a_joint_only_settled_dwells_are_used() -> None:
     profile = Profile((dwell(0, 0, 0, 5.0), dwell(0, 90, 0, 5.0), RATES[0], dwell(0, 0, 0, 5.0)))
     t = np.arange(0.0, profile.duration + 5.0, 0.05)
     table = TableMotion(profile, PAPER_SITE, SPEC, 0.05)
-    gyro = motion.body_rate(profile.angles(t), profile.rates(t))
+    gyro = kinematics.body_rate(profile.angles(t), profile.rates(t))
     used = table.known(t, -np.inf, gyro)[:, 10] >= 0.0
     expected = t < 5.0 - 1e-9
     for start, end in zip(profile.rest_starts[[1, 3]], [profile.starts[2], np.inf], strict=True):

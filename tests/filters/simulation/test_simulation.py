@@ -10,8 +10,9 @@ from scipy import signal
 
 from filters import attitude, earth, simulation
 from filters.imu import AxisMap, ImuSpec, parse_mount
-from filters.motion import profile as motion
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion import kinematics, segments
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import (
     EFFECTS,
     LOOP_HZ,
@@ -113,13 +114,13 @@ def rotated(s: Seen, d: tuple[float, float, float], channel: int) -> np.ndarray:
 
 def accel_error(force_change_n: np.ndarray, s: Seen) -> np.ndarray:
     """A change of specific force in n, m/s², as the accelerometers show it, mg, (N, 3)."""
-    return -np.einsum("nij,i->nj", motion.attitudes(s.angles), force_change_n) / G * 1e3
+    return -np.einsum("nij,i->nj", kinematics.attitudes(s.angles), force_change_n) / G * 1e3
 
 
 def lever_mg(s: Seen, r: tuple[float, float, float]) -> np.ndarray:
     """ω × (ω × r) + ω' × r by difference quotients of the table's own angles, as an instrument of sign -1 shows it."""
     h = 1e-4
-    w0, w1, w2 = (motion.body_rate(MOVING.angles(s.t + x), MOVING.rates(s.t + x)) for x in (-h, 0.0, h))
+    w0, w1, w2 = (kinematics.body_rate(MOVING.angles(s.t + x), MOVING.rates(s.t + x)) for x in (-h, 0.0, h))
     a = np.cross(w1, np.cross(w1, np.array(r))) + np.cross((w2 - w0) / (2 * h), np.array(r))
     return -a / G * 1e3
 
@@ -190,7 +191,7 @@ EQUATIONS: dict[str, list[Case]] = {
         ((), {"x_rad": 0.001, "z_rad": -0.002}, lambda s: rotated(s, (0.001, 0.0, -0.002), 4), 2e-2),
     ],
     "earth_rate": [
-        ((), {}, lambda s: -(np.einsum("nij,i->nj", motion.attitudes(s.angles), EARTH_N) / DEG)[:, 0], 1e-9)
+        ((), {}, lambda s: -(np.einsum("nij,i->nj", kinematics.attitudes(s.angles), EARTH_N) / DEG)[:, 0], 1e-9)
     ],
     "lever_arm": [((), {"x_m": 0.05, "z_m": -0.02}, lambda s: lever_mg(s, (0.05, 0.0, -0.02))[:, 0], 0.05)],
     "tilt": [
@@ -339,7 +340,7 @@ def test_every_driver_of_the_noise_level_drives(driver: str) -> None:
         "rate_norm": np.linalg.norm(SEEN.x[:, :3], axis=1),
         **{f"w{axis}": SEEN.x[:, n] for n, axis in enumerate("xyz")},
         **{f"f{axis}": SEEN.x[:, 3 + n] for n, axis in enumerate("xyz")},
-        **{f"angle_{axis}": SEEN.angles[:, n] / DEG for n, axis in enumerate(motion.AXES)},
+        **{f"angle_{axis}": SEEN.angles[:, n] / DEG for n, axis in enumerate(segments.AXES)},
     }
     assert np.allclose(log_variance, truth[driver], atol=1e-3)
 
@@ -448,7 +449,7 @@ def test_tumbling_a_gyro_that_feels_gravity_shows_by_how_much() -> None:
     scene = replace(SCENE, profile=profile, effects=(Effect("g_sensitivity", ("gx",), {"y_dps_per_g": 0.05}),))
     r = recorded(scene, 0, profile.duration)
     rests = profile.phase(r.samples.t)
-    earth_b = np.einsum("nij,i->nj", motion.attitudes(r.angles), EARTH_N) / DEG
+    earth_b = np.einsum("nij,i->nj", kinematics.attitudes(r.angles), EARTH_N) / DEG
     shown = readings(r)
     excess = shown[rests, 0] - earth_b[rests, 0]
     slopes, *_ = np.linalg.lstsq(shown[rests, 3:] / 1e3, excess, rcond=None)
@@ -573,8 +574,8 @@ def test_simulate_gives_what_a_filter_with_that_specification_believes() -> None
     exact, _ = simulation.simulate(
         MOVING, rate_hz=20.0, seconds=30.0, spec=replace(spec, gyro_arw=0.0, accel_vrw=0.0), truth=truth
     )
-    C_nb = motion.attitudes(MOVING.angles(s.t))
-    w = motion.body_rate(MOVING.angles(s.t), MOVING.rates(s.t)) + np.einsum("nij,i->nj", C_nb, EARTH_N)
+    C_nb = kinematics.attitudes(MOVING.angles(s.t))
+    w = kinematics.body_rate(MOVING.angles(s.t), MOVING.rates(s.t)) + np.einsum("nij,i->nj", C_nb, EARTH_N)
     assert np.allclose(exact.gyro, w + truth.gyro_bias, atol=1e-12)
     assert np.allclose(exact.accel, np.einsum("nij,i->nj", C_nb, FORCE_N) + truth.accel_bias, atol=1e-12)
     assert s.t.size == 600

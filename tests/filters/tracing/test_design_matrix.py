@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.runs import WHITE, power_ons
 
-from filters.motion.profile import Dwell, Profile, Rate, Sine
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect
 from filters.tracing.design_matrix import Atom, Design, Stack
 from filters.tracing.residual import blocks

@@ -11,8 +11,8 @@ import pytest
 from filters.effects.additive import ThermalScale
 from filters.effects.hypothesis import Own
 from filters.imu import AxisMap, ImuSpec
-from filters.motion import profile as motion
-from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
 from filters.tracing import candidate_motions, experiment, residual, selection
 from filters.tracing.candidate_motions import Plan, Seen
@@ -21,6 +21,7 @@ from filters.tracing.residual import Run
 from filters.tracing.rivals import rivals
 from filters.tracing.trace import trace
 from imutui import scenario
+from imutui.logbook import reference_file
 
 DEG = np.pi / 180.0
 WHITE = ImuSpec(gyro_bandwidth=0.0, accel_bandwidth=0.0)
@@ -97,7 +98,7 @@ def leading(design: Design, channel: int) -> str:
 
 def again(made: dict[str, Any], effects: Sequence[Effect], seed: int) -> Run:
     """The run that was asked for; the case follows the chamber a minute late, and rounds its corners."""
-    profile = motion.from_document(tomllib.loads(made["profile"]))
+    profile = reference_file.from_document(tomllib.loads(made["profile"]))
     t = np.arange(0.0, made["duration_s"], 4.0)
     T = residual.lag(np.interp(t, *np.array(made["thermal"]).T), 60.0 / 4.0)
     return performed(effects, seed, zip(t.tolist(), T.tolist(), strict=True), profile, made["duration_s"])
@@ -213,7 +214,7 @@ def test_a_free_curve_is_left_behind_by_larger_rates() -> None:
     made = experiment.separating(design, a, of_size(design, a, 40.0), [b], design.stack.blocks[0].run)
     assert made is not None
     assert made["d_expected"] > 20.0
-    assert motion.from_document(tomllib.loads(made["profile"])).max_rate > 40 * DEG
+    assert reference_file.from_document(tomllib.loads(made["profile"])).max_rate > 40 * DEG
 
 
 def test_more_that_was_found_takes_from_what_a_plan_shows(cold: Design) -> None:
@@ -306,7 +307,7 @@ def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
 @pytest.mark.parametrize("plan", all_plans(), ids=lambda plan: plan.words[:60])
 def test_a_plan_comes_back_from_its_text(plan: Plan) -> None:
     """The text is a profile of the same segments; temperatures begin with it and end with it."""
-    assert motion.from_document(tomllib.loads(motion.to_toml(plan.profile))) == plan.profile
+    assert reference_file.from_document(tomllib.loads(reference_file.to_toml(plan.profile))) == plan.profile
     assert plan.seconds > 90.0
     assert plan.thermal is not None
     t, T = np.array(plan.thermal).T
@@ -329,7 +330,7 @@ def test_the_library_has_what_tells_effects_apart() -> None:
 def test_what_was_asked_for_drives_a_scenario(tmp_path: Path) -> None:
     """Profile and temperatures go into a scenario as they are, and a unit follows them."""
     plan = next(p for p in all_plans() if "and again at" in p.words)
-    (tmp_path / "experiment.toml").write_text(motion.to_toml(plan.profile))
+    (tmp_path / "experiment.toml").write_text(reference_file.to_toml(plan.profile))
     assert plan.thermal is not None
     history = [list(point) for point in plan.thermal]
     lines = ["seed = 1", 'profile = "experiment.toml"', "[temperature]", f"history = {history}"]

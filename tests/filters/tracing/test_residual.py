@@ -7,7 +7,9 @@ import pytest
 from helpers.runs import QUIET, run_of
 
 from filters.imu import AxisMap, parse_mount
-from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes
+from filters.motion.kinematics import attitudes
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
 from filters.tracing import residual
 from filters.tracing.residual import (

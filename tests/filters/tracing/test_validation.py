@@ -11,7 +11,8 @@ from filters.earth import meridian_radius, transverse_radius
 from filters.effects.hypothesis import DPS
 from filters.imu import AxisMap
 from filters.kalman import strapdown
-from filters.motion.profile import Dwell, Profile, Rate
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell, Rate
 from filters.simulation import Scenario
 from filters.state import NavState
 from filters.tracing import validation

@@ -1,0 +1,206 @@
+"""From readings to what an engine takes: what the reference knows at each, what effects say of it, drawn noise."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from filters.kalman import augmentation
+from filters.kalman.alarms import Turns
+from filters.kalman.augmentation import Effects
+from filters.kalman.sample_times import SampleTimes
+from filters.kalman.settings import Settings
+from filters.motion import reference
+from filters.motion.reference import Reference, TableMotion
+from filters.types import Array
+
+_WORDS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What a unit read, on its way to the filter.
+
+    Attributes
+    ----------
+    t : Array
+        s since the first sample, shape (N,), increasing.
+    gyro, accel : Array
+        rad/s and m/s², body axes, shape (N, 3).
+    temperature : Array
+        degC, shape (N,); NaN where it is not known.
+    """
+
+    t: Array
+    gyro: Array
+    accel: Array
+    temperature: Array
+
+    def part(self, which: slice | NDArray[np.bool_]) -> "Readings":
+        """Some of them."""
+        return Readings(self.t[which], self.gyro[which], self.accel[which], self.temperature[which])
+
+    @staticmethod
+    def joined(parts: "list[Readings]") -> "Readings":
+        """All of several, in order."""
+        return Readings(
+            np.concatenate([part.t for part in parts]),
+            np.concatenate([part.gyro for part in parts]),
+            np.concatenate([part.accel for part in parts]),
+            np.concatenate([part.temperature for part in parts]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FilterInput:
+    """Samples with what is known at each, as an engine takes them; arrays are C-contiguous float64.
+
+    Attributes
+    ----------
+    t, gyro, accel : Array
+        s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3).
+    known : Array
+        What the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all.
+    draws : Array
+        Standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones.
+    phi : Array
+        Regressor of the p extra states, (N, 6, p), accelerometer then gyro; empty without effects.
+    noise_scale : Array
+        Factor on the white noise of each channel, (N, 6), same order; empty without effects.
+    """
+
+    t: Array
+    gyro: Array
+    accel: Array
+    known: Array
+    draws: Array
+    phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
+    noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
+
+
+def draws(seed: int, first: int, count: int) -> Array:
+    """Standard normal draws that depend on seed and sample number alone.
+
+    Philox counts: a sample has twelve words of its own, nine are used, by the inverse of the normal distribution.
+
+    Parameters
+    ----------
+    seed : int
+        Key of the generator.
+    first, count : int
+        Samples.
+
+    Returns
+    -------
+    Array
+        Shape (count, 9).
+    """
+    generator = np.random.Philox(key=seed, counter=[first * _WORDS // 4, 0, 0, 0])
+    words = generator.random_raw(count * _WORDS).reshape(count, _WORDS)[:, :9]
+    return np.asarray(ndtri(((words >> np.uint64(11)) + 0.5) * 2.0**-53))
+
+
+class InputBuilder:
+    """Makes the input of an engine from readings, in order, once the reference is found.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of the run.
+    found : Reference
+        What is known of the motion.
+    effects : Effects or None
+        Those that join the filter.
+    times : SampleTimes
+        Told of the gaps that come of samples which the effects do not let pass.
+    marks : list of (float, str)
+        The operator's marks that are still to come, s and text; each is taken out when it counts, which is from the
+        first sample on that is not before it.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        found: Reference,
+        effects: Effects | None,
+        times: SampleTimes,
+        marks: list[tuple[float, str]],
+    ) -> None:
+        self._settings = settings
+        self._reference = found
+        self._effects = effects
+        self._times = times
+        self._shown_t = -np.inf
+        self._turns = Turns()
+        self._marks = marks
+
+    def confounded(self) -> list[str]:
+        """Sentences on biases that the motion so far cannot tell from other effects, body axes."""
+        return self._turns.confounded()
+
+    def input(self, readings: Readings, index: int, before: float) -> FilterInput:
+        """Input of the next readings.
+
+        Parameters
+        ----------
+        readings : Readings
+            The next ones, at least one.
+        index : int
+            Samples that the engine has used.
+        before : float
+            Time of the last of them, s; -inf for none.
+
+        Returns
+        -------
+        FilterInput
+            Of the readings that are used; those that effects flag are predicted through, as samples that are flagged in
+            the log are: the engine never sees them.
+        """
+        known = self._known(readings, before if self._effects is None else self._shown_t)
+        included: list[Array] = []
+        if self._effects is not None:
+            readings, known, *included = self._include(self._effects, readings, known, before)
+        if self._reference.moving:
+            self._turns.add(known[:, reference.RATE])
+        n, settings = readings.t.size, self._settings
+        drawn = draws(settings.seed, index, n) if settings.measurements == "drawn" else np.empty((0, 9))
+        arrays = readings.t, readings.gyro, readings.accel, known, drawn, *included
+        return FilterInput(*(np.require(a, np.float64, ("C", "W")) for a in arrays))
+
+    def _include(
+        self, effects: Effects, readings: Readings, known: Array, before: float
+    ) -> tuple[Readings, Array, Array, Array]:
+        """Readings that the effects let pass, what is known at them, their regressors and their noise."""
+        t = readings.t
+        phi, scale, use = effects.rows(
+            t, readings.gyro, readings.accel, readings.temperature, np.broadcast_to(known, (t.size, known.shape[1]))
+        )
+        augmentation.check_rows(effects.names, t, phi, scale, use)
+        if not use.all() or before != self._shown_t:
+            readings = readings.part(use)
+            # what a trajectory says at a sample that is not used goes to the next one that is
+            known = self._reference.known(readings.t, before, readings.gyro)
+            used = np.concatenate([[before], readings.t])[:-1]
+            arrived = np.concatenate([[self._shown_t], t[:-1]])[use]
+            self._times.note_left_out(arrived, used, readings.t)
+        self._shown_t = float(t[-1])
+        return readings, known, phi[use], scale[use]
+
+    def _known(self, readings: Readings, before: float) -> Array:
+        """What the reference says at each reading, or one row for all."""
+        if isinstance(self._reference, TableMotion) and self._marks:
+            return self._known_between_marks(self._reference, readings.t, before, readings.gyro)
+        return self._reference.known(readings.t, before, readings.gyro)
+
+    def _known_between_marks(self, found: TableMotion, t: Array, before: float, gyro: Array) -> Array:
+        """Rows of readings with marks among them."""
+        parts, first = [], 0
+        while first < t.size:
+            while self._marks and self._marks[0][0] <= t[first]:
+                found.mark(*self._marks.pop(0))
+            until = self._marks[0][0] if self._marks else np.inf
+            last = first + int(np.searchsorted(t[first:], until, side="left"))
+            parts.append(found.known(t[first:last], before, gyro[first:last]))
+            before, first = float(t[last - 1]), last
+        return np.concatenate(parts)

@@ -1,0 +1,92 @@
+"""Estimates as records, and as the rows of numbers that engines keep and give (`filters.kalman.layout`)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters import attitude, state
+from filters.kalman import layout
+from filters.kalman.layout import STRIDE
+from filters.kalman.spkf import Belief
+from filters.state import NavState
+from filters.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the filter holds after one sample.
+
+    Attributes
+    ----------
+    index : int
+        Number of the sample, from 0.
+    t : float
+        s since the first sample.
+    belief : Belief
+        After the update.
+    nu : Array
+        Innovation of the nine rows, m, m/s, rad; NaN where a row was not known; shape (9,).
+    nis : float
+        Normalised innovation squared; NaN without an update, as for the first sample, which only sets the clock.
+    dof : int
+        Rows of the update.
+    """
+
+    index: int
+    t: float
+    belief: Belief
+    nu: Array
+    nis: float
+    dof: int
+
+
+def estimate_of(row: Array) -> Estimate:
+    """Estimate of a row of output, `filters.kalman.layout.OUT_*`."""
+    return Estimate(
+        int(row[layout.OUT_INDEX]),
+        float(row[layout.OUT_T]),
+        Belief(nav_of(row[layout.OUT_NAV : layout.OUT_NIS]), covariance_of(row[layout.OUT_P :])),
+        row[layout.OUT_NU : layout.OUT_P].copy(),
+        float(row[layout.OUT_NIS]),
+        int(row[layout.OUT_DOF]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Mean and covariance of state errors against the reference, after convergence; shapes (15,) and (15, 15)."""
+
+    count: int
+    mean: Array
+    covariance: Array
+
+
+def nav_of(row: Array) -> NavState:
+    """Navigation state of 16 numbers, `filters.kalman.layout.NAV_*`: position, velocity, quaternion, biases."""
+    return NavState(
+        np.array(row[0]),
+        np.array(row[1]),
+        np.array(row[2]),
+        row[3:6].copy(),
+        attitude.from_quaternion(row[6:10]),
+        row[10:13].copy(),
+        row[13:16].copy(),
+    )
+
+
+def row_of(nav: NavState) -> Array:
+    """Inverse of `nav_of`, shape (16,)."""
+    position = [nav.latitude, nav.longitude, nav.height]
+    return np.concatenate([position, nav.velocity_n, attitude.to_quaternion(nav.C_nb), nav.accel_bias, nav.gyro_bias])
+
+
+def covariance_of(padded: Array) -> Array:
+    """Covariance (15, 15) of its padded rows, (15 · STRIDE,)."""
+    return np.array(padded.reshape(state.SIZE, STRIDE)[:, : state.SIZE])
+
+
+def padded(P: Array) -> Array:
+    """Inverse of `covariance_of`."""
+    out = np.zeros((state.SIZE, STRIDE))
+    out[:, : state.SIZE] = P
+    return out.ravel()

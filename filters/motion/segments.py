@@ -1,0 +1,142 @@
+"""What a table is told to do: dwells, constant rates, swings, sampled angles.
+
+    dwell    Rests at `angles` for `seconds`. If the table is elsewhere it moves there first, all axes at once and along
+             a straight line in the angles: a trapezoid of rate, limited by `slew` and `accel` on the axis that has
+             farthest to go. `seconds` count from the end of that move. A profile that begins with a dwell begins at
+             its angles; any other begins at zero angles.
+    rate     Turns one axis at constant `rate` for `seconds`. Speeding up and slowing down at `accel` come before and
+             after, and are not in `seconds`. Whole turns made so are not unwound: on that axis the next dwell takes the
+             short way round.
+    sine     Swings one axis about where it is: amplitude · u(t) · sin(2π hz t). The envelope u is 1 for `seconds`;
+             before and after, each one period long and not in `seconds`, it is half a cosine from 0 and back to 0, so
+             that angle and rate start and end at zero. `slew` and `accel` do not limit it.
+    samples  Angles at given times, between them monotone cubics (no overshoot, so a table at rest stays at rest).
+
+Left out: the moves between segments and any number at a given time (`filters.motion.kinematics`).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+AXES = ("outer", "middle", "inner")
+"""Of the table, in the order of all arrays of three table angles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """At rest.
+
+    Attributes
+    ----------
+    angles : tuple of float
+        Outer, middle, inner, rad.
+    seconds : float
+        At rest, without the move there.
+    """
+
+    angles: tuple[float, float, float]
+    seconds: float
+
+    def __post_init__(self) -> None:
+        if len(self.angles) != 3 or not np.isfinite(self.angles).all():
+            raise ValueError(f"`angles` is {self.angles}, not three finite angles: outer, middle, inner")
+        check_positive("seconds", self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """One axis at constant rate.
+
+    Attributes
+    ----------
+    axis : {"outer", "middle", "inner"}
+        Which.
+    rate : float
+        rad/s, not zero.
+    seconds : float
+        At that rate, without the ramps.
+    """
+
+    axis: str
+    rate: float
+    seconds: float
+
+    def __post_init__(self) -> None:
+        axis_number(self.axis)
+        if not math.isfinite(self.rate) or self.rate == 0.0:
+            raise ValueError(f"`rate` is {self.rate}, not a finite rate other than zero")
+        check_positive("seconds", self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Sine:
+    """One axis swinging.
+
+    Attributes
+    ----------
+    axis : {"outer", "middle", "inner"}
+        Which.
+    amplitude : float
+        rad, positive.
+    hz : float
+        Frequency.
+    seconds : float
+        At full amplitude, without the period before and the period after.
+    """
+
+    axis: str
+    amplitude: float
+    hz: float
+    seconds: float
+
+    def __post_init__(self) -> None:
+        axis_number(self.axis)
+        check_positive("amplitude", self.amplitude)
+        check_positive("hz", self.hz)
+        check_positive("seconds", self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """Recorded or computed angles.
+
+    Attributes
+    ----------
+    t : tuple of float
+        s, increasing, at least two. Only differences count: the segment starts with the first.
+    angles : tuple of tuple of float
+        Outer, middle, inner at those times, rad.
+    """
+
+    t: tuple[float, ...]
+    angles: tuple[tuple[float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        t, angles = np.array(self.t), np.array(self.angles)
+        if t.size < 2 or angles.shape != (t.size, 3):
+            raise ValueError(f"`t` has {t.size} times and `angles` shape {angles.shape}: at least 2, and 3 angles each")
+        finite = np.isfinite(t) & np.isfinite(angles).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise ValueError(f"`angles` or `t` is not finite in row {row}")
+        if not (np.diff(t) > 0.0).all():
+            row = int(np.argmin(np.diff(t) > 0.0)) + 1
+            raise ValueError(f"`t` does not increase in row {row}: {t[row]:g} after {t[row - 1]:g}")
+
+
+Segment = Dwell | Rate | Sine | Sampled
+
+
+def axis_number(axis: str) -> int:
+    """Column of an axis in arrays of table angles; raises ValueError if there is none of that name."""
+    if axis not in AXES:
+        raise ValueError(f'`axis` is "{axis}", not one of: {", ".join(AXES)}')
+    return AXES.index(axis)
+
+
+def check_positive(name: str, value: float) -> None:
+    """Raise ValueError that names the argument unless its value is positive and finite."""
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"`{name}` is {value}, not a positive finite number")
