@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import DPS, GYROS, G, Own, Parameter
+from filters.effects.hypothesis import DPS, GYROS, ChannelEffect, G, Parameter
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
 from filters.types import Array
 
@@ -19,7 +19,7 @@ WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
 
 
 @dataclass(frozen=True)
-class ThermalLin(Own):
+class ThermalLin(ChannelEffect):
     """e = k (T - T0)."""
 
     effect: ClassVar = "thermal_lin"
@@ -36,7 +36,7 @@ class ThermalLin(Own):
 
 
 @dataclass(frozen=True)
-class ThermalPoly(Own):
+class ThermalPoly(ChannelEffect):
     """e = k1 dT + k2 dT² (+ k3 dT³), dT = T - T0."""
 
     order: int = 2
@@ -66,7 +66,7 @@ class ThermalPoly(Own):
 
 
 @dataclass(frozen=True)
-class ThermalRate(Own):
+class ThermalRate(ChannelEffect):
     """e = k T'."""
 
     effect: ClassVar = "thermal_rate"
@@ -83,7 +83,7 @@ class ThermalRate(Own):
 
 
 @dataclass(frozen=True)
-class ThermalLag(Own):
+class ThermalLag(ChannelEffect):
     """e = k (T_tau - T), T_tau following T as a first-order lag does, from equality at power-on."""
 
     lag: int = 0
@@ -111,7 +111,7 @@ class ThermalLag(Own):
 
 
 @dataclass(frozen=True)
-class Hysteresis(Own):
+class Hysteresis(ChannelEffect):
     """e = k · mean of P_n(T - T(0)) / width over a bank of play operators."""
 
     bank: int = 0
@@ -139,7 +139,7 @@ class Hysteresis(Own):
 
 
 @dataclass(frozen=True)
-class Warmup(Own):
+class Warmup(ChannelEffect):
     """e = k exp(-t/tau)."""
 
     tau: float = WARMUP_TAUS[0]
@@ -167,7 +167,7 @@ class Warmup(Own):
 
 
 @dataclass(frozen=True)
-class Ramp(Own):
+class Ramp(ChannelEffect):
     """e = k t."""
 
     effect: ClassVar = "ramp"
@@ -184,7 +184,7 @@ class Ramp(Own):
 
 
 @dataclass(frozen=True)
-class Scale(Own):
+class Scale(ChannelEffect):
     """e = k x."""
 
     effect: ClassVar = "scale"
@@ -201,7 +201,7 @@ class Scale(Own):
 
 
 @dataclass(frozen=True)
-class Asymmetry(Own):
+class Asymmetry(ChannelEffect):
     """e = k abs(x)."""
 
     effect: ClassVar = "asymmetry"
@@ -218,7 +218,7 @@ class Asymmetry(Own):
 
 
 @dataclass(frozen=True)
-class NonlinearityCubic(Own):
+class NonlinearityCubic(ChannelEffect):
     """e = k x³."""
 
     effect: ClassVar = "nonlinearity_cubic"
@@ -236,7 +236,7 @@ class NonlinearityCubic(Own):
 
 
 @dataclass(frozen=True)
-class NonlinearityQuadratic(Own):
+class NonlinearityQuadratic(ChannelEffect):
     """e = k ω² of a gyro; an accelerometer's own f² is g_squared."""
 
     effect: ClassVar = "nonlinearity_quadratic"
@@ -254,7 +254,7 @@ class NonlinearityQuadratic(Own):
 
 
 @dataclass(frozen=True)
-class ThermalScale(Own):
+class ThermalScale(ChannelEffect):
     """e = k x (T - T0)."""
 
     effect: ClassVar = "thermal_scale"
@@ -271,7 +271,7 @@ class ThermalScale(Own):
 
 
 @dataclass(frozen=True)
-class CrossAxis(Own):
+class CrossAxis(ChannelEffect):
     """e = sum of k_j x_j over the sensors of the same kind on the other axes, or one of them alone."""
 
     only: int = -1
@@ -303,7 +303,7 @@ class CrossAxis(Own):
 
 
 @dataclass(frozen=True)
-class GSensitivity(Own):
+class GSensitivity(ChannelEffect):
     """e = G · f of a gyro, f as the accelerometers read it; all of G, or along one axis alone."""
 
     only: int = -1
@@ -335,7 +335,7 @@ class GSensitivity(Own):
 
 
 @dataclass(frozen=True)
-class GSquared(Own):
+class GSquared(ChannelEffect):
     """e = k f_j²: vibration rectification, or an accelerometer's own quadratic term."""
 
     axis: int = 0
@@ -367,10 +367,10 @@ class GSquared(Own):
         return {"axis": "xyz"[self.axis]}
 
 
-def hypotheses(channel: int) -> list[Own]:
+def hypotheses(channel: int) -> list[ChannelEffect]:
     """All hypotheses of this module on a channel."""
     plain = (ThermalLin, ThermalRate, Ramp, Scale, Asymmetry, NonlinearityCubic, NonlinearityQuadratic)
-    made: list[Own] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
+    made: list[ChannelEffect] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
     made += [CrossAxis(channel, only) for only in (-1, 0, 1, 2) if only != channel % 3]
     made += [GSensitivity(channel, only) for only in (-1, 0, 1, 2) if channel in GSensitivity.where]
     made += [ThermalPoly(channel, order) for order in (2, 3)]

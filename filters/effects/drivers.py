@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from filters.effects.hypothesis import DPS, G, Own, Parameter
+from filters.effects.hypothesis import DPS, ChannelEffect, G, Parameter
 from filters.effects.inputs import AXES, Inputs
 from filters.types import Array
 
@@ -61,7 +61,7 @@ def _angle(axis: int) -> Values:
 
 
 @dataclass(frozen=True)
-class Driver(Own):
+class Driver(ChannelEffect):
     """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit.
 
     Attributes

@@ -52,7 +52,7 @@ class Hypothesis(Protocol):
     channels : tuple of int
         Those it acts on with the same θ: one, or several where it is shared.
     source : str
-        "time", "temperature" or "motion": what it is a function of.
+        "time", "temperature" or "motion": what it is a function of; "run_specific" for what each run has its own of.
     grid : int
         How many hypotheses of this effect there are on the channel: what choosing among them costs.
     """
@@ -82,7 +82,7 @@ class Hypothesis(Protocol):
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class HypothesisBase(ABC):
     """What all effects of the catalogue share; subclasses give columns and parameters."""
 
     effect: ClassVar[str]
@@ -113,7 +113,7 @@ class Effect(ABC):
 
 
 @dataclass(frozen=True)
-class Own(Effect):
+class ChannelEffect(HypothesisBase):
     """An effect of one channel by itself."""
 
     channel: int

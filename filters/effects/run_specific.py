@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from filters.effects.hypothesis import Own, Parameter
+from filters.effects.hypothesis import ChannelEffect, Parameter
 from filters.effects.inputs import Inputs
 from filters.types import Array
 
@@ -24,7 +24,7 @@ _ITERATIONS = 8
 
 
 @dataclass(frozen=True)
-class Event(Own):
+class RunSpecific(ChannelEffect):
     """An effect with columns of its own rows; `made` are those, shape (n, k)."""
 
     made: Array = field(default_factory=lambda: np.zeros((0, 1)), compare=False, repr=False)
@@ -32,7 +32,7 @@ class Event(Own):
     facts: Mapping[str, float | str] = field(default_factory=dict, compare=False)
     count: int = 1
 
-    source: ClassVar = "event"
+    source: ClassVar = "run_specific"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """Not a function of the drivers: what happened at the rows it was found on."""
@@ -44,7 +44,7 @@ class Event(Own):
 
 
 @dataclass(frozen=True)
-class Tone(Event):
+class Tone(RunSpecific):
     """e = a sin 2π f t + b cos 2π f t, amplitude and phase of each run its own."""
 
     hz: float = 0.0
@@ -64,7 +64,7 @@ class Tone(Event):
 
 
 @dataclass(frozen=True)
-class Step(Event):
+class Step(RunSpecific):
     """e = k from t0 on, in one run, or (`run` -1) at the same time of every run."""
 
     at: float = 0.0
@@ -84,7 +84,7 @@ class Step(Event):
 
 
 @dataclass(frozen=True)
-class Telegraph(Event):
+class Telegraph(RunSpecific):
     """e = k s(t), s in {0, 1}."""
 
     switches: int = 0
