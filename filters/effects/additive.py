@@ -1,6 +1,7 @@
 """Errors that a sensor adds by itself: functions of temperature, time, what it senses (catalogue 1-11, 13, 14).
 
-x is what the channel itself senses, T the temperature in the case, T' its rate, t the time since power-on.
+x is what the channel itself senses, T the temperature in the case, T0 `REFERENCE_DEGC`, T' its rate, t the time since
+power-on.
 """
 
 from collections.abc import Mapping
@@ -9,12 +10,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import DPS, GYROS, ChannelEffect, G, Parameter
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
+from filters.channels import DPS, GYROS, G
+from filters.effects.hypothesis import ChannelEffect, Parameter
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, REFERENCE_DEGC, Inputs
 from filters.types import Array
 
-T0 = 25.0
-"""Temperature at which thermal terms are zero, degC."""
 WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
 
 
@@ -28,11 +28,11 @@ class ThermalLin(ChannelEffect):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """T - T0."""
-        return (inputs.temperature - T0)[:, None]
+        return (inputs.temperature - REFERENCE_DEGC)[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/K", 1.0, 0.02, 0.3)
+        return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class ThermalPoly(ChannelEffect):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """Powers of dT."""
-        return (inputs.temperature - T0)[:, None] ** np.arange(1, self.order + 1)
+        return (inputs.temperature - REFERENCE_DEGC)[:, None] ** np.arange(1, self.order + 1)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k1, k2, k3."""
         priors = ((0.02, 0.3), (1e-3, 0.015), (2e-5, 3e-4))
         names = ("/K", "/K2", "/K3")
-        return tuple(self.one(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
+        return tuple(self.channel_parameter(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
 
     def shape(self) -> Mapping[str, float | str]:
         """The order."""
@@ -79,7 +79,7 @@ class ThermalRate(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/(K/s)", 1.0, 1.0, 15.0)
+        return self.channel_parameter("k", "/(K/s)", 1.0, 1.0, 15.0)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class ThermalLag(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/K", 1.0, 0.02, 0.3)
+        return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
     def shape(self) -> Mapping[str, float | str]:
         """The time constant."""
@@ -131,7 +131,7 @@ class Hysteresis(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.3, 5.0)
+        return self.channel_parameter("k", "", 1.0, 0.3, 5.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The width."""
@@ -159,7 +159,7 @@ class Warmup(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.2, 3.0)
+        return self.channel_parameter("k", "", 1.0, 0.2, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The time constant."""
@@ -180,7 +180,7 @@ class Ramp(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/s", 1.0, 1e-5, 1.5e-4)
+        return self.channel_parameter("k", "/s", 1.0, 1e-5, 1.5e-4)
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ class NonlinearityCubic(ChannelEffect):
     def parameters(self) -> tuple[Parameter, ...]:
         """k; priors .3 % of full scale (200 deg/s) and 1 % (4 g)."""
         unit, si = self.input_unit()
-        return self.one("k", f"/{unit}3", si**3, 7.5e-8, 0.6)
+        return self.channel_parameter("k", f"/{unit}3", si**3, 7.5e-8, 0.6)
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class NonlinearityQuadratic(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
+        return self.channel_parameter("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,7 @@ class ThermalScale(ChannelEffect):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """x (T - T0)."""
-        return (inputs.x[:, channel] * (inputs.temperature - T0))[:, None]
+        return (inputs.x[:, channel] * (inputs.temperature - REFERENCE_DEGC))[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
@@ -360,7 +360,7 @@ class GSquared(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/g2", G**2, 0.02, 3.0)
+        return self.channel_parameter("k", "/g2", G**2, 0.02, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The axis."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
-from filters.imu import CHANNELS
 
 
 @dataclass(frozen=True, slots=True)

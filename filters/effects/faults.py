@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
+from filters.channels import CHANNELS
 from filters.effects import quantisation, time_stamps
 from filters.effects.time_stamps import StampQuality
-from filters.imu import CHANNELS
 from filters.types import Array
 
 SPIKE = 7.0
@@ -279,7 +279,7 @@ def _at_extreme(channel: _Channel, side: float, spikes: _Bools) -> _Bools:
         return at & (beyond > least) if np.sum(at & (beyond > least)) >= _LEAST_PILE else none
     inside = int(np.sum((x < extreme - tolerance) & (x > extreme - 0.5 * noise - tolerance)))
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
-    if stats.poisson.sf(count - 1, expected) > _FALSE / 1000.0:
+    if special.pdtrc(count - 1, expected) > _FALSE / 1000.0:
         return none
     if len(_runs_of(at)) <= 2 and not np.median(beyond[at]) > -noise:
         return none  # held, and nothing says that there was more to show

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
+from filters.channels import CHANNELS
 from filters.effects import spectra
 from filters.effects.spectra import Spectrum
-from filters.imu import CHANNELS
 from filters.types import Array
 
 PROBABILITY = 1e-3
@@ -170,7 +170,7 @@ def _limits(freedom: Array, bins: int, resolved: float) -> list[tuple[int, Array
     limits = []
     for width in (w for w in _WIDTHS if w == 1 or 4 * w <= spectra.stretch(bins)):
         nu = kinds * (1.0 if width == 1 else max(1.0, width * resolved / 1.94))
-        limit = stats.chi2.isf(PROBABILITY / (len(_WIDTHS) * len(CHANNELS) * bins), nu) * _FALSE_LEVEL / nu
+        limit = special.chdtri(nu, PROBABILITY / (len(_WIDTHS) * len(CHANNELS) * bins)) * _FALSE_LEVEL / nu
         limits.append((width, np.maximum(limit, 1.0 if width == 1 else _LEAST_BUMP)[kind]))
     return limits
 

@@ -6,8 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import ACCELS, ALL, DPS, GYROS, ChannelEffect, HypothesisBase, Parameter
-from filters.effects.inputs import AXES, Inputs
+from filters.channels import ACCELS, DPS, GYROS
+from filters.effects.hypothesis import ALL, ChannelEffect, HypothesisBase, Parameter
+from filters.effects.inputs import Inputs
+from filters.motion.profile import AXES
 from filters.types import Array
 
 
@@ -158,7 +160,7 @@ class Harmonic(ChannelEffect):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """a, b."""
-        return (*self.one("sin", "", 1.0, 0.05, 2.0), *self.one("cos", "", 1.0, 0.05, 2.0))
+        return (*self.channel_parameter("sin", "", 1.0, 0.05, 2.0), *self.channel_parameter("cos", "", 1.0, 0.05, 2.0))
 
     def shape(self) -> Mapping[str, float | str]:
         """Axis and order."""

@@ -60,7 +60,7 @@ class Tone(RunSpecific):
     def parameters(self) -> tuple[Parameter, ...]:
         """Amplitudes of each run."""
         names = [f"{part} run {r + 1}" for r in range(self.count // 2) for part in ("sin", "cos")]
-        return tuple(self.one(name, "", 1.0, 0.1, 5.0)[0] for name in names)
+        return tuple(self.channel_parameter(name, "", 1.0, 0.1, 5.0)[0] for name in names)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Step(RunSpecific):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.1, 3.0)
+        return self.channel_parameter("k", "", 1.0, 0.1, 3.0)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Telegraph(RunSpecific):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.05, 2.0)
+        return self.channel_parameter("k", "", 1.0, 0.05, 2.0)
 
 
 def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period: float, most_hz: float) -> Tone | None:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from filters.channels import CHANNELS
 from filters.effects import faults, lines, noise
 from filters.effects.run_specific import RunSpecific
-from filters.imu import CHANNELS
 from filters.tracing import (
     detectability,
     experiment,

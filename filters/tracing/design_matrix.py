@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
-from filters.effects.inputs import AXES, Inputs
+from filters.effects.inputs import SENSED, Inputs
+from filters.motion.profile import AXES
 from filters.tracing.residual import Blocks
 from filters.tracing.whitening import NONE, Drift, unbiased, whiten
 from filters.types import Array
@@ -26,7 +27,6 @@ FOLDS = 5
 _CHI2_MEDIAN = 0.4549364
 _VARIES = 1e-9
 _SEEN = 1e-4
-_INPUTS = ("wx", "wy", "wz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -515,17 +515,17 @@ def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
     """Whether what an effect is a function of is there and varies."""
     if h.effect == "thermal_scale":
         # of an input that never varies it is a bias that follows temperature
-        return "temperature" in ranges and _INPUTS[h.channels[0]] in ranges
+        return "temperature" in ranges and SENSED[h.channels[0]] in ranges
     if h.source == "temperature":
         return "temperature" in ranges
     if h.effect == "harmonic":
         return str(h.shape()["axis"]) in ranges
-    return h.source == "time" or any(name in ranges for name in _INPUTS)
+    return h.source == "time" or any(name in ranges for name in SENSED)
 
 
 def _twin(name: str, channel: int) -> bool:
     """Whether a product is in the catalogue under another name: x (T - T0)."""
-    return name == f"temperature*{_INPUTS[channel]}"
+    return name == f"temperature*{SENSED[channel]}"
 
 
 def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:

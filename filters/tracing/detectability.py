@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.channels import ACCELS, CHANNELS, GYROS, error_unit
 from filters.effects import additive, reference_errors, run_specific
 from filters.effects.catalogue import EFFECTS
-from filters.effects.hypothesis import ACCELS, DPS, GYROS, MG, Hypothesis
-from filters.imu import CHANNELS, IMU400CD_200, AxisMap, ImuSpec
+from filters.effects.hypothesis import Hypothesis
+from filters.imu import IMU400CD_200, AxisMap, ImuSpec
 from filters.motion.profile import Profile, Sine
 from filters.state import PAPER_SITE, Site
 from filters.tracing import residual
@@ -98,7 +99,7 @@ def _of_process(design: Design, c: int, effect: str) -> dict[str, Any]:
     total = stack.seconds(c)
     run = total / len(stack.blocks)
     white = float(design.sd[c]) * float(np.sqrt(stack.period))
-    unit, si = ("deg/s", DPS) if c < 3 else ("mg", MG)
+    unit, si = error_unit(c)
     size, words = {
         run_specific.Tone.effect: (np.sqrt(2.0 / total), "amplitude"),
         run_specific.Step.effect: (2.0 / np.sqrt(run), "halfway through a run"),

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.channels import CHANNELS
 from filters.effects import additive, reference_errors
-from filters.imu import CHANNELS
 from filters.tracing.design_matrix import Design, Term
 from filters.types import Array
 

@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from filters.channels import CHANNELS, error_unit
 from filters.effects import lines, run_specific
 from filters.effects.drivers import Driver
-from filters.effects.hypothesis import DPS, MG
 from filters.effects.records import Included, RunSeries, State, Trace
 from filters.effects.run_specific import RunSpecific
-from filters.imu import CHANNELS
 from filters.tracing import driver_curve, selection
 from filters.tracing.assessment import Finding, Judgement
 from filters.tracing.whitening import Drift
@@ -179,7 +178,7 @@ class Document:
                 ]
                 if not sizes:
                     continue
-                unit = DPS if c < 3 else MG
+                unit = error_unit(c)[1]
                 rough = [b.rough[:, c].sum() / max(1.0, b.pairs[:, c].sum()) for b in self._judged.stack.blocks]
                 limit = _SPIKE * float(np.sqrt(0.5 * np.median(rough))) if effect == "spikes" else min(sizes)
                 out.append(Included(effect, (CHANNELS[c],), "P", {"limit": limit / unit}))
@@ -249,10 +248,9 @@ def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
 
 
 def _line(line: lines.SpectralLine) -> dict[str, Any]:
-    gyro = line.channels[0].startswith("g")
     c = CHANNELS.index(line.channels[0])
-    value = float(line.rms[c]) / (DPS if gyro else MG)
-    unit = "deg/s" if gyro else "mg"
+    unit, si = error_unit(c)
+    value = float(line.rms[c]) / si
     return {
         "channels": list(line.channels),
         "hz": line.hz,
@@ -287,7 +285,7 @@ def _included_tone(f: Finding) -> Included:
     """A slow tone as two states that forget in ten minutes: its phase is every run's own."""
     h = f.term.hypothesis
     assert isinstance(h, run_specific.Tone)
-    unit, si = ("deg/s", DPS) if h.channel < 3 else ("mg", MG)
+    unit, si = error_unit(h.channel)
     amplitude = float(np.sqrt(np.mean(f.theta**2))) / si
     q = amplitude * float(np.sqrt(2.0 / _TONE_S))
     states = tuple(State(name, unit, 0.0, amplitude, _TONE_S, q) for name in ("sin", "cos"))
@@ -295,7 +293,7 @@ def _included_tone(f: Finding) -> Included:
 
 
 def _drift(c: int, drift: Drift) -> dict[str, Any]:
-    unit, si = ("deg/s", DPS) if c < 3 else ("mg", MG)
+    unit, si = error_unit(c)
     walk = bool(np.isinf(drift.tau))
     return {
         "channels": [CHANNELS[c]],
@@ -307,7 +305,7 @@ def _drift(c: int, drift: Drift) -> dict[str, Any]:
 
 
 def _included_drift(c: int, drift: Drift) -> Included:
-    unit, si = ("deg/s", DPS) if c < 3 else ("mg", MG)
+    unit, si = error_unit(c)
     walk = bool(np.isinf(drift.tau))
     level = drift.level / si
     q = level if walk else level * float(np.sqrt(2.0 / drift.tau))

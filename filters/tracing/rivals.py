@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from filters.effects import reference_errors
+from filters.effects.inputs import SENSED
 from filters.effects.run_specific import RunSpecific
 from filters.tracing.design_matrix import Term
 from filters.tracing.selection import Selection
@@ -72,7 +73,7 @@ def contains(b: Term, a: Term) -> bool:
         return False
     if wide == "thermal_poly":
         return h.effect == "thermal_lin"
-    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
+    own = SENSED[next(iter(a.places))]
     axes = str(h.shape().get("axes", ""))
     drivers = {
         "thermal_lin": "temperature",

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from filters.effects.hypothesis import DPS, MG
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS, error_unit
 from filters.tracing.design_matrix import Stack
 from filters.tracing.residual import perfect
 from filters.tracing.whitening import Drift, whiten
@@ -148,7 +147,7 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
     simulated = white * (own + rng.standard_normal((_DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
     band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
     picks = rng.integers(0, b[0].size, (_DRAWS, b[0].size))
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     scale = nominal / si
     return ErrorFigure(
         "e10",
@@ -212,7 +211,7 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, b.size, (_DRAWS, b.size))
     band = np.sqrt(stats.chi2.ppf([0.025, 0.975], a.size) / a.size)
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     ratios = [float(np.sqrt(np.mean((e / floors) ** 2))) for e in (a, b)]
     scale = nominal / si
     return ErrorFigure(
@@ -286,7 +285,7 @@ def prediction(
             return []
         errors.append(e)
         inside.append(float(np.mean(np.abs(e) <= 3.0 * sd)))
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     n = errors[1].size
     rms = [float(np.sqrt(np.mean(e**2))) / si for e in errors]
     floor = white / np.sqrt(HOLD_S) / si

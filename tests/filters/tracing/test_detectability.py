@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers import runs
 
+from filters.channels import DPS
 from filters.effects import catalogue
-from filters.effects.hypothesis import DPS
 from filters.imu import IMU400CD_200
 from filters.tracing import residual
 from filters.tracing.design_matrix import Design, Stack
