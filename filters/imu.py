@@ -4,13 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from filters.channels import CHANNELS as CHANNELS
+from filters.channels import STANDARD_GRAVITY as STANDARD_GRAVITY
 from filters.types import Array
-
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-"""The six readings, in the order of all arrays of six in the instrument's axes."""
-
-STANDARD_GRAVITY = 9.80665
-"""m/s² of one g, where a reading is in g."""
 
 _DEG = np.pi / 180.0
 _SQRT_HOUR = 60.0

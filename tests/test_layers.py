@@ -12,7 +12,7 @@ from pathlib import Path
 from conftest import ROOT
 
 PACKAGES = ("imutui", "filters")
-GROUND = {f"filters.{name}" for name in ("types", "earth", "attitude", "imu", "allan", "state")}
+GROUND = {f"filters.{name}" for name in ("types", "channels", "earth", "attitude", "imu", "allan", "state")}
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
@@ -20,7 +20,7 @@ FLOORS = {
     "filters.motion": GROUND,
     "filters.kalman": GROUND | {"filters.motion"},
     "filters.effects": GROUND | {"filters.motion"},
-    "filters.simulation": GROUND | {"filters.motion"},
+    "filters.simulation": GROUND | {"filters.motion", "filters.effects.inputs"},
     "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects"},
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},

@@ -1,6 +1,7 @@
 """Errors that a sensor adds by itself: functions of temperature, time, what it senses (catalogue 1-11, 13, 14).
 
-x is what the channel itself senses, T the temperature in the case, T' its rate, t the time since power-on.
+x is what the channel itself senses, T the temperature in the case, T0 `REFERENCE_DEGC`, T' its rate, t the time since
+power-on.
 """
 
 from collections.abc import Mapping
@@ -9,17 +10,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import DPS, GYROS, G, Own, Parameter
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
+from filters.channels import DPS, GYROS, G
+from filters.effects.hypothesis import ChannelEffect, Parameter
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, REFERENCE_DEGC, Inputs
 from filters.types import Array
 
-T0 = 25.0
-"""Temperature at which thermal terms are zero, degC."""
 WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
 
 
 @dataclass(frozen=True)
-class ThermalLin(Own):
+class ThermalLin(ChannelEffect):
     """e = k (T - T0)."""
 
     effect: ClassVar = "thermal_lin"
@@ -28,15 +28,15 @@ class ThermalLin(Own):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """T - T0."""
-        return (inputs.temperature - T0)[:, None]
+        return (inputs.temperature - REFERENCE_DEGC)[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/K", 1.0, 0.02, 0.3)
+        return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
 
 @dataclass(frozen=True)
-class ThermalPoly(Own):
+class ThermalPoly(ChannelEffect):
     """e = k1 dT + k2 dT² (+ k3 dT³), dT = T - T0."""
 
     order: int = 2
@@ -52,13 +52,13 @@ class ThermalPoly(Own):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """Powers of dT."""
-        return (inputs.temperature - T0)[:, None] ** np.arange(1, self.order + 1)
+        return (inputs.temperature - REFERENCE_DEGC)[:, None] ** np.arange(1, self.order + 1)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k1, k2, k3."""
         priors = ((0.02, 0.3), (1e-3, 0.015), (2e-5, 3e-4))
         names = ("/K", "/K2", "/K3")
-        return tuple(self.one(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
+        return tuple(self.channel_parameter(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
 
     def shape(self) -> Mapping[str, float | str]:
         """The order."""
@@ -66,7 +66,7 @@ class ThermalPoly(Own):
 
 
 @dataclass(frozen=True)
-class ThermalRate(Own):
+class ThermalRate(ChannelEffect):
     """e = k T'."""
 
     effect: ClassVar = "thermal_rate"
@@ -79,11 +79,11 @@ class ThermalRate(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/(K/s)", 1.0, 1.0, 15.0)
+        return self.channel_parameter("k", "/(K/s)", 1.0, 1.0, 15.0)
 
 
 @dataclass(frozen=True)
-class ThermalLag(Own):
+class ThermalLag(ChannelEffect):
     """e = k (T_tau - T), T_tau following T as a first-order lag does, from equality at power-on."""
 
     lag: int = 0
@@ -103,7 +103,7 @@ class ThermalLag(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/K", 1.0, 0.02, 0.3)
+        return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
     def shape(self) -> Mapping[str, float | str]:
         """The time constant."""
@@ -111,7 +111,7 @@ class ThermalLag(Own):
 
 
 @dataclass(frozen=True)
-class Hysteresis(Own):
+class Hysteresis(ChannelEffect):
     """e = k · mean of P_n(T - T(0)) / width over a bank of play operators."""
 
     bank: int = 0
@@ -131,7 +131,7 @@ class Hysteresis(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.3, 5.0)
+        return self.channel_parameter("k", "", 1.0, 0.3, 5.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The width."""
@@ -139,7 +139,7 @@ class Hysteresis(Own):
 
 
 @dataclass(frozen=True)
-class Warmup(Own):
+class Warmup(ChannelEffect):
     """e = k exp(-t/tau)."""
 
     tau: float = WARMUP_TAUS[0]
@@ -159,7 +159,7 @@ class Warmup(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.2, 3.0)
+        return self.channel_parameter("k", "", 1.0, 0.2, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The time constant."""
@@ -167,7 +167,7 @@ class Warmup(Own):
 
 
 @dataclass(frozen=True)
-class Ramp(Own):
+class Ramp(ChannelEffect):
     """e = k t."""
 
     effect: ClassVar = "ramp"
@@ -180,11 +180,11 @@ class Ramp(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/s", 1.0, 1e-5, 1.5e-4)
+        return self.channel_parameter("k", "/s", 1.0, 1e-5, 1.5e-4)
 
 
 @dataclass(frozen=True)
-class Scale(Own):
+class Scale(ChannelEffect):
     """e = k x."""
 
     effect: ClassVar = "scale"
@@ -201,7 +201,7 @@ class Scale(Own):
 
 
 @dataclass(frozen=True)
-class Asymmetry(Own):
+class Asymmetry(ChannelEffect):
     """e = k abs(x)."""
 
     effect: ClassVar = "asymmetry"
@@ -218,7 +218,7 @@ class Asymmetry(Own):
 
 
 @dataclass(frozen=True)
-class NonlinearityCubic(Own):
+class NonlinearityCubic(ChannelEffect):
     """e = k x³."""
 
     effect: ClassVar = "nonlinearity_cubic"
@@ -232,11 +232,11 @@ class NonlinearityCubic(Own):
     def parameters(self) -> tuple[Parameter, ...]:
         """k; priors .3 % of full scale (200 deg/s) and 1 % (4 g)."""
         unit, si = self.input_unit()
-        return self.one("k", f"/{unit}3", si**3, 7.5e-8, 0.6)
+        return self.channel_parameter("k", f"/{unit}3", si**3, 7.5e-8, 0.6)
 
 
 @dataclass(frozen=True)
-class NonlinearityQuadratic(Own):
+class NonlinearityQuadratic(ChannelEffect):
     """e = k ω² of a gyro; an accelerometer's own f² is g_squared."""
 
     effect: ClassVar = "nonlinearity_quadratic"
@@ -250,11 +250,11 @@ class NonlinearityQuadratic(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
+        return self.channel_parameter("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
 
 
 @dataclass(frozen=True)
-class ThermalScale(Own):
+class ThermalScale(ChannelEffect):
     """e = k x (T - T0)."""
 
     effect: ClassVar = "thermal_scale"
@@ -263,7 +263,7 @@ class ThermalScale(Own):
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """x (T - T0)."""
-        return (inputs.x[:, channel] * (inputs.temperature - T0))[:, None]
+        return (inputs.x[:, channel] * (inputs.temperature - REFERENCE_DEGC))[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
@@ -271,7 +271,7 @@ class ThermalScale(Own):
 
 
 @dataclass(frozen=True)
-class CrossAxis(Own):
+class CrossAxis(ChannelEffect):
     """e = sum of k_j x_j over the sensors of the same kind on the other axes, or one of them alone."""
 
     only: int = -1
@@ -303,7 +303,7 @@ class CrossAxis(Own):
 
 
 @dataclass(frozen=True)
-class GSensitivity(Own):
+class GSensitivity(ChannelEffect):
     """e = G · f of a gyro, f as the accelerometers read it; all of G, or along one axis alone."""
 
     only: int = -1
@@ -335,7 +335,7 @@ class GSensitivity(Own):
 
 
 @dataclass(frozen=True)
-class GSquared(Own):
+class GSquared(ChannelEffect):
     """e = k f_j²: vibration rectification, or an accelerometer's own quadratic term."""
 
     axis: int = 0
@@ -360,17 +360,17 @@ class GSquared(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "/g2", G**2, 0.02, 3.0)
+        return self.channel_parameter("k", "/g2", G**2, 0.02, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
         """The axis."""
         return {"axis": "xyz"[self.axis]}
 
 
-def hypotheses(channel: int) -> list[Own]:
+def hypotheses(channel: int) -> list[ChannelEffect]:
     """All hypotheses of this module on a channel."""
     plain = (ThermalLin, ThermalRate, Ramp, Scale, Asymmetry, NonlinearityCubic, NonlinearityQuadratic)
-    made: list[Own] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
+    made: list[ChannelEffect] = [kind(channel) for kind in (*plain, ThermalScale) if channel in kind.where]
     made += [CrossAxis(channel, only) for only in (-1, 0, 1, 2) if only != channel % 3]
     made += [GSensitivity(channel, only) for only in (-1, 0, 1, 2) if channel in GSensitivity.where]
     made += [ThermalPoly(channel, order) for order in (2, 3)]

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
-from filters.imu import CHANNELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class Entry:
     Attributes
     ----------
     kind : str
-        Family: additive, motion, event, drift, noise, fault.
+        Family: additive, motion, run_specific, drift, noise, fault.
     equation : str
         Of the error e.
     include_as : str
@@ -57,9 +57,9 @@ EFFECTS: dict[str, Entry] = {
     "lever_arm": Entry("motion", "w × (w × r) + w' × r", "A", "rigid-body kinematics"),
     "tilt": Entry("motion", "C (δ × (0, 0, -γ))", "A", "small rotation"),
     "gravity": Entry("motion", "k C (0, 0, -γ)", "A", "WGS-84 normal gravity"),
-    "tone": Entry("event", "a sin 2π f t + b cos 2π f t", "S", "vibration"),
-    "step": Entry("event", "k H(t - t0)", "S", "mechanical shock, restarts"),
-    "telegraph": Entry("event", "k s(t), s in {0, 1}", "S", "burst noise"),
+    "tone": Entry("run_specific", "a sin 2π f t + b cos 2π f t", "S", "vibration"),
+    "step": Entry("run_specific", "k H(t - t0)", "S", "mechanical shock, restarts"),
+    "telegraph": Entry("run_specific", "k s(t), s in {0, 1}", "S", "burst noise"),
     "random_walk": Entry("drift", "b' = w", "S", "IEEE Std 952 rate random walk"),
     "gauss_markov": Entry("drift", "b' = -b/tau + w", "S", "IEEE Std 952 correlated noise"),
     "noise_level": Entry("noise", "log σ² = a + terms", "N", _STANDARD),

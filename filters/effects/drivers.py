@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from filters.effects.hypothesis import DPS, G, Own, Parameter
-from filters.effects.inputs import AXES, Inputs
+from filters.channels import DPS, G
+from filters.effects.hypothesis import ChannelEffect, Parameter
+from filters.effects.inputs import Inputs
+from filters.motion.segments import AXES
 from filters.types import Array
 
 SETTLING_TAUS = (2.0, 10.0, 40.0)
@@ -61,7 +63,7 @@ def _angle(axis: int) -> Values:
 
 
 @dataclass(frozen=True)
-class Driver(Own):
+class Driver(ChannelEffect):
     """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit.
 
     Attributes
@@ -120,7 +122,7 @@ class Driver(Own):
         """One for each column; any size is plausible where nothing is known."""
         names = [f"at {knot:.4g} {self.unit}" for knot in self.knots[1:]] if self.kind == "hat" else None
         return tuple(
-            self.one(names[k] if names else f"b{k + 1}" if self.count > 1 else "k", "", 1.0, 1.0, 10.0)[0]
+            self.channel_parameter(names[k] if names else f"b{k + 1}" if self.count > 1 else "k", "", 1.0, 1.0, 10.0)[0]
             for k in range(self.count)
         )
 

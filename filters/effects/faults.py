@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
-from filters.effects import quantisation as steps
-from filters.effects import time_stamps
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS
+from filters.effects import quantisation, time_stamps
+from filters.effects.time_stamps import StampQuality
 from filters.types import Array
 
 SPIKE = 7.0
@@ -41,7 +41,7 @@ _Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class DataFault:
     """A fault of the data, on one channel, or on all for stamps.
 
     Attributes
@@ -83,7 +83,7 @@ class _Channel:
     scales: Array  # noise of each window of `width`; of windows in which nothing changes, the median of the others
 
 
-def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_Bools, list[Fault]]:
+def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_Bools, list[DataFault]]:
     """Faults of one run, and the readings that must not be used.
 
     spikes      ∣e - median(e₋, e, e₊)∣ > 7 σ, and more than two and a half steps of the lattice, e = reading - perfect
@@ -108,7 +108,7 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_
     -------
     flagged : boolean array
         Spikes, stuck and saturated readings, shape (N, 6).
-    faults : list of Fault
+    faults : list of DataFault
 
     Raises
     ------
@@ -118,14 +118,14 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[_
     if reading.shape != (t.size, len(CHANNELS)) or perfect.shape not in (reading.shape, (1, len(CHANNELS))):
         raise ValueError(f"`reading` has shape {reading.shape} and `perfect` {perfect.shape} for {t.size} stamps")
     flagged = np.zeros(reading.shape, np.bool_)
-    faults: list[Fault] = []
-    if t.size < steps.LEAST_WINDOW:
+    faults: list[DataFault] = []
+    if t.size < quantisation.LEAST_WINDOW:
         return flagged, faults
-    look = time_stamps.look(t)
+    stamps = time_stamps.analyse(t)
     for c in range(len(CHANNELS)):
-        channel = _channel(c, t, reading, perfect, lsb, look.period)
+        channel = _channel(c, t, reading, perfect, lsb, stamps.period)
         flagged[:, c] = _of_channel(channel, faults)
-    return flagged, faults + _of_stamps(t, look)
+    return flagged, faults + _of_stamps(t, stamps)
 
 
 def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None, period: float) -> _Channel:
@@ -133,25 +133,25 @@ def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None
     known = np.ascontiguousarray(perfect[:, c])
     error = np.where(np.isnan(known), x, x - known)
     count = None if lsb is None else float(lsb[c])
-    width = steps.window(1.0 / period if period > 0.0 else 1.0, t.size - 1)
-    lattice = steps.lattice(x, count)
+    width = quantisation.window(1.0 / period if period > 0.0 else 1.0, t.size - 1)
+    lattice = quantisation.lattice(x, count)
     beside = reading[:, [3 * (c // 3) + (c + k) % 3 for k in (1, 2)]]
     return _Channel(CHANNELS[c], t, x, error, known, count, lattice, beside, width, _alive(error, x, width))
 
 
 def _alive(error: Array, reading: Array, width: int, order: int = 1) -> Array:
     """Noise of each window; where the reading is stuck all the while, that of the others."""
-    scales = steps.scales(error, width, order)
+    scales = quantisation.scales(error, width, order)
     changed = np.add.reduceat(np.diff(reading) != 0.0, np.arange(scales.size) * min(width, error.size - 1)) > 0
     return np.where(changed, scales, np.median(scales[changed])) if np.any(changed) else scales
 
 
-def _of_channel(channel: _Channel, faults: list[Fault]) -> _Bools:
+def _of_channel(channel: _Channel, faults: list[DataFault]) -> _Bools:
     """Flags of a channel, shape (N,); its faults are added."""
     if np.ptp(channel.reading) == 0.0:
         t = channel.t
         where = f"dead: {channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
-        faults.append(Fault("stuck", (channel.name,), 1, where, float(t[-1] - t[0])))
+        faults.append(DataFault("stuck", (channel.name,), 1, where, float(t[-1] - t[0])))
         return np.ones(t.size, np.bool_)
     off, sd = _off(channel)
     spikes = _spikes(channel, off, sd)
@@ -178,7 +178,7 @@ def _off(channel: _Channel) -> tuple[Array, Array]:
     off[1:-1] = middle - np.clip(middle, np.minimum(left, right), np.maximum(left, right))
     s = channel.scales
     around = np.maximum(s, np.maximum(np.append(s[1:], 0.0), np.append(0.0, s[:-1])))
-    return off, steps.spread(np.maximum(around, np.median(s)), channel.width, e.size)
+    return off, quantisation.spread(np.maximum(around, np.median(s)), channel.width, e.size)
 
 
 def _spikes(channel: _Channel, off: Array, sd: Array) -> _Bools:
@@ -193,10 +193,10 @@ def _spikes(channel: _Channel, off: Array, sd: Array) -> _Bools:
     return np.asarray(spikes)
 
 
-def _say_spikes(channel: _Channel, spikes: _Bools, sizes: Array, sd: Array, faults: list[Fault]) -> None:
+def _say_spikes(channel: _Channel, spikes: _Bools, sizes: Array, sd: Array, faults: list[DataFault]) -> None:
     if sizes.size:
         where = _times(channel.t[spikes]) + _powers(sizes, sd, channel.lsb or channel.lattice)
-        faults.append(Fault("spikes", (channel.name,), sizes.size, where, float(np.median(sizes))))
+        faults.append(DataFault("spikes", (channel.name,), sizes.size, where, float(np.median(sizes))))
 
 
 def _is_isolated(channel: _Channel, k: int, sd: float) -> bool:
@@ -247,14 +247,14 @@ def _powers(sizes: Array, sd: Array, count: float) -> str:
 # ------------------------------------------------------------------------------------------------------- saturation
 
 
-def _saturated(channel: _Channel, spikes: _Bools, faults: list[Fault]) -> _Bools:
+def _saturated(channel: _Channel, spikes: _Bools, faults: list[DataFault]) -> _Bools:
     out = np.zeros(spikes.size, np.bool_)
     for side in (1.0, -1.0):
         at = _at_extreme(channel, side, spikes)
         if np.any(at):
             limit = float(channel.reading[np.argmax(at)])
             where = f"at {limit:.6g}: " + _stretches(channel.t, _runs_of(at))
-            faults.append(Fault("saturation", (channel.name,), int(np.sum(at)), where, limit))
+            faults.append(DataFault("saturation", (channel.name,), int(np.sum(at)), where, limit))
             out |= at
     return out
 
@@ -279,7 +279,7 @@ def _at_extreme(channel: _Channel, side: float, spikes: _Bools) -> _Bools:
         return at & (beyond > least) if np.sum(at & (beyond > least)) >= _LEAST_PILE else none
     inside = int(np.sum((x < extreme - tolerance) & (x > extreme - 0.5 * noise - tolerance)))
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
-    if stats.poisson.sf(count - 1, expected) > _FALSE / 1000.0:
+    if special.pdtrc(count - 1, expected) > _FALSE / 1000.0:
         return none
     if len(_runs_of(at)) <= 2 and not np.median(beyond[at]) > -noise:
         return none  # held, and nothing says that there was more to show
@@ -298,7 +298,7 @@ def _beyond(channel: _Channel, side: float, extreme: float) -> Array:
 # ------------------------------------------------------------------------------------------------------------ stuck
 
 
-def _stuck(channel: _Channel, saturated: _Bools, faults: list[Fault]) -> _Bools:
+def _stuck(channel: _Channel, saturated: _Bools, faults: list[DataFault]) -> _Bools:
     """Readings that repeat beyond chance.
 
     Whatever came before, normal noise of innovation σ falls into one step of the lattice with at most
@@ -316,7 +316,7 @@ def _stuck(channel: _Channel, saturated: _Bools, faults: list[Fault]) -> _Bools:
         for first, end in runs:
             out[first:end] = True
         longest = float(np.max(channel.t[runs[:, 1] - 1] - channel.t[runs[:, 0]]))
-        faults.append(Fault("stuck", (channel.name,), len(runs), _stretches(channel.t, runs), longest))
+        faults.append(DataFault("stuck", (channel.name,), len(runs), _stretches(channel.t, runs), longest))
     return out
 
 
@@ -337,11 +337,11 @@ def _held(channel: _Channel) -> float:
 # ----------------------------------------------------------------------------------------------------------- coarse
 
 
-def _coarse(channel: _Channel, stuck: _Bools, faults: list[Fault]) -> None:
+def _coarse(channel: _Channel, stuck: _Bools, faults: list[DataFault]) -> None:
     if channel.lattice == 0.0 or np.count_nonzero(np.diff(channel.reading)) < _LEAST_CHANGES:
         return
-    scales = steps.scales(channel.error, channel.width)
-    held = steps.spread(np.arange(scales.size, dtype=float), channel.width, stuck.size)[stuck].astype(int)
+    scales = quantisation.scales(channel.error, channel.width)
+    held = quantisation.spread(np.arange(scales.size, dtype=float), channel.width, stuck.size)[stuck].astype(int)
     noise = float(np.median(np.delete(scales, np.unique(held)) if np.unique(held).size < scales.size else scales))
     if channel.lsb is not None:
         is_coarse, against = channel.lattice > COARSE * channel.lsb, f"{channel.lattice / channel.lsb:.1f} counts"
@@ -351,25 +351,25 @@ def _coarse(channel: _Channel, stuck: _Bools, faults: list[Fault]) -> None:
         against = f"{channel.lattice / noise:.1f} times the noise" if noise > 0.0 else "no noise between its steps"
     if is_coarse:
         where = f"steps of {channel.lattice:.4g}, {against}"
-        faults.append(Fault("coarse", (channel.name,), channel.t.size, where, channel.lattice))
+        faults.append(DataFault("coarse", (channel.name,), channel.t.size, where, channel.lattice))
 
 
 # ----------------------------------------------------------------------------------------------------------- stamps
 
 
-def _of_stamps(t: Array, look: time_stamps.Stamps) -> list[Fault]:
+def _of_stamps(t: Array, stamps: StampQuality) -> list[DataFault]:
     faults = []
-    if look.gaps.size:
-        longest = float(np.max(t[look.gaps + 1] - t[look.gaps]))
-        lost = int(np.sum(np.rint((t[look.gaps + 1] - t[look.gaps]) / look.period) - 1.0))
-        where = f"{_times(t[look.gaps])}; about {lost} readings lost"
-        faults.append(Fault("dropout", CHANNELS, look.gaps.size, where, longest))
-    if look.is_off:
-        where = f"stamps off by {1e3 * look.jitter:.3g} ms"
-        if look.bursts:
+    if stamps.gaps.size:
+        longest = float(np.max(t[stamps.gaps + 1] - t[stamps.gaps]))
+        lost = int(np.sum(np.rint((t[stamps.gaps + 1] - t[stamps.gaps]) / stamps.period) - 1.0))
+        where = f"{_times(t[stamps.gaps])}; about {lost} readings lost"
+        faults.append(DataFault("dropout", CHANNELS, stamps.gaps.size, where, longest))
+    if stamps.is_off:
+        where = f"stamps off by {1e3 * stamps.jitter:.3g} ms"
+        if stamps.bursts:
             median = float(np.median(np.diff(t)))
-            where += f", in bursts: median step {1e3 * median:.3g} ms, mean {1e3 * look.period:.3g} ms"
-        faults.append(Fault("jitter", CHANNELS, look.off.size, where, look.jitter))
+            where += f", in bursts: median step {1e3 * median:.3g} ms, mean {1e3 * stamps.period:.3g} ms"
+        faults.append(DataFault("jitter", CHANNELS, stamps.off.size, where, stamps.jitter))
     return faults
 
 

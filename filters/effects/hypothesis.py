@@ -5,18 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
-
+from filters.channels import ACCELS, DPS, GYROS, G, error_unit
 from filters.effects.inputs import Inputs
-from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
 
-ALL = tuple(range(6))
-GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
-
-DPS = np.pi / 180.0
-MG = 1e-3 * STANDARD_GRAVITY
-G = STANDARD_GRAVITY
+ALL = (*GYROS, *ACCELS)
+"""Numbers of all channels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +46,7 @@ class Hypothesis(Protocol):
     channels : tuple of int
         Those it acts on with the same θ: one, or several where it is shared.
     source : str
-        "time", "temperature" or "motion": what it is a function of.
+        "time", "temperature" or "motion": what it is a function of; "run_specific" for what each run has its own of.
     grid : int
         How many hypotheses of this effect there are on the channel: what choosing among them costs.
     """
@@ -82,7 +76,7 @@ class Hypothesis(Protocol):
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class HypothesisBase(ABC):
     """What all effects of the catalogue share; subclasses give columns and parameters."""
 
     effect: ClassVar[str]
@@ -113,7 +107,7 @@ class Effect(ABC):
 
 
 @dataclass(frozen=True)
-class Own(Effect):
+class ChannelEffect(HypothesisBase):
     """An effect of one channel by itself."""
 
     channel: int
@@ -122,17 +116,19 @@ class Own(Effect):
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """The one."""
+        """Its number, alone."""
         return (self.channel,)
 
     @property
     def gyro(self) -> bool:
         """Whether the channel is a gyro's."""
-        return self.channel < 3
+        return self.channel in GYROS
 
-    def one(self, name: str, per: str, si: float, gyro_prior: float, accel_prior: float) -> tuple[Parameter, ...]:
-        """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`."""
-        unit, factor = ("deg/s", DPS) if self.gyro else ("mg", MG)
+    def channel_parameter(
+        self, name: str, per: str, si: float, gyro_prior: float, accel_prior: float
+    ) -> tuple[Parameter, ...]:
+        """A parameter in the channel's unit of error, deg/s or mg, per something of which one is `si`; alone."""
+        unit, factor = error_unit(self.channel)
         return (Parameter(name, unit + per, factor / si, gyro_prior if self.gyro else accel_prior),)
 
     def input_unit(self) -> tuple[str, float]:

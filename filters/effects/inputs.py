@@ -7,6 +7,15 @@ from dataclasses import dataclass
 
 from filters.types import Array
 
+REFERENCE_DEGC = 25.0
+"""Temperature at which thermal terms are zero, degC."""
+
+SENSED = ("wx", "wy", "wz", "fx", "fy", "fz")
+"""What the six channels sense, as drivers are named: rates and specific forces along the instrument's axes."""
+
+SMOOTH_S, SLOPE_S = 5.0, 15.0
+"""Time constants over which temperature and its rate are smoothed, s."""
+
 LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0)
 """Time constants of the lagged temperatures, s."""
 
@@ -14,8 +23,6 @@ PLAY_WIDTHS = (3.0, 10.0, 30.0)
 """Widths of the banks of play operators, K."""
 PLAYS = 6
 """Play operators in a bank."""
-
-AXES = ("outer", "middle", "inner")
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
+from filters.channels import CHANNELS
 from filters.effects import spectra
 from filters.effects.spectra import Spectrum
-from filters.imu import CHANNELS
 from filters.types import Array
 
 PROBABILITY = 1e-3
@@ -35,7 +35,7 @@ _LONG = spectra.SEGMENT
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpectralLine:
     """A line, or several that belong together.
 
     Attributes
@@ -70,7 +70,7 @@ class _Peak:
     high: float  # of the bins above the threshold that belong to it
 
 
-def find(series: Sequence[tuple[float, Array]]) -> list[Line]:
+def find(series: Sequence[tuple[float, Array]]) -> list[SpectralLine]:
     """Lines above 1.6 Hz.
 
     Σ over runs of 2 K P / level, P the mean of K Hann periodograms, is χ² of 2 Σ K degrees of freedom where there is
@@ -84,7 +84,7 @@ def find(series: Sequence[tuple[float, Array]]) -> list[Line]:
 
     Returns
     -------
-    list of Line
+    list of SpectralLine
         Strongest first, at most `MOST` a channel before harmonics are put together.
     """
     runs = spectra.usable(series)
@@ -101,7 +101,7 @@ def find(series: Sequence[tuple[float, Array]]) -> list[Line]:
     return _waveforms(found, hz)
 
 
-def removed(line_list: Sequence[Line], fs: float, residual: Array) -> Array:
+def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Array:
     """A run's residual without lines: minus what is fitted at their frequencies in this run.
 
     A sine of any amplitude and phase for each 2^17 samples, or, of a narrow band, one whose amplitude and phase
@@ -109,7 +109,7 @@ def removed(line_list: Sequence[Line], fs: float, residual: Array) -> Array:
 
     Parameters
     ----------
-    line_list : sequence of Line
+    line_list : sequence of SpectralLine
         From `find`.
     fs : float
         Samples a second.
@@ -170,7 +170,7 @@ def _limits(freedom: Array, bins: int, resolved: float) -> list[tuple[int, Array
     limits = []
     for width in (w for w in _WIDTHS if w == 1 or 4 * w <= spectra.stretch(bins)):
         nu = kinds * (1.0 if width == 1 else max(1.0, width * resolved / 1.94))
-        limit = stats.chi2.isf(PROBABILITY / (len(_WIDTHS) * len(CHANNELS) * bins), nu) * _FALSE_LEVEL / nu
+        limit = special.chdtri(nu, PROBABILITY / (len(_WIDTHS) * len(CHANNELS) * bins)) * _FALSE_LEVEL / nu
         limits.append((width, np.maximum(limit, 1.0 if width == 1 else _LEAST_BUMP)[kind]))
     return limits
 
@@ -246,7 +246,7 @@ def _grouped(peaks: list[_Peak], hz: float) -> list[list[_Peak]]:
     return groups
 
 
-def _line(group: list[_Peak], by_channel: list[list[Spectrum]], hz: float, shortest: float) -> Line:
+def _line(group: list[_Peak], by_channel: list[list[Spectrum]], hz: float, shortest: float) -> SpectralLine:
     weights = np.array([peak.excess for peak in group])
     low, high = min(p.low for p in group), max(p.high for p in group)
     if high - low <= 2.0 * _LOBE / shortest:
@@ -258,7 +258,7 @@ def _line(group: list[_Peak], by_channel: list[list[Spectrum]], hz: float, short
     half = 0.5 * width + 1.5 * _LOBE / shortest
     for c in channels:
         rms[c] = np.sqrt(np.mean([_power(s, centre, half, hz) for s in by_channel[c]]))
-    return Line(tuple(CHANNELS[c] for c in channels), centre, width, rms)
+    return SpectralLine(tuple(CHANNELS[c] for c in channels), centre, width, rms)
 
 
 def _power(spectrum: Spectrum, centre: float, half: float, hz: float) -> float:
@@ -268,9 +268,9 @@ def _power(spectrum: Spectrum, centre: float, half: float, hz: float) -> float:
     return max(0.0, float(np.sum(excess) * hz))
 
 
-def _waveforms(lines: list[Line], hz: float) -> list[Line]:
+def _waveforms(lines: list[SpectralLine], hz: float) -> list[SpectralLine]:
     """Lines of which one's frequency is a whole multiple of another's are put together."""
-    out: list[Line] = []
+    out: list[SpectralLine] = []
     left = sorted(lines, key=lambda line: line.hz)
     while left:
         base, left = left[0], left[1:]
@@ -280,14 +280,14 @@ def _waveforms(lines: list[Line], hz: float) -> list[Line]:
     return sorted(out, key=lambda line: -float(np.max(line.rms[:3]) + np.max(line.rms[3:])))
 
 
-def _multiple(line: Line, base: Line, hz: float) -> int:
+def _multiple(line: SpectralLine, base: SpectralLine, hz: float) -> int:
     """How many times the frequency of another a line has; 0 if that is no whole number within what is resolved."""
     times = round(line.hz / base.hz)
     within = 0.5 * hz * (times + 1) + 0.25 * (times * base.width_hz + line.width_hz)
     return times if times <= _MOST_HARMONIC and abs(line.hz - times * base.hz) <= within else 0
 
 
-def _joined(base: Line, multiples: list[Line], hz: float) -> Line:
+def _joined(base: SpectralLine, multiples: list[SpectralLine], hz: float) -> SpectralLine:
     if not multiples:
         return base
     together = [base, *multiples]
@@ -297,7 +297,7 @@ def _joined(base: Line, multiples: list[Line], hz: float) -> Line:
     centre = base.hz if base.width_hz else together[-1].hz / orders[-1]
     rms = np.sqrt(np.sum([line.rms**2 for line in together], axis=0))
     width = max(line.width_hz / n for line, n in zip(together, orders, strict=True))
-    return Line(channels, centre, width, rms, tuple(sorted(set(orders))))
+    return SpectralLine(channels, centre, width, rms, tuple(sorted(set(orders))))
 
 
 # ---------------------------------------------------------------------------------------------------------- removal

@@ -11,10 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal, stats
+from scipy import fft, special
+from scipy.signal import windows
 
+from filters.channels import CHANNELS
 from filters.effects import spectra
-from filters.imu import CHANNELS
 from filters.types import Array
 
 SLOWEST = 1.0 / 20.0
@@ -227,7 +228,7 @@ def _products(part: Array, fs: float) -> tuple[Array, float]:
     good = ~np.isnan(part)
     mean = np.sum(np.where(good, part, 0.0), axis=0) / np.maximum(1, good.sum(axis=0))
     size = fft.next_fast_len(part.shape[0], real=True)
-    window = signal.windows.tukey(part.shape[0], _TAPER)
+    window = windows.tukey(part.shape[0], _TAPER)
     X = fft.rfft(np.where(good, part - mean, 0.0) * window[:, None], size, axis=0)
     first = round(max(spectra.LOWEST, SLOWEST * fs) * size / fs)
     white = np.stack([_whitened(X[:, c], first) for c in range(X.shape[1])], axis=1)
@@ -294,10 +295,10 @@ def _ratio_at(total: Array, square: float, m: int) -> tuple[int, float, float]:
     sd, skewness = _of_white(n, m)
     if ratio > 1.0:
         freedom = 8.0 / skewness**2
-        one_sided = stats.chi2.sf(freedom + (ratio - 1.0) / sd * np.sqrt(2.0 * freedom), freedom)
+        one_sided = special.chdtrc(freedom, freedom + (ratio - 1.0) / sd * np.sqrt(2.0 * freedom))
     else:
         freedom = 2.0 / sd**2
-        one_sided = stats.chi2.cdf(freedom * ratio, freedom)
+        one_sided = special.chdtr(freedom, freedom * ratio)
     return m, ratio, float(min(1.0, 2.0 * one_sided))
 
 

@@ -56,7 +56,7 @@ class Included:
 
 
 @dataclass(frozen=True)
-class Series:
+class RunSeries:
     """Block means of one run, for figures: t (n,) s; before, after (n, 6) rad/s and m/s², NaN without weight."""
 
     run: str
@@ -78,11 +78,11 @@ class Trace:
         What joins the filter.
     correlation : Array
         Of all states of `included` in order, shape (p, p).
-    series : tuple of Series
+    series : tuple of RunSeries
         Residuals of all runs, the held-out one last.
     """
 
     document: dict[str, Any]
     included: tuple[Included, ...]
     correlation: Array
-    series: tuple[Series, ...]
+    series: tuple[RunSeries, ...]

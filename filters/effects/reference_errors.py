@@ -6,13 +6,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from filters.effects.hypothesis import ACCELS, ALL, DPS, GYROS, Effect, Own, Parameter
-from filters.effects.inputs import AXES, Inputs
+from filters.channels import ACCELS, DPS, GYROS
+from filters.effects.hypothesis import ALL, ChannelEffect, HypothesisBase, Parameter
+from filters.effects.inputs import Inputs
+from filters.motion.segments import AXES
 from filters.types import Array
 
 
 @dataclass(frozen=True)
-class Shared(Effect):
+class SharedEffect(HypothesisBase):
     """An effect of several channels with the same parameters."""
 
     channels: ClassVar[tuple[int, ...]]
@@ -20,7 +22,7 @@ class Shared(Effect):
 
 
 @dataclass(frozen=True)
-class Mounting(Shared):
+class Mounting(SharedEffect):
     """e = v × d, v = ω and f with the same d: the sensors are turned in their case."""
 
     effect: ClassVar = "mounting"
@@ -38,7 +40,7 @@ class Mounting(Shared):
 
 
 @dataclass(frozen=True)
-class EarthRate(Shared):
+class EarthRate(SharedEffect):
     """e = k C ω_ie in a residual that contains Earth rate: -1 for a unit, or a model, without it."""
 
     effect: ClassVar = "earth_rate"
@@ -55,7 +57,7 @@ class EarthRate(Shared):
 
 
 @dataclass(frozen=True)
-class Delay(Shared):
+class Delay(SharedEffect):
     """e = -tau x'."""
 
     effect: ClassVar = "delay"
@@ -72,7 +74,7 @@ class Delay(Shared):
 
 
 @dataclass(frozen=True)
-class LeverArm(Shared):
+class LeverArm(SharedEffect):
     """e = ω × (ω × r) + ω' × r."""
 
     effect: ClassVar = "lever_arm"
@@ -89,7 +91,7 @@ class LeverArm(Shared):
 
 
 @dataclass(frozen=True)
-class Tilt(Shared):
+class Tilt(SharedEffect):
     """e = C (δ × (0, 0, -γ)): the base of the table is not level."""
 
     effect: ClassVar = "tilt"
@@ -106,7 +108,7 @@ class Tilt(Shared):
 
 
 @dataclass(frozen=True)
-class Gravity(Shared):
+class Gravity(SharedEffect):
     """e = k C (0, 0, -γ): equals a common scale factor of the accelerometers."""
 
     effect: ClassVar = "gravity"
@@ -131,7 +133,7 @@ class CommonScale(Gravity):
 
 
 @dataclass(frozen=True)
-class Harmonic(Own):
+class Harmonic(ChannelEffect):
     """e = a sin(h θ) + b cos(h θ) of a table angle: magnetic field, wobble of an axis."""
 
     axis: int = 0
@@ -158,14 +160,14 @@ class Harmonic(Own):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """a, b."""
-        return (*self.one("sin", "", 1.0, 0.05, 2.0), *self.one("cos", "", 1.0, 0.05, 2.0))
+        return (*self.channel_parameter("sin", "", 1.0, 0.05, 2.0), *self.channel_parameter("cos", "", 1.0, 0.05, 2.0))
 
     def shape(self) -> Mapping[str, float | str]:
         """Axis and order."""
         return {"axis": AXES[self.axis], "order": float(self.order)}
 
 
-def shared() -> list[Shared]:
+def shared() -> list[SharedEffect]:
     """All hypotheses that several channels share."""
     return [Mounting(), EarthRate(), Delay(), LeverArm(), Tilt(), Gravity()]
 

@@ -10,21 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from filters import attitude, earth
+from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
 from filters.effects.drivers import SCALARS
-from filters.effects.hypothesis import DPS, MG, Hypothesis
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
+from filters.effects.hypothesis import Hypothesis
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S, Inputs
+from filters.effects.lag import first_order
 from filters.effects.records import Included
-from filters.imu import CHANNELS, AxisMap
+from filters.imu import AxisMap
 from filters.motion import kinematics
 from filters.motion.reference import FORCE, QUATERNION, RATE
 from filters.state import Site
 from filters.types import Array
 
-_SMOOTH_S, _SLOPE_S = 5.0, 15.0
 _MEMORY = 5
 _NOT_CAUSAL = ("driver:settling", "driver:direction", "driver:turns", "driver:since_motion", "driver:table_accel")
 
@@ -201,7 +201,7 @@ class CausalEffects:
         self._recent = past[-_MEMORY:].copy()
         for gate in self._gates:
             for c in (CHANNELS.index(name) for name in gate.channels):
-                limit = float(gate.parameters["limit"]) * (DPS if c < 3 else MG)
+                limit = float(gate.parameters["limit"]) * error_unit(c)[1]
                 if gate.effect == "saturation":
                     use &= np.abs(reading[:, c]) < limit * (1.0 - 1e-6)
                 else:
@@ -213,9 +213,8 @@ class CausalEffects:
 
 def _part(effect: Included) -> _Part:
     channels = tuple(CHANNELS.index(name) for name in effect.channels)
-    gyro = channels[0] < 3
     if effect.effect in ("random_walk", "gauss_markov", "tone"):
-        scale = np.full(len(effect.states), DPS if gyro else MG)
+        scale = np.full(len(effect.states), error_unit(channels[0])[1])
         return _Part(channels, None, scale, float(effect.parameters.get("hz", 0.0)))
     if effect.effect.startswith(_NOT_CAUSAL):
         raise ValueError(
@@ -236,10 +235,10 @@ class _Thermal:
     """Temperature smoothed from the past, its rate, lagged temperatures and plays."""
 
     def __init__(self, period: float) -> None:
-        self._poles = [np.exp(-period / tau) for tau in (_SMOOTH_S, _SLOPE_S)]
-        self._lags = [np.exp(-period / tau) for tau in LAGS]
-        self._memories: list[Array] | None = None
-        self._lagging: list[Array] = []
+        self._poles = [float(np.exp(-period / tau)) for tau in (SMOOTH_S, SLOPE_S)]
+        self._lags = [float(np.exp(-period / tau)) for tau in LAGS]
+        self._memories: list[float] | None = None
+        self._lagging: list[float] = []
         self._held = np.nan
         self._start = 0.0
         widths = np.array(PLAY_WIDTHS)
@@ -255,14 +254,14 @@ class _Thermal:
             nan = np.full(n, np.nan)
             return nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(PLAY_WIDTHS)), np.nan)
         if self._memories is None:
-            self._memories = [np.array([p * raw[0]]) for p in self._poles for _ in range(2)]
-            self._lagging = [np.array([p * raw[0]]) for p in self._lags]
             self._start = float(raw[0])
+            self._memories = [p * self._start for p in self._poles for _ in range(2)]
+            self._lagging = [p * self._start for p in self._lags]
         level, _ = self._doubled(raw, 0)
         _, slope = self._doubled(raw, 1)
         lagged = np.empty((raw.size, len(LAGS)))
         for k, pole in enumerate(self._lags):
-            lagged[:, k], self._lagging[k] = _lag(level, pole, self._lagging[k])
+            lagged[:, k], self._lagging[k] = first_order(level, pole, self._lagging[k])
         return level, slope, lagged, self._played(level - self._start)
 
     def _filled(self, temperature: Array) -> Array:
@@ -280,9 +279,9 @@ class _Thermal:
     def _doubled(self, raw: Array, which: int) -> tuple[Array, Array]:
         """Level and slope by double exponential smoothing."""
         assert self._memories is not None
-        pole, tau = self._poles[which], (_SMOOTH_S, _SLOPE_S)[which]
-        once, self._memories[2 * which] = _lag(raw, pole, self._memories[2 * which])
-        twice, self._memories[2 * which + 1] = _lag(once, pole, self._memories[2 * which + 1])
+        pole, tau = self._poles[which], (SMOOTH_S, SLOPE_S)[which]
+        once, self._memories[2 * which] = first_order(raw, pole, self._memories[2 * which])
+        twice, self._memories[2 * which + 1] = first_order(once, pole, self._memories[2 * which + 1])
         return 2.0 * once - twice, (once - twice) / tau
 
     def _played(self, u: Array) -> Array:
@@ -295,8 +294,3 @@ class _Thermal:
         for k in range(1, PLAYS):
             total = total + shaped[:, :, k]
         return np.asarray(total / PLAYS / self._widths)
-
-
-def _lag(u: Array, pole: float, memory: Array) -> tuple[Array, Array]:
-    out, last = signal.lfilter([1.0 - pole], [1.0, -pole], u, zi=memory)
-    return np.asarray(out), np.asarray(last)

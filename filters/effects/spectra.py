@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal, special
+from scipy import fft, special
+from scipy.signal import windows
 
 from filters.types import Array
 
@@ -106,7 +107,7 @@ def spectrum(x: Array, fs: float, hz: float) -> Spectrum | None:
     count, total = 0, np.zeros(1)
     size = max(2, round(fs / hz))
     for part in segments(x, fs, hz):
-        window = signal.windows.hann(part.size, sym=False)
+        window = windows.hann(part.size, sym=False)
         power = 2.0 / (fs * np.sum(window[part != 0.0] ** 2)) if np.any(part) else 0.0
         total = total + power * np.abs(fft.rfft(window * part, size)) ** 2
         count += 1

@@ -21,7 +21,7 @@ _STAYS = 0.6  # of a gap: what is lost stays lost, a late burst makes up for it
 
 
 @dataclass(frozen=True, slots=True)
-class Stamps:
+class StampQuality:
     """What the stamps of a run are like.
 
     Attributes
@@ -50,7 +50,7 @@ class Stamps:
         return self.bursts or self.jitter > JITTER * self.period
 
 
-def look(t: Array) -> Stamps:
+def analyse(t: Array) -> StampQuality:
     """Period, jitter, gaps of a run's stamps.
 
     A gap is a step above max(2.5 T, T + 8 jitter), T the period; from 1.5 T on, if the steps beside it do not make up
@@ -65,7 +65,7 @@ def look(t: Array) -> Stamps:
 
     Returns
     -------
-    Stamps
+    StampQuality
     """
     step = np.diff(t)
     period, bursts = _period(t, step)
@@ -75,7 +75,7 @@ def look(t: Array) -> Stamps:
     gaps = np.array([k for k in gaps if (step[k] > 2.5 * period and not bursts) or stays(t, int(k), period)], np.intp)
     wrong = np.abs(step - period) > _OFF * period
     wrong[gaps] = False
-    return Stamps(period, jitter, bursts, gaps, np.flatnonzero(wrong))
+    return StampQuality(period, jitter, bursts, gaps, np.flatnonzero(wrong))
 
 
 def _period(t: Array, step: Array) -> tuple[float, bool]:

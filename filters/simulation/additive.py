@@ -10,21 +10,13 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from scipy import signal
 
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS, DPS, G
+from filters.effects.inputs import PLAYS, REFERENCE_DEGC
 from filters.motion.segments import AXES
-from filters.simulation.parameters import (
-    DPS,
-    GYROS,
-    G,
-    Inputs,
-    Parameter,
-    Setup,
-    positive,
-)
+from filters.simulation.parameters import GYRO_CHANNELS, Inputs, Parameter, Setup, positive
 from filters.types import Array
 
-_REFERENCE = Parameter("reference", "reference_degc", 25.0)
-_PLAYS = 6
+_REFERENCE = Parameter("reference", "reference_degc", REFERENCE_DEGC)
 
 
 @runtime_checkable
@@ -122,9 +114,9 @@ class Hysteresis:
 
     def __init__(self, setup: Setup) -> None:
         width = setup.number("width")
-        self._k = setup.number("k") / (width * _PLAYS)
-        self._half_widths = width * np.arange(1, _PLAYS + 1)[:, None] / _PLAYS
-        self._plays = np.zeros((_PLAYS, 1))
+        self._k = setup.number("k") / (width * PLAYS)
+        self._half_widths = width * np.arange(1, PLAYS + 1)[:, None] / PLAYS
+        self._plays = np.zeros((PLAYS, 1))
         self._start = self._last = math.nan
 
     def error(self, inputs: Inputs) -> Array:
@@ -219,7 +211,7 @@ class NonlinearityCubic:
 class NonlinearityQuadratic:
     """e = k ω² of a gyro (an accelerometer's is g_squared); `dps_per_dps2`."""
 
-    channels: ClassVar = GYROS
+    channels: ClassVar = GYRO_CHANNELS
     parameters: ClassVar = (Parameter("k", "{e}_per_{x}2", inputs=-2),)
 
     def __init__(self, setup: Setup) -> None:
@@ -266,7 +258,7 @@ class CrossAxis:
 class GSensitivity:
     """e = G · f of a gyro, f as the accelerometers read it; `x_dps_per_g`, `y_dps_per_g`, `z_dps_per_g` (0 each)."""
 
-    channels: ClassVar = GYROS
+    channels: ClassVar = GYRO_CHANNELS
     parameters: ClassVar = tuple(Parameter(axis, f"{axis}_dps_per_g", 0.0, factor=DPS / G) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS
 from filters.simulation import additive, drift, output, truth
 from filters.simulation.parameters import Parameter, Setup
 

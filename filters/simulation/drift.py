@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import signal
 
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS
 from filters.simulation.parameters import Inputs, Parameter, Setup, positive
 from filters.types import Array
 

@@ -6,15 +6,17 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.imu import CHANNELS
-from filters.simulation.parameters import DPS, G, Inputs, Parameter, Setup, positive
+from filters.channels import CHANNELS, DPS, G
+from filters.effects.inputs import SENSED
+from filters.simulation.parameters import Inputs, Parameter, Setup, positive
 from filters.types import Array
 
 DRIVERS = (
     "time",
     "temperature",
     "temperature_rate",
-    *("wx", "wy", "wz", "fx", "fy", "fz", "rate_norm"),
+    *SENSED,
+    "rate_norm",
     *("angle_outer", "angle_middle", "angle_inner"),
 )
 

@@ -5,19 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.imu import CHANNELS, STANDARD_GRAVITY
+from filters.channels import CHANNELS, DPS, GYROS, MG, G
 from filters.types import Array
 
-GYROS, ACCELS = CHANNELS[:3], CHANNELS[3:]
-
-DPS = math.pi / 180.0
-MG = 1e-3 * STANDARD_GRAVITY
-G = STANDARD_GRAVITY
-
-
-def is_gyro(channel: int) -> bool:
-    """Whether a channel's number is that of a gyro."""
-    return channel < 3
+GYRO_CHANNELS, ACCEL_CHANNELS = CHANNELS[:3], CHANNELS[3:]
+"""Names of the channels of the gyros and of the accelerometers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +49,11 @@ class Parameter:
 
     def name_on(self, channel: int) -> str:
         """Name in a scenario, for a channel's number."""
-        return self.name.format(**({"e": "dps", "x": "dps"} if is_gyro(channel) else {"e": "mg", "x": "g"}))
+        return self.name.format(**({"e": "dps", "x": "dps"} if channel in GYROS else {"e": "mg", "x": "g"}))
 
     def si(self, value: float, channel: int) -> float:
         """Value in SI and radians of a value in the unit of `name_on`."""
-        error, unit = (DPS, DPS) if is_gyro(channel) else (MG, G)
+        error, unit = (DPS, DPS) if channel in GYROS else (MG, G)
         return value * self.factor * (error if "{e}" in self.name else 1.0) * unit**self.inputs
 
 

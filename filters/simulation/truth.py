@@ -4,17 +4,17 @@
 and mounting rotation; about north and east: the tilt of the base.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from filters import attitude, earth
-from filters.imu import CHANNELS, AxisMap
+from filters.channels import CHANNELS, DPS
+from filters.imu import AxisMap
 from filters.motion.kinematics import attitudes, body_rate
 from filters.motion.profile import Profile
-from filters.simulation.parameters import ACCELS, Parameter, Setup
+from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, Parameter, Setup
 from filters.state import Site
 from filters.types import Array
 
@@ -126,7 +126,7 @@ class Delay:
 class LeverArm:
     """Accelerometers away from the centre of rotation: e = ω × (ω × r) + ω' × r; `x_m`, `y_m`, `z_m` (0 each)."""
 
-    channels: ClassVar = ACCELS
+    channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
     parameters: ClassVar = tuple(Parameter(axis, f"{axis}_m", 0.0) for axis in "xyz")
 
@@ -141,11 +141,9 @@ class LeverArm:
 class Tilt:
     """Base turned by δ: specific force in n is exp(δ) (0, 0, -γ), Earth rate likewise; `north_deg`, `east_deg` (0)."""
 
-    channels: ClassVar = ACCELS
+    channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = tuple(
-        Parameter(axis, f"{axis}_deg", 0.0, factor=math.pi / 180.0) for axis in ("north", "east")
-    )
+    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east"))
 
     def __init__(self, setup: Setup) -> None:
         self._tilt = np.array([setup.number("north"), setup.number("east"), 0.0])
@@ -158,7 +156,7 @@ class Tilt:
 class Gravity:
     """Gravity that is not the site's: e = k C (0, 0, -γ); `relative`."""
 
-    channels: ClassVar = ACCELS
+    channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
     parameters: ClassVar = (Parameter("k", "relative"),)
 
@@ -173,7 +171,7 @@ class Gravity:
 class EarthRate:
     """e = k C ω_ie on top of the true one: -1, the default, is a unit that does not sense it; `coefficient`."""
 
-    channels: ClassVar = CHANNELS[:3]
+    channels: ClassVar = GYRO_CHANNELS
     everywhere: ClassVar = True
     selectable: ClassVar = True
     parameters: ClassVar = (Parameter("k", "coefficient", -1.0),)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from filters.channels import CHANNELS
 from filters.effects import faults, lines, noise
-from filters.effects.events import Event
-from filters.imu import CHANNELS
+from filters.effects.run_specific import RunSpecific
 from filters.tracing import (
     detectability,
     experiment,
@@ -21,7 +21,7 @@ from filters.tracing import (
     residual,
     validation,
 )
-from filters.tracing.design_matrix import Atom, Stack, columns_on
+from filters.tracing.design_matrix import Stack, Term, columns_on
 from filters.tracing.residual import Run
 from filters.tracing.rivals import Rival, rivals
 from filters.tracing.selection import Selection
@@ -39,10 +39,10 @@ _LEAST_CORRELATION = 0.03
 
 
 @dataclass(frozen=True)
-class Found:
+class Finding:
     """A finding with all that is said of it."""
 
-    atom: Atom
+    term: Term
     theta: Array
     covariance: Array
     score: float
@@ -64,16 +64,16 @@ class Judgement:
         self.seed = seed
         self.heldout = heldout
         self.white = self.design.sd * np.sqrt(self.stack.period)
-        self.faults: list[faults.Fault] = []
+        self.faults: list[faults.DataFault] = []
         self.fault_runs: list[str] = []
-        self.lines: list[lines.Line] = []
-        self.levels: list[noise_level.Level] = []
-        self.untestable: list[identifiability.Untestable] = []
+        self.lines: list[lines.SpectralLine] = []
+        self.levels: list[noise_level.NoiseDriver] = []
+        self.untestable: list[identifiability.UntestableEffect] = []
         self.structure: list[dict[str, Any]] = []
         self.limits: list[dict[str, Any]] = []
-        self.found: list[Found] = []
+        self.found: list[Finding] = []
         self._held_columns: dict[tuple[object, int], Array] = {}
-        self.figures: list[validation.Figure] = []
+        self.figures: list[validation.ErrorFigure] = []
         self.remainder: list[dict[str, Any]] = []
         self.status: dict[str, str] = {}
         self.experiment: dict[str, Any] | None = None
@@ -88,7 +88,7 @@ class Judgement:
         self._errors()
         self._remainder()
         self.status = {CHANNELS[c]: self._status(c) for c in range(6)}
-        known = {f.atom.key for f in self.found}
+        known = {f.term.key for f in self.found}
         self.limits = [x for effect in asked for x in detectability.limits(self.design, self.channels, effect, known)]
         self._experiment()
 
@@ -97,54 +97,54 @@ class Judgement:
     def _findings(self) -> None:
         fit = self.chosen.fit()
         left = {c: self._left(c) for c in self.channels}
-        for number, atom in enumerate(self.chosen.atoms):
+        for number, term in enumerate(self.chosen.terms):
             theta, covariance = fit.of(number)
-            gain = self.chosen.own_gain(atom)
-            where = self._where(atom, number)
+            gain = self.chosen.own_gain(term)
+            where = self._where(term, number)
             share = gain / (gain + sum(left.get(c, 0.0) for c in where))
-            others = rivals(self.chosen, atom)
-            score = gain - self.chosen.price(atom)
-            self.found.append(Found(atom, theta, covariance, score, gain, share, others, where))
+            others = rivals(self.chosen, term)
+            score = gain - self.chosen.price(term)
+            self.found.append(Finding(term, theta, covariance, score, gain, share, others, where))
         self.found.sort(key=lambda f: -f.score)
 
     def _left(self, channel: int) -> float:
         """Chi-square of a channel that nothing found explains, beyond what chance gives sums over 16 blocks."""
-        r = self.design.unexplained(self.chosen.atoms, channel)
+        r = self.design.unexplained(self.chosen.terms, channel)
         white = unbiased(r[:, None], self.stack.run, self.design.variance(channel))[:, 0]
         size = white.size // 16 * 16
         sums = white[:size].reshape(-1, 16).sum(axis=1) ** 2 / 16.0
         return max(0.0, float(sums.sum() - sums.size - 2.0 * np.sqrt(2.0 * sums.size)))
 
-    def _where(self, atom: Atom, number: int) -> tuple[int, ...]:
+    def _where(self, term: Term, number: int) -> tuple[int, ...]:
         """Channels on which an effect matters."""
-        if len(atom.places) == 1:
-            return tuple(atom.places)
+        if len(term.places) == 1:
+            return tuple(term.places)
         fit = self.chosen.fit()
         theta = fit.theta[number]
         drops = {}
-        for c, places in atom.places.items():
+        for c, places in term.places.items():
             G = self.design.gram(c)[0][np.ix_(places, places)]
             drops[c] = float(theta @ G @ theta)
         most = max(drops.values())
-        return tuple(c for c, d in drops.items() if d > _MATERIAL and d > 0.002 * most) or tuple(atom.places)
+        return tuple(c for c, d in drops.items() if d > _MATERIAL and d > 0.002 * most) or tuple(term.places)
 
     # --------------------------------------------------------------------------------------------- on unseen data
 
-    def _held(self, atom: Atom, c: int) -> Array:
+    def _held(self, term: Term, c: int) -> Array:
         """Columns of a finding on the held-out run, shape (n, k)."""
         if not self._held_columns and self.heldout is not None:
-            lasting = [f.atom for f in self.found if not isinstance(f.atom.hypothesis, Event)]
+            lasting = [f.term for f in self.found if not isinstance(f.term.hypothesis, RunSpecific)]
             self._held_columns = columns_on(self.heldout, lasting)
-        return self._held_columns[atom.key, c]
+        return self._held_columns[term.key, c]
 
-    def correction(self, found: Sequence[Found], held: bool = True) -> Array:
+    def correction(self, found: Sequence[Finding], held: bool = True) -> Array:
         """What findings that carry over say of the held-out run's residual, or of the others', shape (n, 6)."""
         stack = self.heldout if held and self.heldout is not None else self.stack
         out = np.zeros_like(stack.y)
         for f in found:
-            if not isinstance(f.atom.hypothesis, Event):
-                for c, places in f.atom.places.items():
-                    columns = self.design.columns[:, places] if stack is self.stack else self._held(f.atom, c)
+            if not isinstance(f.term.hypothesis, RunSpecific):
+                for c, places in f.term.places.items():
+                    columns = self.design.columns[:, places] if stack is self.stack else self._held(f.term, c)
                     out[:, c] += columns @ f.theta
         return out
 
@@ -154,7 +154,7 @@ class Judgement:
             return
         everything = self.correction(self.found)
         for number, f in enumerate(self.found):
-            if isinstance(f.atom.hypothesis, Event):
+            if isinstance(f.term.hypothesis, RunSpecific):
                 continue
             own = self.correction([f])
             better, seen = False, False
@@ -207,20 +207,20 @@ class Judgement:
                 )
                 self.figures += [drift] if drift is not None else []
 
-    def _uncertainty(self, used: Sequence[Found], c: int) -> Array:
+    def _uncertainty(self, used: Sequence[Finding], c: int) -> Array:
         """Variance of the correction of a channel, about its mean, SI, shape (n,)."""
         assert self.heldout is not None
         out = np.zeros(self.heldout.t.size)
         for f in used:
-            if c in f.atom.places and not isinstance(f.atom.hypothesis, Event):
-                X = self._held(f.atom, c)
+            if c in f.term.places and not isinstance(f.term.hypothesis, RunSpecific):
+                X = self._held(f.term, c)
                 X = X - X.mean(axis=0)
                 out += np.einsum("ij,jk,ik->i", X, f.covariance, X)
         return out
 
     def _errors_by_folds(self) -> None:
         for c in self.channels:
-            own = [self.design.columns[:, f.atom.places[c]] for f in self.found if c in f.atom.places]
+            own = [self.design.columns[:, f.term.places[c]] for f in self.found if c in f.term.places]
             columns = np.column_stack(own) if own else np.zeros((self.stack.t.size, 0))
             figure = validation.folded(self.stack, self.stack.y[:, c], columns, c, self.white[c], self.seed)
             self.figures += [figure] if figure is not None else []
@@ -230,7 +230,7 @@ class Judgement:
     def _remainder(self) -> None:
         scales = [max(1, round(s / self.stack.period)) for s in _SCALES_S]
         for c in self.channels:
-            white = self.design.residual(self.chosen.atoms, c)
+            white = self.design.residual(self.chosen.terms, c)
             white = np.where(self.stack.weight[:, c] > 0.0, white, np.nan)
             for m, ratio, p in noise.variance_ratio(white, scales):
                 if p < REMAINDER:
@@ -245,7 +245,7 @@ class Judgement:
         drift = c in self.channels and self.design.drift[c].level > 0.0
         rest = any(r["channel"] == name for r in self.remainder)
         aside = self._aside(name)
-        lasting = [f for f in found if not isinstance(f.atom.hypothesis, Event)]
+        lasting = [f for f in found if not isinstance(f.term.hypothesis, RunSpecific)]
         if not found:
             if drift:
                 return "stochastic"
@@ -255,7 +255,7 @@ class Judgement:
         if any(f.rivals for f in lasting):
             return "confounded"
         single = len(self.stack.blocks) + self._verdict() == 1
-        if single and any(f.atom.hypothesis.source != "motion" for f in lasting):
+        if single and any(f.term.hypothesis.source != "motion" for f in lasting):
             return "confounded"
         refuted = any(f.confirmed is False for f in lasting)
         if drift or rest or refuted or (lasting and self._out_of_band(c)):
@@ -294,12 +294,12 @@ class Judgement:
         if not disputed:
             return
         run = self.stack.blocks[0].run
-        library = experiment.Library(self.design, run)
+        candidates = experiment.CandidateRuns(self.design, run)
         best = -1.0
         for f in disputed:
-            rest = [atom for atom in self.chosen.atoms if atom is not f.atom]
-            others = [r.atom for r in f.rivals[:_RIVALS]]
-            made = experiment.separating(self.design, f.atom, f.theta, others, run, rest, library)
+            rest = [term for term in self.chosen.terms if term is not f.term]
+            others = [r.term for r in f.rivals[:_RIVALS]]
+            made = experiment.separating(self.design, f.term, f.theta, others, run, rest, candidates)
             if made is not None and made["d_expected"] > best:
                 self.experiment, best = made, made["d_expected"]
             if best >= experiment.SEPARATES:

@@ -1,8 +1,8 @@
 """What can be done with a unit to see more of it: motions of the table, and temperatures to take it through.
 
-Temperatures are relative to those that the runs at hand have seen: their lowest is the room's, their highest that of
-the warm unit. Rates go up to the largest seen, within what a table does. What it leaves out: which of them is worth
-doing (`filters.tracing.experiment`).
+Temperatures are relative to those that the runs at hand went through: their lowest is the room's, their highest that
+of the warm unit. Rates go up to the largest observed, within what a table does. What it leaves out: which of them is
+worth doing (`filters.tracing.experiment`).
 """
 
 import itertools
@@ -19,11 +19,11 @@ from filters.tracing.residual import Run
 from filters.types import Array
 
 STILL_HZ, MOVING_HZ, SWINGING_HZ = 2.0, 10.0, 20.0
-"""Rates at which a plan is worked out: at rest, in motion, in fast motion."""
+"""Sample rates of a candidate: at rest, in motion, in fast motion."""
 
 _SPAN = 10.0  # a temperature range worth going through, K
 _RISE = 1.0  # what a cold start warms by at least, K
-_WARM_UP, _WARM_UP_S = 6.0, 600.0  # of a cold start that was not seen, K and s
+_WARM_UP, _WARM_UP_S = 6.0, 600.0  # of a cold start that was not observed, K and s
 _REWARM, _REWARM_S = 0.15, 120.0  # of a warm restart: share of the range that is lost while off, s to come back
 _RAMP_K_S, _RAMP_S, _SLOWER = 1.5 / 60.0, 300.0, 3.0  # ramps of a chamber: K/s, s at least, and a slow one's factor
 _SOAK_S, _DWELL_S, _STILL_S = 120.0, 300.0, 1800.0
@@ -46,12 +46,12 @@ TWELVE = (
 
 
 @dataclass(frozen=True)
-class Plan:
+class CandidateMotion:
     """One run that can be made.
 
     Attributes
     ----------
-    words : str
+    description : str
         What an operator does, without how long.
     profile : Profile
         Of the table.
@@ -61,7 +61,7 @@ class Plan:
         Whether it takes a thermal chamber: more than power and a room.
     """
 
-    words: str
+    description: str
     profile: Profile
     thermal: Thermal | None
     chamber: bool = False
@@ -84,12 +84,12 @@ class Plan:
         return SWINGING_HZ if any(isinstance(s, Sine) for s in self.profile.segments) else MOVING_HZ
 
     @property
-    def said(self) -> str:
+    def instruction(self) -> str:
         """What an operator does, and for how long."""
-        return f"{self.words}{', in a chamber' if self.chamber else ''}, {max(1, round(self.seconds / 60.0))} min"
+        return f"{self.description}{', in a chamber' if self.chamber else ''}, {max(1, round(self.seconds / 60.0))} min"
 
     def run(self, like: Run) -> Run:
-        """The plan carried out by a unit like that of another run, without readings."""
+        """The candidate carried out by a unit like that of another run, without readings."""
         t = np.arange(round(self.seconds * self.rate_hz)) / self.rate_hz
         rows = t[:1] if self.still else t
         temperature = None
@@ -97,11 +97,11 @@ class Plan:
             temperature = np.interp(t, *np.array(self.thermal).T)
         angles, rates = self.profile.angles(rows), self.profile.rates(rows)
         nothing = np.zeros((t.size, 6))
-        return Run(self.words, t, nothing, temperature, angles, rates, like.axes, like.site, latency=like.latency)
+        return Run(self.description, t, nothing, temperature, angles, rates, like.axes, like.site, latency=like.latency)
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedRange:
     """What the runs at hand went through.
 
     Attributes
@@ -109,7 +109,7 @@ class Seen:
     room, working : float
         Lowest and highest temperature, degC; NaN without temperature.
     warm : float
-        The highest of a plan, degC, above the room's by 10 K at least.
+        The highest of a candidate, degC, above the room's by 10 K at least.
     start : tuple of (float, float)
         Temperature after a cold start, s and degC.
     rate : float
@@ -123,7 +123,7 @@ class Seen:
     rate: float
 
     @classmethod
-    def of(cls, stack: Stack) -> "Seen":
+    def of(cls, stack: Stack) -> "ObservedRange":
         """What the runs of a stack went through."""
         temperatures = [b.slow().temperature for b in stack.blocks]
         times = [b.t for b in stack.blocks]
@@ -157,43 +157,46 @@ def _points(t: Array, T: Array) -> Thermal:
     return tuple(zip(np.round(t, 1).tolist(), np.round(T, 3).tolist(), strict=True))
 
 
-def library(seen: Seen, moving: bool) -> list[Plan]:
-    """All plans.
+def candidates(observed: ObservedRange, moving: bool) -> list[CandidateMotion]:
+    """All candidates.
 
     Parameters
     ----------
-    seen : Seen
+    observed : ObservedRange
         What the runs at hand went through.
     moving : bool
-        Whether plans with motion are wanted.
+        Whether candidates with motion are wanted.
     """
-    known = math.isfinite(seen.room)
-    return (_thermal(seen) if known else []) + (_moving(seen, known) if moving else [])
+    known = math.isfinite(observed.room)
+    return (_thermal(observed) if known else []) + (_moving(observed, known) if moving else [])
 
 
 # ------------------------------------------------------------------------------------------------ temperatures, at rest
 
 
-def _thermal(seen: Seen) -> list[Plan]:
+def _thermal(observed: ObservedRange) -> list[CandidateMotion]:
     """Temperatures with the table level and at rest."""
-    made = [(words, thermal, False) for words, thermal in _by_power(seen)]
-    made += [(words, thermal, True) for words, thermal in _by_chamber(seen)]
-    return [Plan(f"{words}, level and at rest", _resting(T[-1][0]), T, chamber) for words, T, chamber in made]
-
-
-def _by_power(seen: Seen) -> list[tuple[str, Thermal]]:
-    """What switching off and on does."""
-    lost = -_REWARM * (seen.working - seen.room)
+    made = [(description, thermal, False) for description, thermal in _by_power(observed)]
+    made += [(description, thermal, True) for description, thermal in _by_chamber(observed)]
     return [
-        ("switch the unit off until it has the room's temperature and start it again", seen.start),
-        ("switch the warm unit off for a minute and start it again", _exponential(seen.working, lost, _REWARM_S)),
+        CandidateMotion(f"{description}, level and at rest", _resting(T[-1][0]), T, chamber)
+        for description, T, chamber in made
     ]
 
 
-def _by_chamber(seen: Seen) -> list[tuple[str, Thermal]]:
+def _by_power(observed: ObservedRange) -> list[tuple[str, Thermal]]:
+    """What switching off and on does."""
+    lost = -_REWARM * (observed.working - observed.room)
+    return [
+        ("switch the unit off until it has the room's temperature and start it again", observed.start),
+        ("switch the warm unit off for a minute and start it again", _exponential(observed.working, lost, _REWARM_S)),
+    ]
+
+
+def _by_chamber(observed: ObservedRange) -> list[tuple[str, Thermal]]:
     """What a chamber does: one temperature, ramps both ways, two speeds, dwells at both ends, a loop in a loop."""
-    room, warm, span = seen.room, seen.warm, f"{seen.warm - seen.room:.0f} K"
-    up, slow, middle = _ramp_s(seen), _SLOWER * _ramp_s(seen), 0.5 * (seen.room + seen.warm)
+    room, warm, span = observed.room, observed.warm, f"{observed.warm - observed.room:.0f} K"
+    up, slow, middle = _ramp_s(observed), _SLOWER * _ramp_s(observed), 0.5 * (observed.room + observed.warm)
     dwells, slowly = f"with {_DWELL_S / 60.0:.0f} min at each end", f"{_SLOWER:.0f} times as slowly"
     return [
         (f"keep the unit at {warm:.0f} degC from before power-on", ((0.0, warm), (_STILL_S, warm))),
@@ -227,9 +230,9 @@ def _by_chamber(seen: Seen) -> list[tuple[str, Thermal]]:
     ]
 
 
-def _ramp_s(seen: Seen) -> float:
+def _ramp_s(observed: ObservedRange) -> float:
     """How long a chamber takes through the range, s."""
-    return max(_RAMP_S, 30.0 * math.ceil((seen.warm - seen.room) / _RAMP_K_S / 30.0))
+    return max(_RAMP_S, 30.0 * math.ceil((observed.warm - observed.room) / _RAMP_K_S / 30.0))
 
 
 def _steps(*legs: tuple[float, float]) -> Thermal:
@@ -245,9 +248,9 @@ def _resting(seconds: float) -> Profile:
 # -------------------------------------------------------------------------------------------------------------- motions
 
 
-def _moving(seen: Seen, known: bool) -> list[Plan]:
+def _moving(observed: ObservedRange, known: bool) -> list[CandidateMotion]:
     """Motions of the unit when it has warmed up, and two of them at both ends of the range."""
-    fast = seen.rate
+    fast = observed.rate
     slow = math.radians(5.0 * round(math.degrees(fast) / 15.0))
     both = f"at ±{math.degrees(slow):.0f} and ±{math.degrees(fast):.0f} deg/s"
     spins = {axis: turns(axis, (slow, -slow, fast, -fast)) for axis in AXES}
@@ -265,29 +268,39 @@ def _moving(seen: Seen, known: bool) -> list[Plan]:
         (f"swing each axis {_SWING}", all_swings),
         (f"hold eighteen positions, turn each axis {both} and swing it {_SWING}", [*eighteen, *all_turns, *all_swings]),
     ]
-    warm = [_warm(words, segments, seen, known) for words, segments in made]
+    warm = [_warm(description, segments, observed, known) for description, segments in made]
     if not known:
         return warm
     return [
         *warm,
-        _twice("hold eighteen positions", eighteen, seen),
-        _twice(f"turn each axis {both}", all_turns, seen),
+        _twice("hold eighteen positions", eighteen, observed),
+        _twice(f"turn each axis {both}", all_turns, observed),
     ]
 
 
-def _warm(words: str, segments: Sequence[Segment], seen: Seen, known: bool) -> Plan:
+def _warm(description: str, segments: Sequence[Segment], observed: ObservedRange, known: bool) -> CandidateMotion:
     profile = _profile(segments)
-    thermal = ((0.0, seen.working), (profile.duration, seen.working)) if known else None
-    return Plan(f"{words}, warmed up" if known else words, profile, thermal)
+    thermal = ((0.0, observed.working), (profile.duration, observed.working)) if known else None
+    return CandidateMotion(f"{description}, warmed up" if known else description, profile, thermal)
 
 
-def _twice(words: str, segments: Sequence[Segment], seen: Seen) -> Plan:
+def _twice(description: str, segments: Sequence[Segment], observed: ObservedRange) -> CandidateMotion:
     """A motion at the room's temperature and again when warm."""
-    ramp = _ramp_s(seen)
+    ramp = _ramp_s(observed)
     cold = _profile(segments).duration
     profile = _profile((*segments, Dwell((0.0, 0.0, 0.0), ramp), *segments))
-    thermal = ((0.0, seen.room), (cold, seen.room), (cold + ramp, seen.warm), (profile.duration, seen.warm))
-    return Plan(f"{words}, at {seen.room:.0f} degC and again at {seen.warm:.0f} degC", profile, thermal, chamber=True)
+    thermal = (
+        (0.0, observed.room),
+        (cold, observed.room),
+        (cold + ramp, observed.warm),
+        (profile.duration, observed.warm),
+    )
+    return CandidateMotion(
+        f"{description}, at {observed.room:.0f} degC and again at {observed.warm:.0f} degC",
+        profile,
+        thermal,
+        chamber=True,
+    )
 
 
 def _profile(segments: Sequence[Segment]) -> Profile:
@@ -302,9 +315,9 @@ def positions(angles_deg: Sequence[tuple[float, float, float]], seconds: float) 
 
 def _headings() -> list[tuple[str, list[Segment]]]:
     """Slow turns both ways, level and tilted."""
-    words = "turn the inner axis slowly, twice round each way, level"
+    description = "turn the inner axis slowly, twice round each way, level"
     level, tilted = (_heading((math.radians(outer), 0.0, 0.0)) for outer in (0.0, 45.0))
-    return [(words, level), (f"{words} and with 45 deg of outer", [*level, *tilted])]
+    return [(description, level), (f"{description} and with 45 deg of outer", [*level, *tilted])]
 
 
 def _heading(angles: tuple[float, float, float]) -> list[Segment]:

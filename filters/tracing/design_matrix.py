@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
-from filters.effects.inputs import AXES, Inputs
+from filters.effects.inputs import SENSED, Inputs
+from filters.motion.segments import AXES
 from filters.tracing.residual import Blocks
 from filters.tracing.whitening import NONE, Drift, unbiased, whiten
 from filters.types import Array
@@ -26,7 +27,6 @@ FOLDS = 5
 _CHI2_MEDIAN = 0.4549364
 _VARIES = 1e-9
 _SEEN = 1e-4
-_INPUTS = ("wx", "wy", "wz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Stack:
 
 
 @dataclass(frozen=True)
-class Atom:
+class Term:
     """A hypothesis with its columns in the design: for each of its channels, their numbers."""
 
     hypothesis: Hypothesis
@@ -114,14 +114,14 @@ class Atom:
 class Fit:
     """Parameters of a selection."""
 
-    atoms: tuple[Atom, ...]
+    terms: tuple[Term, ...]
     theta: tuple[Array, ...]
     covariance: Array
     offsets: tuple[int, ...]
 
     def of(self, number: int) -> tuple[Array, Array]:
-        """Parameters of an atom and their covariance."""
-        at, k = self.offsets[number], self.atoms[number].size
+        """Parameters of a term and their covariance."""
+        at, k = self.offsets[number], self.terms[number].size
         return self.theta[number], self.covariance[at : at + k, at : at + k]
 
 
@@ -139,7 +139,7 @@ class Design:
         self.drift: list[Drift] = [NONE] * 6
         self.sd = stack.white_sd()
         self.multiplier = np.ones_like(stack.y)
-        self.columns, self.atoms = _columns(stack)
+        self.columns, self.terms = _columns(stack)
         self.raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
         self._gram: dict[int, tuple[Array, Array, float]] = {}
 
@@ -175,13 +175,13 @@ class Design:
         """Compute a channel's Gram matrix anew: its noise has changed."""
         self._gram.pop(channel, None)
 
-    def add(self, hypothesis: Hypothesis, columns: Array) -> Atom:
+    def add(self, hypothesis: Hypothesis, columns: Array) -> Term:
         """Take columns that were found on the way: a tone's, a step's."""
         first = self.columns.shape[1]
         self.columns = np.hstack([self.columns, columns])
         self.raw = np.append(self.raw, np.sqrt(np.mean(columns**2, axis=0)))
         places = np.arange(first, first + columns.shape[1])
-        atom = Atom(hypothesis, dict.fromkeys(hypothesis.channels, places))
+        term = Term(hypothesis, dict.fromkeys(hypothesis.channels, places))
         for c in list(self._gram):
             if c in hypothesis.channels:
                 self._widen(c, first)
@@ -189,7 +189,7 @@ class Design:
                 G, B, yy = self._gram[c]
                 more = columns.shape[1]
                 self._gram[c] = np.pad(G, ((0, more), (0, more))), np.append(B, np.zeros(more)), yy
-        return atom
+        return term
 
     def _widen(self, c: int, first: int) -> None:
         """Add the columns from `first` on to a channel's Gram matrix."""
@@ -202,21 +202,21 @@ class Design:
 
     # ------------------------------------------------------------------------------------------------------- fits
 
-    def fit(self, atoms: Sequence[Atom]) -> Fit:
+    def fit(self, terms: Sequence[Term]) -> Fit:
         """Least squares of a selection over all channels."""
-        A, b, offsets = self._normal(atoms)
-        if not atoms:
+        A, b, offsets = self._normal(terms)
+        if not terms:
             return Fit((), (), np.zeros((0, 0)), ())
         inverse = _inverse(A)
         theta = inverse @ b
-        parts = tuple(theta[o : o + a.size] for o, a in zip(offsets, atoms, strict=True))
-        return Fit(tuple(atoms), parts, inverse, tuple(offsets))
+        parts = tuple(theta[o : o + a.size] for o, a in zip(offsets, terms, strict=True))
+        return Fit(tuple(terms), parts, inverse, tuple(offsets))
 
-    def _normal(self, atoms: Sequence[Atom]) -> tuple[Array, Array, list[int]]:
-        offsets = np.concatenate([[0], np.cumsum([a.size for a in atoms])]).astype(int).tolist()
+    def _normal(self, terms: Sequence[Term]) -> tuple[Array, Array, list[int]]:
+        offsets = np.concatenate([[0], np.cumsum([a.size for a in terms])]).astype(int).tolist()
         A, b = np.zeros((offsets[-1], offsets[-1])), np.zeros(offsets[-1])
         for c in range(6):
-            rows, places = self._present(atoms, offsets, c)
+            rows, places = self._present(terms, offsets, c)
             if rows.size:
                 G, B, _ = self.gram(c)
                 A[np.ix_(rows, rows)] += G[np.ix_(places, places)]
@@ -225,19 +225,19 @@ class Design:
 
     @staticmethod
     def _present(
-        atoms: Sequence[Atom], offsets: Sequence[int], channel: int
+        terms: Sequence[Term], offsets: Sequence[int], channel: int
     ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Parameters of a selection that act on a channel, and their columns there."""
         rows, places = [], []
-        for offset, atom in zip(offsets, atoms, strict=False):
-            if channel in atom.places:
-                rows.append(np.arange(offset, offset + atom.size))
-                places.append(atom.places[channel])
+        for offset, term in zip(offsets, terms, strict=False):
+            if channel in term.places:
+                rows.append(np.arange(offset, offset + term.size))
+                places.append(term.places[channel])
         if not rows:
             return np.zeros(0, np.int64), np.zeros(0, np.int64)
         return np.concatenate(rows), np.concatenate(places)
 
-    def gains(self, selection: Sequence[Atom], candidates: Sequence[Atom]) -> Array:
+    def gains(self, selection: Sequence[Term], candidates: Sequence[Term]) -> Array:
         """Drop of chi-square when a candidate joins a selection; 0 where the data can't see it; shape (candidates,)."""
         A, b, offsets = self._normal(selection)
         inverse = _inverse(A) if selection else np.zeros((0, 0))
@@ -245,21 +245,21 @@ class Design:
         reduced = {c: self._reduced(selection, offsets, c, inverse, theta) for c in self._channels(candidates)}
         out = np.zeros(len(candidates))
         cross = self._cross(selection, offsets, candidates, inverse) if selection else {}
-        for number, atom in enumerate(candidates):
-            if len(atom.places) == 1:
-                ((c, places),) = atom.places.items()
+        for number, term in enumerate(candidates):
+            if len(term.places) == 1:
+                ((c, places),) = term.places.items()
                 C, d, raw = reduced[c]
                 out[number] = _gain(C[np.ix_(places, places)], d[places], raw[places])
             else:
-                out[number] = self._shared_gain(atom, cross.get(number), theta, inverse)
+                out[number] = self._shared_gain(term, cross.get(number), theta, inverse)
         return out
 
     @staticmethod
-    def _channels(atoms: Sequence[Atom]) -> list[int]:
-        return sorted({c for atom in atoms if len(atom.places) == 1 for c in atom.places})
+    def _channels(terms: Sequence[Term]) -> list[int]:
+        return sorted({c for term in terms if len(term.places) == 1 for c in term.places})
 
     def _reduced(
-        self, selection: Sequence[Atom], offsets: Sequence[int], c: int, inverse: Array, theta: Array
+        self, selection: Sequence[Term], offsets: Sequence[int], c: int, inverse: Array, theta: Array
     ) -> tuple[Array, Array, Array]:
         G, B, _ = self.gram(c)
         scale = np.diag(G)
@@ -275,70 +275,70 @@ class Design:
         return np.where(scale > _VARIES * np.maximum(self.raw**2, 1e-300), scale, np.inf)
 
     def _cross(
-        self, selection: Sequence[Atom], offsets: Sequence[int], candidates: Sequence[Atom], inverse: Array
+        self, selection: Sequence[Term], offsets: Sequence[int], candidates: Sequence[Term], inverse: Array
     ) -> dict[int, Array]:
         out = {}
-        for number, atom in enumerate(candidates):
-            if len(atom.places) > 1:
-                M = np.zeros((atom.size, inverse.shape[0]))
-                for c, own in atom.places.items():
+        for number, term in enumerate(candidates):
+            if len(term.places) > 1:
+                M = np.zeros((term.size, inverse.shape[0]))
+                for c, own in term.places.items():
                     rows, places = self._present(selection, offsets, c)
                     if rows.size:
                         M[:, rows] += self.gram(c)[0][np.ix_(own, places)]
                 out[number] = M
         return out
 
-    def _shared_gain(self, atom: Atom, cross: Array | None, theta: Array, inverse: Array) -> float:
-        C = sum(self.gram(c)[0][np.ix_(p, p)] for c, p in atom.places.items())
-        d = sum(self.gram(c)[1][p] for c, p in atom.places.items())
+    def _shared_gain(self, term: Term, cross: Array | None, theta: Array, inverse: Array) -> float:
+        C = sum(self.gram(c)[0][np.ix_(p, p)] for c, p in term.places.items())
+        d = sum(self.gram(c)[1][p] for c, p in term.places.items())
         # one channel that sees a column is enough
-        some = np.min([self._visible(np.diag(self.gram(c)[0]))[p] for c, p in atom.places.items()], axis=0)
+        some = np.min([self._visible(np.diag(self.gram(c)[0]))[p] for c, p in term.places.items()], axis=0)
         scale = np.where(np.isfinite(some), np.diag(C), np.inf)
         if cross is not None:
             C = C - cross @ inverse @ cross.T
             d = d - cross @ theta
         return _gain(np.asarray(C), np.asarray(d), scale)
 
-    def chi2(self, selection: Sequence[Atom], channel: int) -> float:
+    def chi2(self, selection: Sequence[Term], channel: int) -> float:
         """Squared norm of a channel's whitened residual under a selection's joint fit."""
         W = self.residual(selection, channel)
         return float(W @ W)
 
-    def residual(self, selection: Sequence[Atom], channel: int) -> Array:
+    def residual(self, selection: Sequence[Term], channel: int) -> Array:
         """Whitened residual of a channel under a selection's joint fit, shape (n,)."""
         return self.white(self.unexplained(selection, channel)[:, None], channel)[:, 0]
 
-    def unexplained(self, selection: Sequence[Atom], channel: int) -> Array:
+    def unexplained(self, selection: Sequence[Term], channel: int) -> Array:
         """Residual of a channel less what a selection's joint fit says, SI, shape (n,)."""
         fit = self.fit(selection)
         r = self.stack.y[:, channel].copy()
-        for atom, theta in zip(fit.atoms, fit.theta, strict=True):
-            if channel in atom.places:
-                r -= self.columns[:, atom.places[channel]] @ theta
+        for term, theta in zip(fit.terms, fit.theta, strict=True):
+            if channel in term.places:
+                r -= self.columns[:, term.places[channel]] @ theta
         return r
 
-    def heldout(self, selection: Sequence[Atom], atom: Atom, made: Array | None = None) -> tuple[float, float]:
-        """Gain of an atom on cells that its fit has not seen, over five folds, and the same without its best cell.
+    def heldout(self, selection: Sequence[Term], term: Term, made: Array | None = None) -> tuple[float, float]:
+        """Gain of a term on cells that its fit has not seen, over five folds, and the same without its best cell.
 
-        Both fits, without and with it, are joint over all channels that shared effects tie to the atom's.
+        Both fits, without and with it, are joint over all channels that shared effects tie to the term's.
 
         Parameters
         ----------
-        selection : sequence of Atom
+        selection : sequence of Term
             What is there already.
-        atom : Atom
+        term : Term
             The new one.
         made : Array or None
             Columns of its own, shape (n, k), of one that is not in the design.
         """
-        tied = self._tied(selection, atom)
-        atoms = [*(a for a in selection if set(a.places) & tied), atom]
-        offsets = np.concatenate([[0], np.cumsum([a.size for a in atoms])]).astype(int).tolist()
+        tied = self._tied(selection, term)
+        terms = [*(a for a in selection if set(a.places) & tied), term]
+        offsets = np.concatenate([[0], np.cumsum([a.size for a in terms])]).astype(int).tolist()
         parts = []
         for c in sorted(tied):
-            rows, _ = self._present(atoms, offsets, c)
-            _, places = self._present(atoms[:-1], offsets, c)
-            own = [] if c not in atom.places else [self.columns[:, atom.places[c]] if made is None else made]
+            rows, _ = self._present(terms, offsets, c)
+            _, places = self._present(terms[:-1], offsets, c)
+            own = [] if c not in term.places else [self.columns[:, term.places[c]] if made is None else made]
             parts.append((c, np.column_stack([self.stack.y[:, c], self.columns[:, places], *own]), rows))
         cells = np.zeros(int(self.stack.cell[-1]) + 1)
         for f in range(FOLDS):
@@ -352,7 +352,7 @@ class Design:
         train: NDArray[np.bool_],
         count: int,
     ) -> Array:
-        """Gain of the last atom in each cell that a fold's fit has not seen, shape (count,).
+        """Gain of the last term in each cell that a fold's fit has not seen, shape (count,).
 
         `parts` are channels with their residual and columns, and which parameters those are.
         """
@@ -396,9 +396,9 @@ class Design:
         return out, out
 
     @staticmethod
-    def _tied(selection: Sequence[Atom], atom: Atom) -> set[int]:
-        """Channels of an atom, and all that shared effects of a selection tie to them."""
-        tied, more = set(atom.places), True
+    def _tied(selection: Sequence[Term], term: Term) -> set[int]:
+        """Channels of a term, and all that shared effects of a selection tie to them."""
+        tied, more = set(term.places), True
         while more:
             wider = tied.union(*(a.places for a in selection if tied & set(a.places)))
             more, tied = wider > tied, wider
@@ -432,11 +432,11 @@ def _gain(C: Array, d: Array, scale: Array) -> float:
 # ------------------------------------------------------------------------------------------------------------ columns
 
 
-def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
+def _columns(stack: Stack) -> tuple[Array, list[Term]]:
     """Columns of all hypotheses that vary, over all runs, and where they are."""
     ranges = _ranges(stack)
     makers: list[tuple[bool, Callable[[Inputs], Array], int]] = []
-    atoms: list[Atom] = []
+    terms: list[Term] = []
     width = 0
 
     def put(slow: bool, columns: Callable[[Inputs], Array], count: int) -> NDArray[np.int_]:
@@ -455,19 +455,19 @@ def _columns(stack: Stack) -> tuple[Array, list[Atom]]:
             key = (h.effect, str(h.shape())) if alike else (h.effect, c, str(h.shape()))
             if key not in kept:
                 kept[key] = put(is_slow(h), _bound(h, c), len(h.parameters()))
-            atoms.append(Atom(h, {c: kept[key]}))
+            terms.append(Term(h, {c: kept[key]}))
     for basis in drivers.bases(ranges):
         places = put(is_slow(basis.on(0)), basis.columns_of, basis.count)
-        atoms += [Atom(basis.on(c), {c: places}) for c in range(6) if not _twin(basis.name, c)]
+        terms += [Term(basis.on(c), {c: places}) for c in range(6) if not _twin(basis.name, c)]
     if any(not b.run.still for b in stack.blocks) or len(stack.blocks) > 1:
         for s in reference_errors.shared():
-            atoms.append(Atom(s, {c: put(False, _bound(s, c), len(s.parameters())) for c in s.channels}))
-    return _filled(stack, makers, width), atoms
+            terms.append(Term(s, {c: put(False, _bound(s, c), len(s.parameters())) for c in s.channels}))
+    return _filled(stack, makers, width), terms
 
 
-def columns_on(stack: Stack, atoms: Sequence[Atom]) -> dict[tuple[object, int], Array]:
-    """Columns of hypotheses on another stack, by atom's key and channel, shape (n, k)."""
-    wanted = [(a, c) for a in atoms for c in a.places]
+def columns_on(stack: Stack, terms: Sequence[Term]) -> dict[tuple[object, int], Array]:
+    """Columns of hypotheses on another stack, by term's key and channel, shape (n, k)."""
+    wanted = [(a, c) for a in terms for c in a.places]
     out: dict[tuple[object, int], Array] = {}
     places = np.concatenate([[0], np.cumsum([a.size for a, _ in wanted])]).astype(int)
     fast = [
@@ -515,17 +515,17 @@ def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
     """Whether what an effect is a function of is there and varies."""
     if h.effect == "thermal_scale":
         # of an input that never varies it is a bias that follows temperature
-        return "temperature" in ranges and _INPUTS[h.channels[0]] in ranges
+        return "temperature" in ranges and SENSED[h.channels[0]] in ranges
     if h.source == "temperature":
         return "temperature" in ranges
     if h.effect == "harmonic":
         return str(h.shape()["axis"]) in ranges
-    return h.source == "time" or any(name in ranges for name in _INPUTS)
+    return h.source == "time" or any(name in ranges for name in SENSED)
 
 
 def _twin(name: str, channel: int) -> bool:
     """Whether a product is in the catalogue under another name: x (T - T0)."""
-    return name == f"temperature*{_INPUTS[channel]}"
+    return name == f"temperature*{SENSED[channel]}"
 
 
 def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:

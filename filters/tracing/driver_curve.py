@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from filters.channels import error_unit
 from filters.effects.drivers import Driver
-from filters.effects.hypothesis import DPS, MG
 from filters.types import Array
 
 
@@ -36,7 +36,7 @@ class Curve:
 
 def curve(driver: Driver, theta: Array, covariance: Array) -> Curve | None:
     """Curve with its standard deviations at the knots, or over the turn; None for a driver with one slope only."""
-    y_unit, si = ("deg/s", DPS) if driver.gyro else ("mg", MG)
+    y_unit, si = error_unit(driver.channel)
     if driver.kind == "hat":
         x = np.array(driver.knots)
         B = np.vstack([np.zeros(x.size - 1), np.eye(x.size - 1)])

@@ -8,7 +8,7 @@ if A is what there is: what no mixture of the others can follow, in standard dev
 and B hold for all runs, the constant is each run's own. Regressors of the further run need no data; white noise, and
 drift where a channel has it, are those found. d ≥ 5 separates.
 
-With several rivals the plan counts that separates most of them, by the least d that it adds there for its time.
+With several rivals the candidate counts that separates most of them, by the least d that it adds there for its time.
 
 What it leaves out: what can be done at all (`filters.tracing.candidate_motions`).
 """
@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from filters.effects.events import Event
+from filters.effects.run_specific import RunSpecific
 from filters.motion import profile
 from filters.tracing import candidate_motions, residual
-from filters.tracing.candidate_motions import Plan
-from filters.tracing.design_matrix import Atom, Design, Stack, columns_on
+from filters.tracing.candidate_motions import CandidateMotion
+from filters.tracing.design_matrix import Design, Stack, Term, columns_on
 from filters.tracing.residual import Run
 from filters.tracing.whitening import unbiased, whiten
 from filters.types import Array
@@ -39,10 +39,10 @@ _ABSURD = 100.0
 
 
 @dataclass(frozen=True)
-class Option:
-    """A plan, and the d that it adds against each rival, in their order."""
+class EvaluatedMotion:
+    """A candidate, and the d that it adds against each rival, in their order."""
 
-    plan: Plan
+    candidate: CandidateMotion
     d: tuple[float, ...]
 
     @property
@@ -65,12 +65,12 @@ class Option:
     @property
     def rank(self) -> tuple[int, float]:
         """What it separates, and its d per √(10 min); the d alone where it separates nothing."""
-        time = math.sqrt(self.plan.seconds / _UNIT_S) if self.separated else 1.0
+        time = math.sqrt(self.candidate.seconds / _UNIT_S) if self.separated else 1.0
         return len(self.separated), self.expected / time
 
 
-class Library:
-    """Plans for a unit whose runs are in a design, made ready once for any number of effects.
+class CandidateRuns:
+    """Candidates for a unit whose runs are in a design, made ready once for any number of effects.
 
     Parameters
     ----------
@@ -83,56 +83,60 @@ class Library:
     def __init__(self, design: Design, like: Run) -> None:
         self.design = design
         self._like = like
-        self._seen = candidate_motions.Seen.of(design.stack)
-        self._plans: dict[bool, list[Plan]] = {}
+        self._observed = candidate_motions.ObservedRange.of(design.stack)
+        self._candidates: dict[bool, list[CandidateMotion]] = {}
         self._stacks: dict[int, Stack] = {}
 
-    def options(self, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom] = ()) -> list[Option]:
-        """What each plan adds, the best first.
+    def options(
+        self, a: Term, theta: Array, rivals: Sequence[Term], rest: Sequence[Term] = ()
+    ) -> list[EvaluatedMotion]:
+        """What each candidate adds, the best first.
 
         Parameters
         ----------
-        a : Atom
+        a : Term
             What was found,
         theta : Array
             with its parameters, SI, shape (k,).
-        rivals : sequence of Atom
+        rivals : sequence of Term
             At least one.
-        rest : sequence of Atom
+        rest : sequence of Term
             All else that was found.
         """
         pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
-        lasting = list({atom.key: atom for pair in pairs for atom in pair.lasting}.values())
-        moving = any(atom.hypothesis.source == "motion" for atom in (a, *rivals))
+        lasting = list({term.key: term for pair in pairs for term in pair.lasting}.values())
+        moving = any(term.hypothesis.source == "motion" for term in (a, *rivals))
         made = []
-        for plan in self._of(moving):
-            stack = self._stack(plan)
+        for candidate in self._of(moving):
+            stack = self._stack(candidate)
             columns = columns_on(stack, lasting)
-            made.append(Option(plan, tuple(pair.added(stack, columns) for pair in pairs)))
+            made.append(EvaluatedMotion(candidate, tuple(pair.added(stack, columns) for pair in pairs)))
         return sorted(made, key=lambda option: option.rank, reverse=True)
 
-    def _of(self, moving: bool) -> list[Plan]:
-        """Plans without motion for what does not depend on any."""
-        if True not in self._plans:
-            self._plans = {True: candidate_motions.library(self._seen, moving=True)}
-            self._plans[False] = [plan for plan in self._plans[True] if plan.still]
-        return self._plans[moving]
+    def _of(self, moving: bool) -> list[CandidateMotion]:
+        """Candidates without motion for what does not depend on any."""
+        if True not in self._candidates:
+            self._candidates = {True: candidate_motions.candidates(self._observed, moving=True)}
+            self._candidates[False] = [candidate for candidate in self._candidates[True] if candidate.still]
+        return self._candidates[moving]
 
-    def _stack(self, plan: Plan) -> Stack:
-        if id(plan) not in self._stacks:
-            blocks = residual.blocks(plan.run(self._like), _BLOCK_S.get(plan.rate_hz, self.design.stack.period))
-            self._stacks[id(plan)] = Stack.of([blocks])
-        return self._stacks[id(plan)]
+    def _stack(self, candidate: CandidateMotion) -> Stack:
+        if id(candidate) not in self._stacks:
+            blocks = residual.blocks(
+                candidate.run(self._like), _BLOCK_S.get(candidate.rate_hz, self.design.stack.period)
+            )
+            self._stacks[id(candidate)] = Stack.of([blocks])
+        return self._stacks[id(candidate)]
 
 
 class _Pair:
     """Two rivals, beside the rest: what runs tell of the first that the others can't follow."""
 
-    def __init__(self, design: Design, a: Atom, theta: Array, b: Atom, rest: Sequence[Atom]) -> None:
+    def __init__(self, design: Design, a: Term, theta: Array, b: Term, rest: Sequence[Term]) -> None:
         self._design, self._a, self._theta = design, a, theta
         self._channels = sorted({*a.places, *b.places})
         self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
-        self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, Event)]
+        self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, RunSpecific)]
         self._known = self._triangle(design.stack, {})
         self._before = _unfollowed(self._known)
 
@@ -146,7 +150,7 @@ class _Pair:
         return np.asarray(np.linalg.qr(np.vstack([self._white(stack, made, c) for c in self._channels]), mode="r"))
 
     def _white(self, stack: Stack, made: dict[tuple[object, int], Array], c: int) -> Array:
-        parts = [self._columns(stack, made, atom, c) for atom in self._others]
+        parts = [self._columns(stack, made, term, c) for term in self._others]
         raw = np.column_stack([*parts, self._columns(stack, made, self._a, c) @ self._theta])
         design = self._design
         if stack is design.stack:
@@ -157,13 +161,13 @@ class _Pair:
             return unbiased(raw, stack.run, variance)
         return whiten(raw, stack.t, stack.starts, variance, drift)[0]
 
-    def _columns(self, stack: Stack, made: dict[tuple[object, int], Array], atom: Atom, c: int) -> Array:
-        """Columns of an atom on a channel; an event of the runs at hand does not happen again."""
-        if c not in atom.places:
-            return np.zeros((stack.t.size, atom.size))
+    def _columns(self, stack: Stack, made: dict[tuple[object, int], Array], term: Term, c: int) -> Array:
+        """Columns of a term on a channel; an event of the runs at hand does not happen again."""
+        if c not in term.places:
+            return np.zeros((stack.t.size, term.size))
         if stack is self._design.stack:
-            return self._design.columns[:, atom.places[c]]
-        return made.get((atom.key, c), np.zeros((stack.t.size, atom.size)))
+            return self._design.columns[:, term.places[c]]
+        return made.get((term.key, c), np.zeros((stack.t.size, term.size)))
 
 
 def _unfollowed(columns: Array) -> float:
@@ -176,12 +180,12 @@ def _unfollowed(columns: Array) -> float:
 
 def separating(
     design: Design,
-    a: Atom,
+    a: Term,
     theta: Array,
-    rivals: Sequence[Atom],
+    rivals: Sequence[Term],
     run: Run,
-    rest: Sequence[Atom] = (),
-    library: Library | None = None,
+    rest: Sequence[Term] = (),
+    candidate_runs: CandidateRuns | None = None,
 ) -> dict[str, Any] | None:
     """The run to make next to tell an effect from its rivals.
 
@@ -189,19 +193,19 @@ def separating(
     ----------
     design : Design
         Of the runs at hand, with their noise.
-    a : Atom
+    a : Term
         What was found,
     theta : Array
         with its parameters, SI, shape (k,).
-    rivals : sequence of Atom
+    rivals : sequence of Term
         What would do in its place, the strongest first; none of them contains it. Whatever would have to be a hundred
         times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a drift
         of Earth rate. If that is `a`, the strongest rival takes its place.
     run : Run
         One of the runs at hand.
-    rest : sequence of Atom
+    rest : sequence of Term
         All else that was found.
-    library : Library or None
+    candidate_runs : CandidateRuns or None
         That of the design, where several effects are asked for.
 
     Returns
@@ -215,18 +219,18 @@ def separating(
     a, theta, rivals = _possible(design, a, theta, rivals, rest)
     if not rivals:
         return None
-    options = (library or Library(design, run)).options(a, theta, rivals, rest)
+    options = (candidate_runs or CandidateRuns(design, run)).options(a, theta, rivals, rest)
     if options[0].expected < _NOTHING:
         return None
     best = options[0]
     left = [b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated]
-    thermal = best.plan.thermal
+    thermal = best.candidate.thermal
     return {
         "a": a.hypothesis.effect,
         "b": rivals[best.hardest].hypothesis.effect,
-        "profile": profile.to_toml(best.plan.profile),
+        "profile": profile.to_toml(best.candidate.profile),
         "thermal": None if thermal is None else [list(point) for point in thermal],
-        "duration_s": best.plan.seconds,
+        "duration_s": best.candidate.seconds,
         "d_expected": best.expected,
         "motion": _sentence(options, left),
         "leaves": left,
@@ -234,34 +238,33 @@ def separating(
 
 
 def _possible(
-    design: Design, a: Atom, theta: Array, rivals: Sequence[Atom], rest: Sequence[Atom]
-) -> tuple[Atom, Array, Sequence[Atom]]:
+    design: Design, a: Term, theta: Array, rivals: Sequence[Term], rest: Sequence[Term]
+) -> tuple[Term, Array, Sequence[Term]]:
     """An effect and its rivals without those that are absurd in size."""
     others = [s for s in rest if s is not a]
     fitted = [(a, theta), *((b, design.fit([*others, b]).theta[-1]) for b in rivals)]
-    able = [(atom, own) for atom, own in fitted if not _absurd(atom, own)]
+    able = [(term, own) for term, own in fitted if not _absurd(term, own)]
     if len(able) < 2:
         return a, theta, rivals
-    return able[0][0], able[0][1], [atom for atom, _ in able[1:]]
+    return able[0][0], able[0][1], [term for term, _ in able[1:]]
 
 
-def _absurd(atom: Atom, theta: Array) -> bool:
+def _absurd(term: Term, theta: Array) -> bool:
     """Whether a parameter is a hundred times of plausible size."""
-    sizes = zip(atom.hypothesis.parameters(), theta.tolist(), strict=True)
+    sizes = zip(term.hypothesis.parameters(), theta.tolist(), strict=True)
     return any(p.prior > 0.0 and abs(value / p.si) > _ABSURD * p.prior for p, value in sizes)
 
 
-def _sentence(options: Sequence[Option], left: Sequence[str]) -> str:
+def _sentence(options: Sequence[EvaluatedMotion], left: Sequence[str]) -> str:
     """What to do; without a chamber too, if that will do as well; or that nothing will."""
     best = options[0]
     if not best.separated:
-        return (
-            f"nothing known separates them; nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.plan.said}"
-        )
-    text = best.plan.said
+        nearest = f"nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.candidate.instruction}"
+        return f"nothing known separates them; {nearest}"
+    text = best.candidate.instruction
     if left:
         text += f" ({' and '.join(left)} would stay possible)"
-    plain = next((o for o in options if not o.plan.chamber), best)
+    plain = next((o for o in options if not o.candidate.chamber), best)
     if plain is best or not set(plain.separated) >= set(best.separated):
         return text
-    return f"{text}; or, without a chamber: {plain.plan.said} (d = {plain.expected:.0f})"
+    return f"{text}; or, without a chamber: {plain.candidate.instruction} (d = {plain.expected:.0f})"

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.channels import CHANNELS
 from filters.effects import additive, reference_errors
-from filters.imu import CHANNELS
-from filters.tracing.design_matrix import Atom, Design
+from filters.tracing.design_matrix import Design, Term
 from filters.types import Array
 
 _COLLINEAR = 0.995
 
 
 @dataclass(frozen=True, slots=True)
-class Untestable:
+class UntestableEffect:
     """An effect that a log can't show, and why; `rho` with what it is collinear with."""
 
     effect: str
@@ -26,7 +26,7 @@ class Untestable:
         return {"effect": self.effect, "reason": self.reason, "with": self.partner, "rho": self.rho}
 
 
-def untestable(design: Design, channels: list[int]) -> list[Untestable]:
+def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
     """Deterministic effects of the catalogue that the log at hand can't show, computed from its regressors.
 
     Parameters
@@ -36,16 +36,16 @@ def untestable(design: Design, channels: list[int]) -> list[Untestable]:
     channels : list of int
         Those with data.
     """
-    best: dict[str, list[Atom]] = {}
-    for atom in design.atoms:
-        if not atom.hypothesis.effect.startswith("driver:") and any(c in channels for c in atom.places):
-            best.setdefault(atom.hypothesis.effect, []).append(atom)
+    best: dict[str, list[Term]] = {}
+    for term in design.terms:
+        if not term.hypothesis.effect.startswith("driver:") and any(c in channels for c in term.places):
+            best.setdefault(term.hypothesis.effect, []).append(term)
     out = []
     for effect, moving in _catalogue().items():
-        atoms = [a for a in best.get(effect, []) if _excited(design, a)]
-        if not atoms:
+        terms = [a for a in best.get(effect, []) if _excited(design, a)]
+        if not terms:
             out.append(_hidden(effect, moving, design))
-    shown = [a for name, atoms in best.items() for a in atoms if _excited(design, a) and a.size == 1]
+    shown = [a for name, terms in best.items() for a in terms if _excited(design, a) and a.size == 1]
     return out + _collinear(design, shown)
 
 
@@ -56,37 +56,37 @@ def _catalogue() -> dict[str, str]:
     return {k.effect: k.source for k in dict.fromkeys(kinds)}  # type: ignore[attr-defined]
 
 
-def _hidden(effect: str, source: str, design: Design) -> Untestable:
+def _hidden(effect: str, source: str, design: Design) -> UntestableEffect:
     """Without excitation: nothing to see, or a constant, which is the bias."""
     runs = [b.run for b in design.stack.blocks]
     known = all(r.temperature is not None for r in runs)
     if effect == "thermal_scale" and known:
-        return Untestable(effect, "collinear_with", "thermal_lin", 1.0)
+        return UntestableEffect(effect, "collinear_with", "thermal_lin", 1.0)
     if source == "temperature" or effect == "thermal_scale":
-        return Untestable(effect, "equals_bias" if known else "no_excitation", None, None)
+        return UntestableEffect(effect, "equals_bias" if known else "no_excitation", None, None)
     if effect in ("delay", "lever_arm") and all(r.still for r in runs):
-        return Untestable(effect, "no_excitation", None, None)
-    return Untestable(effect, "equals_bias", None, None)
+        return UntestableEffect(effect, "no_excitation", None, None)
+    return UntestableEffect(effect, "equals_bias", None, None)
 
 
-def _excited(design: Design, atom: Atom) -> bool:
+def _excited(design: Design, term: Term) -> bool:
     """Whether a plausible size of it would show: beyond the constant bias, at half a sigma at least for 5 times it."""
-    for k, p in enumerate(atom.hypothesis.parameters()):
-        information = sum(design.gram(c)[0][places[k], places[k]] for c, places in atom.places.items())
-        raw = max(float(design.raw[places[k]] ** 2) for places in atom.places.values())
+    for k, p in enumerate(term.hypothesis.parameters()):
+        information = sum(design.gram(c)[0][places[k], places[k]] for c, places in term.places.items())
+        raw = max(float(design.raw[places[k]] ** 2) for places in term.places.values())
         n = design.stack.t.size
-        weight = max(1.0 / design.sd[c] ** 2 for c in atom.places if design.sd[c] > 0.0)
+        weight = max(1.0 / design.sd[c] ** 2 for c in term.places if design.sd[c] > 0.0)
         varies = information > 1e-9 * raw * n * weight
         if varies and np.sqrt(information) * p.prior * p.si * 5.0 > 1.0:
             return True
     return False
 
 
-def _collinear(design: Design, atoms: list[Atom]) -> list[Untestable]:
+def _collinear(design: Design, terms: list[Term]) -> list[UntestableEffect]:
     """Pairs of effects on a channel whose regressors are the same beside the bias."""
-    out: dict[tuple[str, str], Untestable] = {}
+    out: dict[tuple[str, str], UntestableEffect] = {}
     for c in range(len(CHANNELS)):
-        own = [a for a in atoms if list(a.places) == [c]]
+        own = [a for a in terms if list(a.places) == [c]]
         if len(own) < 2:
             continue
         places = np.array([a.places[c][0] for a in own])
@@ -94,7 +94,7 @@ def _collinear(design: Design, atoms: list[Atom]) -> list[Untestable]:
         for i, j in zip(*np.nonzero(np.triu(np.abs(rho) > _COLLINEAR, 1)), strict=True):
             a, b = own[i].hypothesis.effect, own[j].hypothesis.effect
             if a != b and (a, b) not in out:
-                out[a, b] = Untestable(a, "collinear_with", b, float(abs(rho[i, j])))
+                out[a, b] = UntestableEffect(a, "collinear_with", b, float(abs(rho[i, j])))
     return list(out.values())
 
 

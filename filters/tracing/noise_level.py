@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.effects.drivers import Driver
-from filters.tracing.design_matrix import Atom, Design
+from filters.tracing.design_matrix import Design, Term
 from filters.types import Array
 
 _Bools = NDArray[np.bool_]
@@ -19,7 +19,7 @@ _LEAST_RATIO = 1.08
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class NoiseDriver:
     """A driver of a channel's noise: standard deviation from `low` to `high` of its median over the data.
 
     `knots` and `at`: values of the driver, in its unit, and the relative standard deviation there; empty for a driver
@@ -40,7 +40,7 @@ class Level:
         return self.high / self.low
 
 
-def levels(design: Design, channels: list[int]) -> tuple[Array, list[Level]]:
+def levels(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
     Parameters
@@ -54,18 +54,18 @@ def levels(design: Design, channels: list[int]) -> tuple[Array, list[Level]]:
     -------
     Array
         Shape (n, 6), 1 where the noise is even.
-    list of Level
+    list of NoiseDriver
     """
     multiplier, found = np.ones_like(design.stack.y), []
     for c in channels:
-        atoms = [a for a in design.atoms if isinstance(a.hypothesis, Driver) and list(a.places) == [c]]
-        fitted, own = _channel(design, c, [a for a in atoms if a.hypothesis.effect != "driver:temperature_threshold"])
+        terms = [a for a in design.terms if isinstance(a.hypothesis, Driver) and list(a.places) == [c]]
+        fitted, own = _channel(design, c, [a for a in terms if a.hypothesis.effect != "driver:temperature_threshold"])
         multiplier[:, c] = fitted
         found += own
     return multiplier, found
 
 
-def _channel(design: Design, c: int, atoms: list[Atom]) -> tuple[Array, list[Level]]:
+def _channel(design: Design, c: int, terms: list[Term]) -> tuple[Array, list[NoiseDriver]]:
     stack = design.stack
     even = np.ones(stack.t.size)
     per = max(1, round(WINDOW_S / stack.period))
@@ -74,35 +74,35 @@ def _channel(design: Design, c: int, atoms: list[Atom]) -> tuple[Array, list[Lev
     rough = np.add.reduceat(np.concatenate([b.rough[:, c] for b in stack.blocks]), edges)
     pairs = np.add.reduceat(np.concatenate([b.pairs[:, c] for b in stack.blocks]), edges)
     good = (pairs >= 8) & (rough > 0.0)
-    if good.sum() < 64 or not atoms:
+    if good.sum() < 64 or not terms:
         return even, []
     v = np.log(np.where(good, rough, 1.0) / np.maximum(pairs, 1.0))
     counts = np.diff(np.append(edges, stack.t.size))[:, None]
     X = np.add.reduceat(design.columns, edges, axis=0) / counts
     steps = np.diff(v)[good[1:] & good[:-1]]
     sd = np.sqrt(np.median(steps**2) / _CHI2_MEDIAN / 2.0)
-    return _greedy(design, c, atoms, v, X, good, max(sd, 1e-3), stack.cell[edges])
+    return _greedy(design, c, terms, v, X, good, max(sd, 1e-3), stack.cell[edges])
 
 
 def _greedy(
-    design: Design, c: int, atoms: list[Atom], v: Array, X: Array, good: _Bools, sd: float, cell: NDArray[np.int_]
-) -> tuple[Array, list[Level]]:
+    design: Design, c: int, terms: list[Term], v: Array, X: Array, good: _Bools, sd: float, cell: NDArray[np.int_]
+) -> tuple[Array, list[NoiseDriver]]:
     use = good
     mean = np.median(v[use])
     base = np.ones((v.size, 1))
-    chosen: list[Atom] = []
-    found: list[Level] = []
+    chosen: list[Term] = []
+    found: list[NoiseDriver] = []
     log_n = np.log(design.stack.seconds(c))
     for _ in range(_TERMS):
         best, best_score = None, _ACCEPT
-        for atom in atoms:
-            if any(a.hypothesis.effect == atom.hypothesis.effect for a in chosen):
+        for term in terms:
+            if any(a.hypothesis.effect == term.hypothesis.effect for a in chosen):
                 continue
-            own = _centred(X[:, atom.places[c]], use)
+            own = _centred(X[:, term.places[c]], use)
             gain = _gain(base, own, v - mean, use, sd)
-            score = gain - atom.size * log_n - 2.0 * float(np.log(atom.hypothesis.grid))
+            score = gain - term.size * log_n - 2.0 * float(np.log(term.hypothesis.grid))
             if score > best_score and _holds(base, own, v - mean, use, sd, cell, gain):
-                best, best_score = atom, score
+                best, best_score = term, score
         if best is None:
             break
         own = _centred(X[:, best.places[c]], use)
@@ -113,24 +113,24 @@ def _greedy(
         chosen.append(best)
         curve = _curve(best, theta[-own.shape[1] :], X[:, best.places[c]], use)
         name = best.hypothesis.effect.removeprefix("driver:")
-        found.append(Level(c, name, float(low), float(high), best_score, *curve))
+        found.append(NoiseDriver(c, name, float(low), float(high), best_score, *curve))
     if not chosen:
         return np.ones(design.stack.t.size), []
     theta = _theta(base[use], v[use] - mean)
     raw = np.ones(design.stack.t.size) * theta[0]
     at = 1
-    for atom in chosen:
-        columns = design.columns[:, atom.places[c]]
-        centre = X[use][:, atom.places[c]].mean(axis=0)
-        raw = raw + (columns - centre) @ theta[at : at + atom.size]
-        at += atom.size
+    for term in chosen:
+        columns = design.columns[:, term.places[c]]
+        centre = X[use][:, term.places[c]].mean(axis=0)
+        raw = raw + (columns - centre) @ theta[at : at + term.size]
+        at += term.size
     fitted = np.exp(0.5 * (raw - np.median(raw)))
     return np.clip(fitted, 0.05, 20.0), [level for level in found if level.ratio > _LEAST_RATIO]
 
 
-def _curve(atom: Atom, theta: Array, columns: Array, use: _Bools) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _curve(term: Term, theta: Array, columns: Array, use: _Bools) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Relative standard deviation at the knots of a scalar driver."""
-    h = atom.hypothesis
+    h = term.hypothesis
     if not isinstance(h, Driver) or h.kind != "hat":
         return (), ()
     part = columns[use] @ theta

@@ -4,14 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from filters.effects import events, lines
+from filters.channels import CHANNELS, error_unit
+from filters.effects import lines, run_specific
 from filters.effects.drivers import Driver
-from filters.effects.events import Event
-from filters.effects.hypothesis import DPS, MG
-from filters.effects.records import Included, Series, State, Trace
-from filters.imu import CHANNELS
+from filters.effects.records import Included, RunSeries, State, Trace
+from filters.effects.run_specific import RunSpecific
 from filters.tracing import driver_curve, selection
-from filters.tracing.assessment import Found, Judgement
+from filters.tracing.assessment import Finding, Judgement
 from filters.tracing.whitening import Drift
 from filters.types import Array
 
@@ -74,11 +73,11 @@ class Document:
     def _documents(self) -> list[dict[str, Any]]:
         """Findings as the report has them; tones of a channel within 1 % of each other are one narrow band."""
         out: list[dict[str, Any]] = []
-        bands: list[tuple[Found, dict[str, Any]]] = []
+        bands: list[tuple[Finding, dict[str, Any]]] = []
         for f in self._judged.found:
-            h = f.atom.hypothesis
+            h = f.term.hypothesis
             document = self._finding(f)
-            if isinstance(h, events.Tone):
+            if isinstance(h, run_specific.Tone):
                 first = next((d for g, d in bands if _same_band(g, f)), None)
                 if first is not None:
                     _merge(first, document)
@@ -87,8 +86,8 @@ class Document:
             out.append(document)
         return out
 
-    def _finding(self, f: Found) -> dict[str, Any]:
-        h = f.atom.hypothesis
+    def _finding(self, f: Finding) -> dict[str, Any]:
+        h = f.term.hypothesis
         sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
         params = [
             {
@@ -110,31 +109,33 @@ class Document:
             "shape": dict(h.shape()),
             "score": f.score,
             "gain": f.gain,
-            "heldout_gain": self._judged.chosen.heldout.get(f.atom.key),
+            "heldout_gain": self._judged.chosen.heldout.get(f.term.key),
             "share_of_excess": f.share,
             "driver_curve": None if curve is None else curve.document(),
             "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
             "rivals": [
                 {
-                    "effect": r.atom.hypothesis.effect,
-                    "label": r.atom.hypothesis.label,
+                    "effect": r.term.hypothesis.effect,
+                    "label": r.term.hypothesis.label,
                     "score_difference": r.score_difference,
                 }
                 for r in f.rivals
             ],
-            "include_as": "S" if isinstance(h, Event) else "A",
+            "include_as": "S" if isinstance(h, RunSpecific) else "A",
             "confirmed": f.confirmed,
         }
 
     def _included(self) -> tuple[tuple[Included, ...], Array]:
         """What joins the filter: findings that carry over and were not refuted, and drift."""
         fit = self._judged.chosen.fit()
-        used = [f for f in self._judged.found if f.confirmed is not False and not isinstance(f.atom.hypothesis, Event)]
+        used = [
+            f for f in self._judged.found if f.confirmed is not False and not isinstance(f.term.hypothesis, RunSpecific)
+        ]
         out, rows = [], []
         for f in used:
-            h = f.atom.hypothesis
-            at = fit.offsets[self._judged.chosen.atoms.index(f.atom)]
-            rows += list(range(at, at + f.atom.size))
+            h = f.term.hypothesis
+            at = fit.offsets[self._judged.chosen.terms.index(f.term)]
+            rows += list(range(at, at + f.term.size))
             sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
             states = tuple(
                 State(p.name, p.unit, float(v / p.si), float(s / p.si))
@@ -145,7 +146,7 @@ class Document:
                 parameters["knots"] = list(h.knots)
             names = tuple(CHANNELS[c] for c in h.channels)
             out.append(Included(h.effect, names, "A", parameters, states))
-        tones = [f for f in self._judged.found if isinstance(f.atom.hypothesis, events.Tone)]
+        tones = [f for f in self._judged.found if isinstance(f.term.hypothesis, run_specific.Tone)]
         P = fit.covariance[np.ix_(rows, rows)] if rows else np.zeros((0, 0))
         walks = [c for c in self._judged.channels if self._judged.design.drift[c].level > 0.0]
         out += [_included_drift(c, self._judged.design.drift[c]) for c in walks]
@@ -177,13 +178,13 @@ class Document:
                 ]
                 if not sizes:
                     continue
-                unit = DPS if c < 3 else MG
+                unit = error_unit(c)[1]
                 rough = [b.rough[:, c].sum() / max(1.0, b.pairs[:, c].sum()) for b in self._judged.stack.blocks]
                 limit = _SPIKE * float(np.sqrt(0.5 * np.median(rough))) if effect == "spikes" else min(sizes)
                 out.append(Included(effect, (CHANNELS[c],), "P", {"limit": limit / unit}))
         return out
 
-    def _series(self) -> tuple[Series, ...]:
+    def _series(self) -> tuple[RunSeries, ...]:
         made = []
         stacks = [self._judged.stack] if self._judged.heldout is None else [self._judged.stack, self._judged.heldout]
         for stack in stacks:
@@ -192,21 +193,21 @@ class Document:
             for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
                 rows = slice(start, start + blocks.t.size)
                 hide = np.where(blocks.weight > 0.0, 0.0, np.nan)
-                made.append(Series(blocks.run.name, blocks.period, blocks.t, blocks.y + hide, after[rows] + hide))
+                made.append(RunSeries(blocks.run.name, blocks.period, blocks.t, blocks.y + hide, after[rows] + hide))
         return tuple(made)
 
     def _sentence(self) -> str:
         if self._judged.found:
             f = self._judged.found[0]
-            h = f.atom.hypothesis
+            h = f.term.hypothesis
             where = ", ".join(CHANNELS[c] for c in f.channels)
             text = f"{where}: {h.label}"
-            if f.atom.size == 1 and f.theta.size:
+            if f.term.size == 1 and f.theta.size:
                 p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
                 text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
             text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
             if f.rivals:
-                names = " or ".join(r.atom.hypothesis.effect for r in f.rivals[:3])
+                names = " or ".join(r.term.hypothesis.effect for r in f.rivals[:3])
                 text += f"; this log does not tell it from {names}"
             more = len(self._judged.found) - 1
             text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
@@ -221,7 +222,7 @@ class Document:
             return "Faults, lines or an uneven noise level were found, and no effect beyond them."
         return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
 
-    def _error_words(self, f: Found) -> str:
+    def _error_words(self, f: Finding) -> str:
         own = [x for x in self._judged.figures if x.metric == "e10" and x.channel in {CHANNELS[c] for c in f.channels}]
         if not own:
             return ""
@@ -230,10 +231,10 @@ class Document:
         return f" Error {x.before / x.floor:.2g} → {x.after / x.floor:.2g} × floor {how}."
 
 
-def _same_band(a: Found, b: Found) -> bool:
-    p, q = a.atom.hypothesis, b.atom.hypothesis
-    assert isinstance(p, events.Tone)
-    assert isinstance(q, events.Tone)
+def _same_band(a: Finding, b: Finding) -> bool:
+    p, q = a.term.hypothesis, b.term.hypothesis
+    assert isinstance(p, run_specific.Tone)
+    assert isinstance(q, run_specific.Tone)
     return p.channel == q.channel and abs(p.hz - q.hz) < 0.01 * p.hz
 
 
@@ -246,11 +247,10 @@ def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
     into["gain"] += more["gain"]
 
 
-def _line(line: lines.Line) -> dict[str, Any]:
-    gyro = line.channels[0].startswith("g")
+def _line(line: lines.SpectralLine) -> dict[str, Any]:
     c = CHANNELS.index(line.channels[0])
-    value = float(line.rms[c]) / (DPS if gyro else MG)
-    unit = "deg/s" if gyro else "mg"
+    unit, si = error_unit(c)
+    value = float(line.rms[c]) / si
     return {
         "channels": list(line.channels),
         "hz": line.hz,
@@ -270,7 +270,7 @@ def _shape(name: str, value: float) -> dict[str, Any]:
 
 
 def _weak(w: selection.Weak) -> dict[str, Any]:
-    h = w.atom.hypothesis
+    h = w.term.hypothesis
     return {
         "effect": h.effect,
         "label": h.label,
@@ -281,11 +281,11 @@ def _weak(w: selection.Weak) -> dict[str, Any]:
     }
 
 
-def _included_tone(f: Found) -> Included:
+def _included_tone(f: Finding) -> Included:
     """A slow tone as two states that forget in ten minutes: its phase is every run's own."""
-    h = f.atom.hypothesis
-    assert isinstance(h, events.Tone)
-    unit, si = ("deg/s", DPS) if h.channel < 3 else ("mg", MG)
+    h = f.term.hypothesis
+    assert isinstance(h, run_specific.Tone)
+    unit, si = error_unit(h.channel)
     amplitude = float(np.sqrt(np.mean(f.theta**2))) / si
     q = amplitude * float(np.sqrt(2.0 / _TONE_S))
     states = tuple(State(name, unit, 0.0, amplitude, _TONE_S, q) for name in ("sin", "cos"))
@@ -293,7 +293,7 @@ def _included_tone(f: Found) -> Included:
 
 
 def _drift(c: int, drift: Drift) -> dict[str, Any]:
-    unit, si = ("deg/s", DPS) if c < 3 else ("mg", MG)
+    unit, si = error_unit(c)
     walk = bool(np.isinf(drift.tau))
     return {
         "channels": [CHANNELS[c]],
@@ -305,7 +305,7 @@ def _drift(c: int, drift: Drift) -> dict[str, Any]:
 
 
 def _included_drift(c: int, drift: Drift) -> Included:
-    unit, si = ("deg/s", DPS) if c < 3 else ("mg", MG)
+    unit, si = error_unit(c)
     walk = bool(np.isinf(drift.tau))
     level = drift.level / si
     q = level if walk else level * float(np.sqrt(2.0 / drift.tau))

@@ -13,18 +13,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
 
 from filters import earth
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, Inputs
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S, Inputs
+from filters.effects.lag import first_order
 from filters.imu import AxisMap
 from filters.state import Site
 from filters.types import Array
 
 BLOCK_S = 0.25
 _SHARE_FLAGGED = 0.15
-_SMOOTH_S = 5.0
-_SLOPE_S = 15.0
 _AT_REST = np.deg2rad(0.01)
 _BURSTS = 0.02
 _CHUNK = 1 << 13
@@ -386,22 +384,23 @@ def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
     Array, Array
         degC and K/s, each (n,).
     """
+    # takes half a second to load, and runs without temperature need it not
+    from scipy.signal import savgol_filter
+
     out: list[Array] = []
-    for seconds, derivative in ((_SMOOTH_S, 0), (_SLOPE_S, 1)):
+    for seconds, derivative in ((SMOOTH_S, 0), (SLOPE_S, 1)):
         half = int(min(max(1, round(seconds / period)), (raw.size - 1) // 2))
         if half < 1:
             return raw, np.zeros_like(raw)
-        out.append(
-            signal.savgol_filter(raw, 2 * half + 1, 1, deriv=derivative, delta=period, mode="interp").astype(np.float64)
-        )
+        line = savgol_filter(raw, 2 * half + 1, 1, deriv=derivative, delta=period, mode="interp")
+        out.append(line.astype(np.float64))
     return np.asarray(out[0], np.float64), np.asarray(out[1], np.float64)
 
 
 def lag(u: Array, samples: float) -> Array:
     """First-order lag of u, from equality at the start; time constant in samples."""
-    pole = np.exp(-1.0 / samples)
-    out, _ = signal.lfilter([1.0 - pole], [1.0, -pole], u, zi=np.array([pole * u[0]]))
-    return np.asarray(out)
+    pole = float(np.exp(-1.0 / samples))
+    return first_order(u, pole, pole * float(u[0]))[0]
 
 
 def plays(u: Array) -> Array:
@@ -432,8 +431,3 @@ def rest_attitudes(angles: Array, tolerance: float = 1e-9) -> Array:
     if np.ptp(angles, axis=0).max() <= tolerance:
         return angles[:1]
     return np.unwrap(angles, axis=0)
-
-
-def moving_average(x: Array, count: int) -> Array:
-    """Means over `count` neighbours, along the first axis."""
-    return np.asarray(ndimage.uniform_filter1d(x, count, axis=0, mode="nearest"))

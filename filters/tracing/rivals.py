@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from filters.effects import reference_errors
-from filters.effects.events import Event
-from filters.tracing.design_matrix import Atom
+from filters.effects.inputs import SENSED
+from filters.effects.run_specific import RunSpecific
+from filters.tracing.design_matrix import Term
 from filters.tracing.selection import Selection
 
 _EVIDENCE = 6.0
@@ -16,18 +17,18 @@ _MOST = 6
 class Rival:
     """Another effect that would do in the place of one that was found."""
 
-    atom: Atom
+    term: Term
     score_difference: float
 
 
-def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
+def rivals(chosen: Selection, term: Term) -> list[Rival]:
     """Effects that would explain the same, the best first, one form of each.
 
     Parameters
     ----------
     chosen : Selection
-        With the atom in it.
-    atom : Atom
+        With the term in it.
+    term : Term
         Whose place they would take.
 
     Returns
@@ -35,29 +36,29 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     list of Rival
     """
     design = chosen.design
-    if isinstance(atom.hypothesis, Event):
+    if isinstance(term.hypothesis, RunSpecific):
         return []
-    rest = [a for a in chosen.atoms if a is not atom]
-    own = float(design.gains(rest, [atom])[0])
-    score = own - chosen.price(atom)
+    rest = [a for a in chosen.terms if a is not term]
+    own = float(design.gains(rest, [term])[0])
+    score = own - chosen.price(term)
     taken = {a.key for a in rest}
     others = [
         b
-        for b in design.atoms
+        for b in design.terms
         if b.key not in taken
-        and b.hypothesis.effect != atom.hypothesis.effect
-        and (set(atom.places) <= set(b.places) or (len(atom.places) > 1 and len(b.places) > 1))
+        and b.hypothesis.effect != term.hypothesis.effect
+        and (set(term.places) <= set(b.places) or (len(term.places) > 1 and len(b.places) > 1))
     ]
     gains = design.gains(rest, others)
     found: dict[str, Rival] = {}
-    if isinstance(atom.hypothesis, reference_errors.Gravity):
+    if isinstance(term.hypothesis, reference_errors.Gravity):
         found["scale"] = Rival(
-            Atom(reference_errors.CommonScale(), atom.places), 0.0
+            Term(reference_errors.CommonScale(), term.places), 0.0
         )  # always a pair: no motion separates them
     for b, gain in sorted(zip(others, gains.tolist(), strict=True), key=lambda pair: chosen.price(pair[0]) - pair[1]):
         difference = gain - chosen.price(b) - score
-        close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= atom.size + 1)
-        if not close or b.hypothesis.effect in found or contains(b, atom):
+        close = difference > -_EVIDENCE or (gain >= _SAME_PART * own and b.size <= term.size + 1)
+        if not close or b.hypothesis.effect in found or contains(b, term):
             continue
         found[b.hypothesis.effect] = Rival(b, difference)
         if len(found) >= _MOST:
@@ -65,14 +66,14 @@ def rivals(chosen: Selection, atom: Atom) -> list[Rival]:
     return list(found.values())
 
 
-def contains(b: Atom, a: Atom) -> bool:
+def contains(b: Term, a: Term) -> bool:
     """Whether b is a wider form of a: the same physics, or a free curve over what a is a function of."""
     h, wide = a.hypothesis, b.hypothesis.effect
     if b.size <= a.size:
         return False
     if wide == "thermal_poly":
         return h.effect == "thermal_lin"
-    own = ("wx", "wy", "wz", "fx", "fy", "fz")[next(iter(a.places))]
+    own = SENSED[next(iter(a.places))]
     axes = str(h.shape().get("axes", ""))
     drivers = {
         "thermal_lin": "temperature",

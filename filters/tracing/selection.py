@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects import events
-from filters.effects.events import Event
-from filters.tracing.design_matrix import Atom, Design, Fit
+from filters.effects import run_specific
+from filters.effects.run_specific import RunSpecific
+from filters.tracing.design_matrix import Design, Fit, Term
 from filters.tracing.whitening import NONE, Drift, best_drift, best_pair, unbiased
 from filters.types import Array
 
@@ -56,7 +56,7 @@ _ORDER = (
 class Weak:
     """What scored and could not be told from drift, or did not gain on cells that it had not seen."""
 
-    atom: Atom
+    term: Term
     score: float
     guarded: float
     why: str
@@ -70,43 +70,43 @@ class Selection:
     ----------
     design : Design
         Data and columns.
-    atoms : list of Atom
+    terms : list of Term
         Accepted, in order.
     weak : list of Weak
     heldout : dict
-        Gain on unseen cells by atom's key.
+        Gain on unseen cells by term's key.
     """
 
     design: Design
-    atoms: list[Atom] = field(default_factory=list)
+    terms: list[Term] = field(default_factory=list)
     weak: list[Weak] = field(default_factory=list)
     heldout: dict[object, float] = field(default_factory=dict)
     _searched: dict[int, tuple[object, list["_Candidate"]]] = field(default_factory=dict)
 
-    def price(self, atom: Atom) -> float:
-        """What an atom's parameters and its choice cost."""
-        h = atom.hypothesis
-        if isinstance(h, Event):
-            k = atom.size // 2 + 2 if isinstance(h, events.Tone) else atom.size
-            return k * self.log_seconds(atom) + h.penalty
-        return atom.size * self.log_seconds(atom) + 2.0 * float(np.log(h.grid))
+    def price(self, term: Term) -> float:
+        """What a term's parameters and its choice cost."""
+        h = term.hypothesis
+        if isinstance(h, RunSpecific):
+            k = term.size // 2 + 2 if isinstance(h, run_specific.Tone) else term.size
+            return k * self.log_seconds(term) + h.penalty
+        return term.size * self.log_seconds(term) + 2.0 * float(np.log(h.grid))
 
-    def log_seconds(self, atom: Atom) -> float:
+    def log_seconds(self, term: Term) -> float:
         """ln of the seconds of data of its channels."""
-        return float(np.log(max(2.0, float(np.mean([self.design.stack.seconds(c) for c in atom.places])))))
+        return float(np.log(max(2.0, float(np.mean([self.design.stack.seconds(c) for c in term.places])))))
 
-    def own_gain(self, atom: Atom) -> float:
-        """Gain of an accepted atom beside the others."""
-        rest = [a for a in self.atoms if a is not atom]
-        return float(self.design.gains(rest, [atom])[0])
+    def own_gain(self, term: Term) -> float:
+        """Gain of an accepted term beside the others."""
+        rest = [a for a in self.terms if a is not term]
+        return float(self.design.gains(rest, [term])[0])
 
     def fit(self) -> Fit:
         """Joint fit of all."""
-        return self.design.fit(self.atoms)
+        return self.design.fit(self.terms)
 
-    def on(self, channel: int) -> list[Atom]:
-        """Accepted atoms that act on a channel."""
-        return [a for a in self.atoms if channel in a.places]
+    def on(self, channel: int) -> list[Term]:
+        """Accepted terms that act on a channel."""
+        return [a for a in self.terms if channel in a.places]
 
 
 def select(
@@ -128,7 +128,7 @@ def select(
     Selection
     """
     chosen = Selection(design)
-    usable = [a for a in design.atoms if any(c in channels for c in a.places)]
+    usable = [a for a in design.terms if any(c in channels for c in a.places)]
     for n in range(_ROUNDS):
         progress(n / _ROUNDS)
         if not _round(chosen, usable, channels):
@@ -143,18 +143,18 @@ def select(
 class _Candidate:
     score: float
     gain: float
-    atom: Atom | None
+    term: Term | None
     channel: int
     drift: Drift = NONE
 
 
-def _round(chosen: Selection, usable: list[Atom], channels: Sequence[int]) -> bool:
+def _round(chosen: Selection, usable: list[Term], channels: Sequence[int]) -> bool:
     """Accept the best candidate that stands its tests; False if none does."""
     tries = dict.fromkeys((*channels, -1), 0)
     for candidate in _candidates(chosen, usable, channels):
         if candidate.score <= ACCEPT:
             return False
-        if candidate.atom is None:
+        if candidate.term is None:
             _set_drift(chosen.design, candidate.channel, candidate.drift)
             _prune(chosen, KEEP)
             return True
@@ -168,34 +168,34 @@ def _round(chosen: Selection, usable: list[Atom], channels: Sequence[int]) -> bo
 
 
 def _accept(chosen: Selection, candidate: _Candidate) -> None:
-    atom = candidate.atom
-    assert atom is not None
-    h = atom.hypothesis
-    if isinstance(h, Event) and not any(atom is a for a in chosen.design.atoms):
-        atom = chosen.design.add(h, h.made)
-    chosen.atoms.append(atom)
-    chosen.weak = [w for w in chosen.weak if w.atom.key != atom.key]
-    for c in atom.places:
+    term = candidate.term
+    assert term is not None
+    h = term.hypothesis
+    if isinstance(h, RunSpecific) and not any(term is a for a in chosen.design.terms):
+        term = chosen.design.add(h, h.made)
+    chosen.terms.append(term)
+    chosen.weak = [w for w in chosen.weak if w.term.key != term.key]
+    for c in term.places:
         if chosen.design.drift[c].level > 0.0:
             _set_drift(chosen.design, c, _drift_of(chosen, c)[1])
     _prune(chosen, KEEP)
 
 
 def _prune(chosen: Selection, least: float) -> None:
-    """Drop atoms whose own score has fallen: others explain it now."""
-    while chosen.atoms:
-        scores = [chosen.own_gain(a) - chosen.price(a) for a in chosen.atoms]
+    """Drop terms whose own score has fallen: others explain it now."""
+    while chosen.terms:
+        scores = [chosen.own_gain(a) - chosen.price(a) for a in chosen.terms]
         worst = int(np.argmin(scores))
         if scores[worst] >= least:
             return
-        chosen.atoms.pop(worst)
+        chosen.terms.pop(worst)
 
 
-def _candidates(chosen: Selection, usable: list[Atom], channels: Sequence[int]) -> Iterator[_Candidate]:
+def _candidates(chosen: Selection, usable: list[Term], channels: Sequence[int]) -> Iterator[_Candidate]:
     """All candidates, the best score first."""
-    taken = {a.key for a in chosen.atoms}
+    taken = {a.key for a in chosen.terms}
     free = [a for a in usable if a.key not in taken]
-    gains = chosen.design.gains(chosen.atoms, free)
+    gains = chosen.design.gains(chosen.terms, free)
     _strike_time(free, gains)
     # of two that do as well the plainer one, which the catalogue has first
     found = [
@@ -228,60 +228,62 @@ def _searched(chosen: Selection, channel: int) -> list[_Candidate]:
     return found
 
 
-def rank(atom: Atom) -> int:
+def rank(term: Term) -> int:
     """Place of an effect in the catalogue; free curves come last."""
-    name = atom.hypothesis.effect
+    name = term.hypothesis.effect
     return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
-def _strike_time(atoms: list[Atom], gains: Array) -> None:
+def _strike_time(terms: list[Term], gains: Array) -> None:
     """Time is nobody's cause: a curve in it goes where temperature does nearly as well. In place."""
     best = np.zeros(6)
-    for atom, gain in zip(atoms, gains.tolist(), strict=True):
-        if atom.hypothesis.source == "temperature":
-            c = next(iter(atom.places))
+    for term, gain in zip(terms, gains.tolist(), strict=True):
+        if term.hypothesis.source == "temperature":
+            c = next(iter(term.places))
             best[c] = max(best[c], gain)
-    for k, atom in enumerate(atoms):
-        if atom.hypothesis.effect == "driver:time" and best[next(iter(atom.places))] > _TEMPERATURE_SHARE * gains[k]:
+    for k, term in enumerate(terms):
+        if term.hypothesis.effect == "driver:time" and best[next(iter(term.places))] > _TEMPERATURE_SHARE * gains[k]:
             gains[k] = 0.0
 
 
 def _events(chosen: Selection, channel: int) -> list[_Candidate]:
     """The best tone, step and two-level noise of a channel."""
     design, stack = chosen.design, chosen.design.stack
-    white = design.residual(chosen.atoms, channel)
+    white = design.residual(chosen.terms, channel)
     variance = design.variance(channel)
-    r = chosen.design.unexplained(chosen.atoms, channel)
+    r = chosen.design.unexplained(chosen.terms, channel)
     plain = unbiased(r[:, None], stack.run, variance)[:, 0]
     own = np.concatenate([a.places[channel] for a in chosen.on(channel)]) if chosen.on(channel) else np.zeros(0, int)
     basis = np.zeros((stack.t.size, 0))
     if own.size:
         basis = np.linalg.qr(unbiased(design.columns[:, own], stack.run, variance))[0]
-    made: list[Event | None] = [events.tone(channel, white, stack.t, stack.starts, stack.period, events.TONE_HZ)]
+    made: list[RunSpecific | None] = [
+        run_specific.tone(channel, white, stack.t, stack.starts, stack.period, run_specific.TONE_HZ)
+    ]
     if _uneven(plain):
-        made.append(events.step(channel, plain, basis, stack.t, stack.starts))
+        made.append(run_specific.step(channel, plain, basis, stack.t, stack.starts))
         mean = np.bincount(stack.run, r / variance) / np.maximum(np.bincount(stack.run, 1.0 / variance), 1e-300)
-        made.append(events.telegraph(channel, r - mean[stack.run], np.sqrt(variance), stack.starts))
-    taken = {a.key for a in chosen.atoms}
+        made.append(run_specific.telegraph(channel, r - mean[stack.run], np.sqrt(variance), stack.starts))
+    taken = {a.key for a in chosen.terms}
     out = []
     for event in made:
         if event is None or _crowded(chosen, event):
             continue
-        atom = Atom(event, {channel: np.arange(event.made.shape[1])})
-        if atom.key in taken:
+        term = Term(event, {channel: np.arange(event.made.shape[1])})
+        if term.key in taken:
             continue
         gain = _event_gain(chosen, event, channel, own)
-        out.append(_Candidate(gain - chosen.price(atom), gain, atom, channel))
+        out.append(_Candidate(gain - chosen.price(term), gain, term, channel))
     return out
 
 
-def _crowded(chosen: Selection, event: Event) -> bool:
+def _crowded(chosen: Selection, event: RunSpecific) -> bool:
     """Whether so many tones are here already that one more is part of a narrow band, not a tone of its own."""
     near = [
         a
         for a in chosen.on(event.channel)
-        if isinstance(a.hypothesis, events.Tone)
-        and isinstance(event, events.Tone)
+        if isinstance(a.hypothesis, run_specific.Tone)
+        and isinstance(event, run_specific.Tone)
         and abs(a.hypothesis.hz - event.hz) < _BAND * event.hz
     ]
     return len(near) >= _TONES_A_BAND
@@ -294,7 +296,7 @@ def _uneven(white: Array) -> bool:
     return bool(float(sums @ sums) / max(1, sums.size) / 16.0 > 1.0 + 2.0 * np.sqrt(2.0 / max(1, sums.size)))
 
 
-def _event_gain(chosen: Selection, event: Event, channel: int, own: Array) -> float:
+def _event_gain(chosen: Selection, event: RunSpecific, channel: int, own: Array) -> float:
     W = chosen.design.white(
         np.column_stack([chosen.design.stack.y[:, channel], chosen.design.columns[:, own.astype(int)], event.made]),
         channel,
@@ -317,19 +319,19 @@ def _drop(W: Array, size: int) -> float:
 
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Held-out cells and the drift guard."""
-    atom, design = candidate.atom, chosen.design
-    assert atom is not None
-    h = atom.hypothesis
-    columns = h.made if isinstance(h, Event) else None
-    if not isinstance(h, events.Step):
-        total, without = design.heldout(chosen.atoms, atom, columns)
+    term, design = candidate.term, chosen.design
+    assert term is not None
+    h = term.hypothesis
+    columns = h.made if isinstance(h, RunSpecific) else None
+    if not isinstance(h, run_specific.Step):
+        total, without = design.heldout(chosen.terms, term, columns)
         if not (total > 0.5 * candidate.gain and without > 0.0):
             _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
             return False
-        chosen.heldout[atom.key] = total
-    if len(atom.places) > 1:
+        chosen.heldout[term.key] = total
+    if len(term.places) > 1:
         return True
-    guarded = _guard(chosen, atom, columns)
+    guarded = _guard(chosen, term, columns)
     if guarded <= ACCEPT:
         _note(chosen, candidate, guarded, "not told from drift")
         return False
@@ -337,28 +339,28 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
 
 
 def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) -> None:
-    assert candidate.atom is not None
-    chosen.weak = [w for w in chosen.weak if w.atom.key != candidate.atom.key]
-    chosen.weak.append(Weak(candidate.atom, candidate.score, guarded, why))
+    assert candidate.term is not None
+    chosen.weak = [w for w in chosen.weak if w.term.key != candidate.term.key]
+    chosen.weak.append(Weak(candidate.term, candidate.score, guarded, why))
 
 
-def _guard(chosen: Selection, atom: Atom, columns: Array | None) -> float:
-    """Score of an atom when both models have their own best drift, of one process or, if that passes, of two."""
+def _guard(chosen: Selection, term: Term, columns: Array | None) -> float:
+    """Score of a term when both models have their own best drift, of one process or, if that passes, of two."""
     design = chosen.design
-    (c,) = atom.places
-    own = columns if columns is not None else design.columns[:, atom.places[c]]
-    fast = isinstance(atom.hypothesis, events.Tone) and atom.hypothesis.hz > _FAST_HZ
+    (c,) = term.places
+    own = columns if columns is not None else design.columns[:, term.places[c]]
+    fast = isinstance(term.hypothesis, run_specific.Tone) and term.hypothesis.hz > _FAST_HZ
     seconds = design.stack.period if fast else _SECOND
-    rows = _drift_rows(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.atoms), seconds)
+    rows = _drift_rows(chosen, c, np.zeros((own.shape[0], 0)), design.fit(chosen.terms), seconds)
     # an event's columns are not in the design: what is shared stays as it was then
-    fit = design.fit(chosen.atoms if columns is not None else [*chosen.atoms, atom])
+    fit = design.fit(chosen.terms if columns is not None else [*chosen.terms, term])
     with_it = _drift_rows(chosen, c, own, fit, seconds)
     before, after = (best_drift(*each) for each in (rows, with_it))
-    single = min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(atom)
+    single = min(before[0], before[2]) - min(after[0], after[2]) - chosen.price(term)
     if single <= ACCEPT:
         return single
     pairs = [min(one[0], one[2], best_pair(*each, one[1])) for each, one in ((rows, before), (with_it, after))]
-    return min(single, pairs[0] - pairs[1] - chosen.price(atom))
+    return min(single, pairs[0] - pairs[1] - chosen.price(term))
 
 
 def _drift_of(chosen: Selection, channel: int) -> tuple[float, Drift]:
@@ -378,9 +380,9 @@ def _drift_rows(
     """Rows of 1 s, or so many, for `best_drift`: what is selected, and more columns; shared effects as in a fit."""
     design, stack = chosen.design, chosen.design.stack
     y = stack.y[:, channel].copy()
-    for atom, theta in zip(fit.atoms, fit.theta, strict=True):
-        if channel in atom.places and len(atom.places) > 1:
-            y -= design.columns[:, atom.places[channel]] @ theta
+    for term, theta in zip(fit.terms, fit.theta, strict=True):
+        if channel in term.places and len(term.places) > 1:
+            y -= design.columns[:, term.places[channel]] @ theta
     own = [design.columns[:, a.places[channel]] for a in chosen.on(channel) if len(a.places) == 1]
     raw = np.column_stack([y, *own, more])
     return (*by_seconds(design, channel, raw, seconds), max(seconds, stack.period))

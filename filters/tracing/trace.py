@@ -100,7 +100,7 @@ def _check(runs: Sequence[Run], heldout: Run | None) -> None:
             )
 
 
-def _cleaned(run: Run) -> tuple[Run, list[faults.Fault]]:
+def _cleaned(run: Run) -> tuple[Run, list[faults.DataFault]]:
     """A run with its faults flagged."""
     flagged, found = faults.find(run.t, run.reading, residual.perfect(run), run.lsb)
     if run.flagged is not None:
@@ -109,11 +109,11 @@ def _cleaned(run: Run) -> tuple[Run, list[faults.Fault]]:
     return replace(run, flagged=flagged), [f for f in found if not (run.averaged and f.effect == "jitter")]
 
 
-def _lines(clean: Sequence[tuple[Run, list[faults.Fault]]]) -> list[lines.Line]:
+def _lines(clean: Sequence[tuple[Run, list[faults.DataFault]]]) -> list[lines.SpectralLine]:
     return lines.find([(run.rate_hz, residual.residual(run)) for run, _ in clean])
 
 
-def _without_lines(run: Run, spectral: list[lines.Line]) -> Run:
+def _without_lines(run: Run, spectral: list[lines.SpectralLine]) -> Run:
     """A run without its lines."""
     if not spectral:
         return run

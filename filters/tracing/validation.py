@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from filters.effects.hypothesis import DPS, MG
-from filters.imu import CHANNELS
+from filters.channels import CHANNELS, error_unit
 from filters.tracing.design_matrix import Stack
 from filters.tracing.residual import perfect
 from filters.tracing.whitening import Drift, whiten
@@ -33,7 +32,7 @@ _SAME_RATE = np.deg2rad(0.5)
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class ErrorFigure:
     """One figure of error, contracts section 6."""
 
     metric: str
@@ -116,7 +115,7 @@ def _regimes(blocks: object) -> Array:
 # ---------------------------------------------------------------------------------------------------------------- E10
 
 
-def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, seed: int) -> Figure | None:
+def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
     """Error of 10 s means after a bias hold of 60 s, on a run.
 
     Parameters
@@ -134,7 +133,7 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
 
     Returns
     -------
-    Figure or None
+    ErrorFigure or None
         None if less than two windows follow the hold.
     """
     a, b = (_held(stack, r, channel) for r in (before, after))
@@ -148,9 +147,9 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
     simulated = white * (own + rng.standard_normal((_DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
     band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
     picks = rng.integers(0, b[0].size, (_DRAWS, b[0].size))
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     scale = nominal / si
-    return Figure(
+    return ErrorFigure(
         "e10",
         CHANNELS[channel],
         unit,
@@ -183,7 +182,7 @@ def _held(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
     return own.mean[late] - bias, own.seconds[late]
 
 
-def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, seed: int) -> Figure | None:
+def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
     """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer."""
     w = stack.weight[:, channel]
     good = w > 0.0
@@ -212,10 +211,10 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, b.size, (_DRAWS, b.size))
     band = np.sqrt(stats.chi2.ppf([0.025, 0.975], a.size) / a.size)
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     ratios = [float(np.sqrt(np.mean((e / floors) ** 2))) for e in (a, b)]
     scale = nominal / si
-    return Figure(
+    return ErrorFigure(
         "e10",
         CHANNELS[channel],
         unit,
@@ -235,7 +234,7 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
 
 def nis(
     stack: Stack, before: Array, after: Array, channel: int, white: float, drift: Drift, more: Array | None = None
-) -> Figure | None:
+) -> ErrorFigure | None:
     """√(NIS/dof) of windowed means in the bias filter, without drift before, with it after.
 
     `more` is a variance to be added to each row after: that of the correction, SI, shape (n,).
@@ -257,7 +256,7 @@ def nis(
         return None
     root = [float(np.sqrt(np.mean(nu**2))) for nu in values]
     low, high = stats.chi2.ppf([0.025, 0.975], n) / n
-    return Figure(
+    return ErrorFigure(
         "nis",
         CHANNELS[channel],
         "1",
@@ -275,7 +274,9 @@ def nis(
 # ------------------------------------------------------------------------------------------- prediction and coverage
 
 
-def prediction(stack: Stack, before: Array, after: Array, channel: int, white: float, drift: Drift) -> list[Figure]:
+def prediction(
+    stack: Stack, before: Array, after: Array, channel: int, white: float, drift: Drift
+) -> list[ErrorFigure]:
     """How well the bias filter foretells the mean of the next 60 s, and how often within its 3 sd."""
     errors, inside = [], []
     for r, process in ((before, Drift(1.0, 0.0)), (after, drift)):
@@ -284,7 +285,7 @@ def prediction(stack: Stack, before: Array, after: Array, channel: int, white: f
             return []
         errors.append(e)
         inside.append(float(np.mean(np.abs(e) <= 3.0 * sd)))
-    unit, si = ("deg/s", DPS) if channel < 3 else ("mg", MG)
+    unit, si = error_unit(channel)
     n = errors[1].size
     rms = [float(np.sqrt(np.mean(e**2))) / si for e in errors]
     floor = white / np.sqrt(HOLD_S) / si
@@ -292,12 +293,12 @@ def prediction(stack: Stack, before: Array, after: Array, channel: int, white: f
     ci = rms[1] / float(high), rms[1] / float(low)
     band = float(low) * floor, float(high) * floor
     first = rms[0] / float(high), rms[0] / float(low)
-    made = [Figure("bias_prediction", CHANNELS[channel], unit, rms[0], rms[1], floor, ci, band, n, "run", first)]
+    made = [ErrorFigure("bias_prediction", CHANNELS[channel], unit, rms[0], rms[1], floor, ci, band, n, "run", first)]
     nominal = 0.9973
     first, ci = (_wilson(share, n) for share in inside)
     floor_band = float(stats.binom.ppf(0.025, n, nominal)) / n, 1.0
     name = CHANNELS[channel]
-    made.append(Figure("coverage", name, "1", inside[0], inside[1], nominal, ci, floor_band, n, "run", first))
+    made.append(ErrorFigure("coverage", name, "1", inside[0], inside[1], nominal, ci, floor_band, n, "run", first))
     return made
 
 
@@ -339,7 +340,7 @@ def _unscaled(mean: Array, t: Array, variance: Array, drift: Drift, nu: Array) -
 
 def drift(
     stack: Stack, before: Array, after: Array, white: Array, drifts: Sequence[Drift], seconds: float, seed: int
-) -> Figure | None:
+) -> ErrorFigure | None:
     """Position error of free inertial navigation, to first order in the sensors' errors, started true every minute.
 
     ε' = C δω, δv' = C δf + ε × f_n, δp' = δv with δω, δf what is left of the readings' errors when the bias filter's
@@ -383,7 +384,7 @@ def drift(
     name = f"drift_{seconds:.0f}s"
     first, ci = (_spread(v, picks, 1.0) for v in values)
     band = float(low) * floor, float(high) * floor
-    return Figure(name, "all", "m", rms[0], rms[1], floor, ci, band, int(starts.size), "run", first)
+    return ErrorFigure(name, "all", "m", rms[0], rms[1], floor, ci, band, int(starts.size), "run", first)
 
 
 def _attitudes_at(stack: Stack) -> Array:

@@ -11,8 +11,8 @@ from typing import Any, cast
 
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
-from filters.tracing import candidate_motions, prospect
-from filters.tracing.prospect import BIAS, TESTABLE, Quantity
+from filters.tracing import candidate_motions, detectability
+from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui.logbook import reference_file
 
 VERSION = 1
@@ -238,12 +238,12 @@ def makes_observable(profile: Profile) -> list[list[str]]:
     """For each segment the effects and biases that become testable with it, in words, the most important first.
 
     Testable is what stands out of the noise of the segments so far and of what all others could make of it
-    (`filters.tracing.prospect`); the first segment also says which biases it only shows as a sum. Made as it is
+    (`filters.tracing.detectability`); the first segment also says which biases it only shows as a sum. Made as it is
     written; of a profile that is joined by marks, at rest only.
     """
     seen: set[Quantity] = set()
     out = []
-    for number, told in enumerate(prospect.told(profile)):
+    for number, told in enumerate(detectability.of_motion(profile)):
         new = [q for q, d in told.items() if d >= TESTABLE and q not in seen]
         seen.update(new)
         items = _grouped(new)

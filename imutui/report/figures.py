@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal
 
 from filters import allan
-from filters.effects.records import Series
+from filters.effects.records import RunSeries
 from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
 from imutui.report.sentences import CHANNELS
@@ -54,14 +54,14 @@ def available() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
 
-def pictures(document: Mapping[str, Any], series: Sequence[Series]) -> Iterator[Picture]:
+def pictures(document: Mapping[str, Any], series: Sequence[RunSeries]) -> Iterator[Picture]:
     """All figures of a trace, one after the other.
 
     Parameters
     ----------
     document : mapping
         Contracts section 6.
-    series : sequence of Series
+    series : sequence of RunSeries
         Residuals of all runs, the held-out one last.
     """
     for n, run in enumerate(series, 1):
@@ -100,7 +100,7 @@ def _six() -> "tuple[Figure, list[Axes]]":
     return figure, [axes[k % 3, k // 3] for k in range(6)]
 
 
-def _residual(run: Series) -> "Figure":
+def _residual(run: RunSeries) -> "Figure":
     figure, axes = _six()
     before, after = run.before * _SCALE, run.after * _SCALE
     # means over a few hundred stretches, each curve without its own mean (the bias): else noise hides the rest
@@ -133,7 +133,7 @@ def _driver(finding: Mapping[str, Any]) -> "Figure":
     return figure
 
 
-def _spectrum(run: Series) -> "Figure":
+def _spectrum(run: RunSeries) -> "Figure":
     figure, axes = _six()
     length = min(run.t.size, max(64, 1 << int(np.log2(max(64, run.t.size // 8)))))
     for k, ax in enumerate(axes):
@@ -145,7 +145,7 @@ def _spectrum(run: Series) -> "Figure":
     return figure
 
 
-def _allan(run: Series) -> "Figure":
+def _allan(run: RunSeries) -> "Figure":
     figure, axes = _six()
     for values, color, label in ((run.before, _BEFORE, "before"), (run.after, _AFTER, "after")):
         whole = np.stack([_whole(column) for column in values.T], axis=1)

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from filters.effects.records import Series
+from filters.effects.records import RunSeries
 from imutui.report import sentences
 from imutui.report.figures import Picture, pictures
 
@@ -22,7 +22,7 @@ pre { background: #f4f4f4; padding: .7rem }
 """
 
 
-def write(folder: Path, document: Mapping[str, Any], series: Sequence[Series], source: str) -> list[Path]:
+def write(folder: Path, document: Mapping[str, Any], series: Sequence[RunSeries], source: str) -> list[Path]:
     """Write page, figures, and the experiment that would separate rivals, into a folder.
 
     Parameters
@@ -31,7 +31,7 @@ def write(folder: Path, document: Mapping[str, Any], series: Sequence[Series], s
         Made if absent; files of these names are replaced.
     document : mapping
         Contracts section 6.
-    series : sequence of Series
+    series : sequence of RunSeries
         Residuals of all runs.
     source : str
         What it is a trace of.

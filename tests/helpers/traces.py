@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from filters import earth
-from filters.effects.records import Included, Series, State, Trace
+from filters.effects.records import Included, RunSeries, State, Trace
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion import kinematics
 from filters.state import PAPER_SITE
@@ -146,7 +146,7 @@ def trace(names: tuple[str, ...] = ("a", "b")) -> Trace:
     for name in names:
         before = rng.normal(size=(600, 6)) * 1e-3
         before[:20, 2] = np.nan
-        series.append(Series(name, 0.25, t, before, 0.5 * before))
+        series.append(RunSeries(name, 0.25, t, before, 0.5 * before))
     included = (
         Included("thermal_lin", ("gy",), "A", {"reference_degc": 25.0}, (State("k", "deg/s/K", 0.02, 0.001),)),
         Included("gauss_markov", ("gx",), "S", {}, (State("b", "deg/s", 0.0, 0.004, 80.0, 6e-4),)),

@@ -9,8 +9,8 @@ from conftest import imutui
 
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
-from filters.tracing import prospect
-from filters.tracing.prospect import TESTABLE, Quantity
+from filters.tracing import detectability
+from filters.tracing.detectability import TESTABLE, Quantity
 from imutui.jobs import operator_steps
 
 UP = Dwell((0.0, 0.0, 0.0), 60.0)
@@ -36,7 +36,7 @@ seconds = 20.0
 
 
 def d_of(profile: Profile, effect: str, channel: str, axis: str = "") -> list[float]:
-    return [told[Quantity(effect, channel, axis)] for told in prospect.told(profile)]
+    return [told[Quantity(effect, channel, axis)] for told in detectability.of_motion(profile)]
 
 
 def test_a_still_level_table_shows_biases_and_sums_of_biases_only() -> None:
@@ -87,7 +87,7 @@ def test_a_profile_joined_by_marks_counts_at_rest_only() -> None:
 def test_more_motion_never_tells_less() -> None:
     """What each further segment adds is information."""
     swing = Sine("outer", math.radians(20.0), 0.3, 10.0)
-    told = prospect.told(Profile((UP, DOWN, Rate("inner", 0.5, 10.0), swing)))
+    told = detectability.of_motion(Profile((UP, DOWN, Rate("inner", 0.5, 10.0), swing)))
     for before, after in itertools.pairwise(told):
         assert all(after[q] >= before[q] - 1e-6 * (1.0 + before[q]) for q in before)
 

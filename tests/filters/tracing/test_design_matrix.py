@@ -10,7 +10,7 @@ from helpers.runs import WHITE, power_ons
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect
-from filters.tracing.design_matrix import Atom, Design, Stack
+from filters.tracing.design_matrix import Design, Stack, Term
 from filters.tracing.residual import blocks
 from filters.tracing.whitening import Drift
 
@@ -45,25 +45,25 @@ def design(moving: bool) -> Design:
     return made
 
 
-def named(made: Design, effect: str, *channels: int, **shape: object) -> Atom:
-    """The one atom of that effect, on those channels, of that shape."""
-    for a in made.atoms:
+def named(made: Design, effect: str, *channels: int, **shape: object) -> Term:
+    """The one term of that effect, on those channels, of that shape."""
+    for a in made.terms:
         h = a.hypothesis
         if h.effect == effect and (not channels or h.channels == channels) and shape.items() <= dict(h.shape()).items():
             return a
     raise AssertionError(f"no {effect} on {channels}")
 
 
-def system(made: Design, atoms: list[Atom]) -> tuple[np.ndarray, np.ndarray]:
-    """Everything in one long system: all channels' rows, the runs' biases as columns, the atoms' columns."""
+def system(made: Design, terms: list[Term]) -> tuple[np.ndarray, np.ndarray]:
+    """Everything in one long system: all channels' rows, the runs' biases as columns, the terms' columns."""
     runs = len(made.stack.starts)
     y, X, root = [], [], []
     for c in range(6):
-        rows = np.zeros((made.stack.t.size, 6 * runs + sum(a.size for a in atoms)))
+        rows = np.zeros((made.stack.t.size, 6 * runs + sum(a.size for a in terms)))
         for r in range(runs):
             rows[:, c * runs + r] = made.stack.run == r
         at = 6 * runs
-        for a in atoms:
+        for a in terms:
             if c in a.places:
                 rows[:, at : at + a.size] = made.columns[:, a.places[c]]
             at += a.size
@@ -74,9 +74,9 @@ def system(made: Design, atoms: list[Atom]) -> tuple[np.ndarray, np.ndarray]:
     return w * np.concatenate(y), w[:, None] * np.concatenate(X)
 
 
-def least(made: Design, atoms: list[Atom]) -> float:
+def least(made: Design, terms: list[Term]) -> float:
     """Chi-square of a least-squares fit of it."""
-    y, X = system(made, atoms)
+    y, X = system(made, terms)
     scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     theta = np.linalg.lstsq(X / scale, y, rcond=1e-12)[0]
     return float(np.sum((y - X / scale @ theta) ** 2))
@@ -113,19 +113,19 @@ def test_a_gain_is_the_drop_of_chi_square_of_a_whole_fit(chosen: tuple[tuple[str
 def test_a_fit_is_that_of_the_whole_system() -> None:
     """Parameters and their covariance of shared and single effects together."""
     made = design(moving=True)
-    atoms = [named(made, "scale", 2), named(made, "tilt"), named(made, "thermal_lin", 1)]
-    y, X = system(made, atoms)
+    terms = [named(made, "scale", 2), named(made, "tilt"), named(made, "thermal_lin", 1)]
+    y, X = system(made, terms)
     scale = np.linalg.norm(X, axis=0)
     inverse = np.linalg.inv((X / scale).T @ (X / scale)) / np.outer(scale, scale)
     own = slice(X.shape[1] - 4, None)
-    fit = made.fit(atoms)
+    fit = made.fit(terms)
     assert np.allclose(np.concatenate(fit.theta), (inverse @ (X.T @ y))[own], rtol=1e-6, atol=1e-12)
     assert np.allclose(fit.covariance, inverse[own, own], rtol=1e-5, atol=1e-15)
     theta, covariance = fit.of(1)
     assert np.array_equal(theta, fit.theta[1])
     assert np.array_equal(covariance, fit.covariance[1:3, 1:3])
-    left = sum(made.chi2(atoms, c) for c in range(6))
-    assert left == pytest.approx(least(made, atoms), rel=1e-8)
+    left = sum(made.chi2(terms, c) for c in range(6))
+    assert left == pytest.approx(least(made, terms), rel=1e-8)
 
 
 def test_gains_with_drift_are_those_of_whitened_columns() -> None:
@@ -159,7 +159,7 @@ def test_what_is_in_already_gains_nothing() -> None:
 def test_at_rest_there_is_no_evidence_of_motion() -> None:
     """What equals the bias gains nothing, however the rounding falls."""
     made = design(moving=False)
-    moving = [a for a in made.atoms if a.hypothesis.source == "motion" and a.hypothesis.effect != "thermal_scale"]
+    moving = [a for a in made.terms if a.hypothesis.source == "motion" and a.hypothesis.effect != "thermal_scale"]
     assert np.all(made.gains([], moving) < 1e-6)
 
 
@@ -168,14 +168,14 @@ def test_columns_found_on_the_way_count_like_those_of_the_beginning() -> None:
     made = design(moving=False)
     before = made.gram(1)
     column = (made.stack.t > 200.0).astype(float)[:, None]
-    atom = made.add(named(made, "ramp", 1).hypothesis, column)
+    term = made.add(named(made, "ramp", 1).hypothesis, column)
     widened = made.gram(1)
     made.forget(1)
     anew = made.gram(1)
     assert widened[0].shape[0] == before[0].shape[0] + 1
     assert np.allclose(widened[0], anew[0], rtol=1e-9, atol=1e-9)
     assert np.allclose(widened[1], anew[1], rtol=1e-9, atol=1e-9)
-    assert made.gains([], [atom])[0] > 0.0
+    assert made.gains([], [term])[0] > 0.0
 
 
 def test_cells_that_were_left_out_gain_what_is_there_and_nothing_of_noise() -> None:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from helpers import runs
 
+from filters.channels import DPS
 from filters.effects import catalogue
-from filters.effects.hypothesis import DPS
 from filters.imu import IMU400CD_200
 from filters.tracing import residual
 from filters.tracing.design_matrix import Design, Stack
 from filters.tracing.detectability import limits
 
 DETECTABLE = [
-    name for name, entry in catalogue.EFFECTS.items() if entry.kind in ("additive", "motion", "event", "drift")
+    name for name, entry in catalogue.EFFECTS.items() if entry.kind in ("additive", "motion", "run_specific", "drift")
 ]
 
 
@@ -37,9 +37,9 @@ def test_every_effect_has_a_limit_or_is_said_to_be_hidden(design: Design, effect
 
 def test_a_limit_is_five_standard_deviations_of_the_parameter(design: Design) -> None:
     """As the fit of that effect alone has them."""
-    atom = next(a for a in design.atoms if a.hypothesis.effect == "thermal_lin" and 1 in a.places)
+    term = next(a for a in design.terms if a.hypothesis.effect == "thermal_lin" and 1 in a.places)
     (entry,) = [x for x in limits(design, [1], "thermal_lin", ()) if x["channels"] == ["gy"]]
-    sd = float(np.sqrt(design.fit([atom]).covariance[0, 0])) / DPS
+    sd = float(np.sqrt(design.fit([term]).covariance[0, 0])) / DPS
     assert entry["limit"] == pytest.approx(5.0 * sd, rel=1e-6)
     assert entry["unit"] == "deg/s/K"
 
@@ -53,5 +53,5 @@ def test_a_tone_s_limit_is_that_of_its_amplitude(design: Design) -> None:
 
 def test_what_was_found_needs_no_limit(design: Design) -> None:
     """It is above it."""
-    atom = next(a for a in design.atoms if a.hypothesis.effect == "ramp" and 2 in a.places)
-    assert limits(design, [2], "ramp", {atom.key}) == []
+    term = next(a for a in design.terms if a.hypothesis.effect == "ramp" and 2 in a.places)
+    assert limits(design, [2], "ramp", {term.key}) == []

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from filters.channels import DPS, MG
 from filters.effects import drivers
-from filters.effects.hypothesis import DPS, MG
 from filters.tracing.driver_curve import Curve, curve, proposed_form
 
 FORMS: dict[str, Callable[[np.ndarray], np.ndarray]] = {

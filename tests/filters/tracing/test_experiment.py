@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from filters.effects.additive import ThermalScale
-from filters.effects.hypothesis import Own
+from filters.effects.hypothesis import ChannelEffect
 from filters.imu import AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
 from filters.tracing import candidate_motions, experiment, residual, selection
-from filters.tracing.candidate_motions import Plan, Seen
-from filters.tracing.design_matrix import Atom, Design, Stack
+from filters.tracing.candidate_motions import CandidateMotion, ObservedRange
+from filters.tracing.design_matrix import Design, Stack, Term
 from filters.tracing.residual import Run
 from filters.tracing.rivals import rivals
 from filters.tracing.trace import trace
@@ -66,26 +66,26 @@ def designed(*runs: Run) -> Design:
     return Design(Stack.of([residual.blocks(run, 1.0 if run.still else 0.5) for run in runs]))
 
 
-def named(design: Design, effect: str, channel: int, **shape: float | str) -> Atom:
-    """The first atom of an effect on a channel, of a shape."""
+def named(design: Design, effect: str, channel: int, **shape: float | str) -> Term:
+    """The first term of an effect on a channel, of a shape."""
     return next(
         a
-        for a in design.atoms
+        for a in design.terms
         if a.hypothesis.effect == effect
         and channel in a.places
         and all(a.hypothesis.shape().get(key) == value for key, value in shape.items())
     )
 
 
-def added(design: Design, hypothesis: Own) -> Atom:
+def added(design: Design, hypothesis: ChannelEffect) -> Term:
     """A hypothesis that the design has left out, since these runs don't tell it from another."""
     columns = [hypothesis.columns(blocks.slow(), hypothesis.channel) for blocks in design.stack.blocks]
     return design.add(hypothesis, np.vstack(columns))
 
 
-def of_size(design: Design, atom: Atom, d: float) -> np.ndarray:
+def of_size(design: Design, term: Term, d: float) -> np.ndarray:
     """Parameter with which the runs at hand show an effect at so many standard deviations."""
-    information = sum(design.gram(c)[0][p[0], p[0]] for c, p in atom.places.items())
+    information = sum(design.gram(c)[0][p[0], p[0]] for c, p in term.places.items())
     return np.array([d / np.sqrt(information)])
 
 
@@ -114,17 +114,19 @@ def tumbled() -> Design:
     return designed(performed((), 2, profile=SIX, seconds=SIX.duration))
 
 
-def all_plans() -> list[Plan]:
-    return candidate_motions.library(Seen(22.0, 28.0, 32.0, ((0.0, 22.0), (1800.0, 28.0)), 90 * DEG), moving=True)
+def all_candidates() -> list[CandidateMotion]:
+    return candidate_motions.candidates(
+        ObservedRange(22.0, 28.0, 32.0, ((0.0, 22.0), (1800.0, 28.0)), 90 * DEG), moving=True
+    )
 
 
 def test_cooling_and_reheating_tells_temperature_from_its_rate_where_a_cold_start_does_not(cold: Design) -> None:
     """At d = 40 the loop is worth tens of standard deviations, the same cold start again two or three."""
     a, b = named(cold, "thermal_lin", 1), named(cold, "thermal_rate", 1)
-    options = experiment.Library(cold, cold.stack.blocks[0].run).options(a, of_size(cold, a, 40.0), [b])
-    d = {o.plan.words.split(",")[0]: o.d[0] for o in options}
-    print({words: round(value, 1) for words, value in d.items()})
-    assert options[0].plan.words.startswith("cool the warm unit down by 10 K and heat it again")
+    options = experiment.CandidateRuns(cold, cold.stack.blocks[0].run).options(a, of_size(cold, a, 40.0), [b])
+    d = {o.candidate.description.split(",")[0]: o.d[0] for o in options}
+    print({description: round(value, 1) for description, value in d.items()})
+    assert options[0].candidate.description.startswith("cool the warm unit down by 10 K and heat it again")
     assert 40.0 < d["cool the warm unit down by 10 K and heat it again"] < 160.0
     assert d["switch the unit off until it has the room's temperature and start it again"] < 4.0
 
@@ -165,16 +167,16 @@ def test_performing_the_worst_plan_leaves_the_rivals(cold: Design) -> None:
     design = designed(performed([truth], 10), performed([truth], 11))
     chosen = selection.select(design, [1])
     (found,) = chosen.on(1)
-    effects = {found.hypothesis.effect, *(r.atom.hypothesis.effect for r in rivals(chosen, found))}
+    effects = {found.hypothesis.effect, *(r.term.hypothesis.effect for r in rivals(chosen, found))}
     assert {"thermal_lin", "thermal_rate"} <= effects
 
 
 def test_gravity_is_never_told_from_a_common_scale_factor(tumbled: Design) -> None:
-    """Beside the scale factors of two accelerometers that of the third is all of it: no plan, no sentence."""
-    gravity = next(a for a in tumbled.atoms if a.hypothesis.effect == "gravity")
+    """Beside the scale factors of two accelerometers that of the third is all of it: no candidate, no sentence."""
+    gravity = next(a for a in tumbled.terms if a.hypothesis.effect == "gravity")
     x, y, z = (named(tumbled, "scale", c) for c in (3, 4, 5))
     run = tumbled.stack.blocks[0].run
-    options = experiment.Library(tumbled, run).options(gravity, of_size(tumbled, gravity, 40.0), [z], [x, y])
+    options = experiment.CandidateRuns(tumbled, run).options(gravity, of_size(tumbled, gravity, 40.0), [z], [x, y])
     assert len(options) > 15
     assert max(o.d[0] for o in options) < 0.01
     assert experiment.separating(tumbled, gravity, of_size(tumbled, gravity, 40.0), [z], run, [x, y]) is None
@@ -222,19 +224,19 @@ def test_more_that_was_found_takes_from_what_a_plan_shows(cold: Design) -> None:
     run = cold.stack.blocks[0].run
     a, b = named(cold, "thermal_lin", 1), named(cold, "thermal_rate", 1)
     rest = [named(cold, "hysteresis", 1, width_k=10.0), named(cold, "warmup", 1, tau_s=120.0)]
-    library = experiment.Library(cold, run)
-    alone, beside = (library.options(a, of_size(cold, a, 40.0), [b], others) for others in ([], rest))
-    least = {o.plan.words: o.d[0] for o in beside}
-    assert all(least[o.plan.words] <= o.d[0] + 0.5 for o in alone if o.d[0] > 5.0)
+    candidate_runs = experiment.CandidateRuns(cold, run)
+    alone, beside = (candidate_runs.options(a, of_size(cold, a, 40.0), [b], others) for others in ([], rest))
+    least = {o.candidate.description: o.d[0] for o in beside}
+    assert all(least[o.candidate.description] <= o.d[0] + 0.5 for o in alone if o.d[0] > 5.0)
 
 
 def test_a_step_beside_it_does_not_happen_again() -> None:
-    """An event of the runs at hand is part of what was found there, and of no plan."""
+    """An event of the runs at hand is part of what was found there, and of no candidate."""
     truth = [Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), Effect("step", ("gy",), {"dps": 0.2, "at_s": 900.0})]
     run = performed(truth, 10)
     design = designed(run)
     chosen = selection.select(design, [1])
-    step = next(a for a in chosen.atoms if a.hypothesis.effect == "step")
+    step = next(a for a in chosen.terms if a.hypothesis.effect == "step")
     a, b = named(design, "thermal_lin", 1), named(design, "thermal_rate", 1)
     made = experiment.separating(design, a, of_size(design, a, 40.0), [b], run, [step])
     assert made is not None
@@ -301,43 +303,44 @@ def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
     assert set(made) == {"a", "b", "profile", "thermal", "duration_s", "d_expected", "motion", "leaves"}
 
 
-# --------------------------------------------------------------------------------------------------------- the library
+# ----------------------------------------------------------------------------------------------- candidate motions
 
 
-@pytest.mark.parametrize("plan", all_plans(), ids=lambda plan: plan.words[:60])
-def test_a_plan_comes_back_from_its_text(plan: Plan) -> None:
+@pytest.mark.parametrize("candidate", all_candidates(), ids=lambda candidate: candidate.description[:60])
+def test_a_candidate_comes_back_from_its_text(candidate: CandidateMotion) -> None:
     """The text is a profile of the same segments; temperatures begin with it and end with it."""
-    assert reference_file.from_document(tomllib.loads(reference_file.to_toml(plan.profile))) == plan.profile
-    assert plan.seconds > 90.0
-    assert plan.thermal is not None
-    t, T = np.array(plan.thermal).T
+    profile = candidate.profile
+    assert reference_file.from_document(tomllib.loads(reference_file.to_toml(profile))) == profile
+    assert candidate.seconds > 90.0
+    assert candidate.thermal is not None
+    t, T = np.array(candidate.thermal).T
     assert t[0] == 0.0
-    assert t[-1] == pytest.approx(plan.seconds)
+    assert t[-1] == pytest.approx(candidate.seconds)
     assert (np.diff(t) > 0.0).all()
     assert T.min() >= 22.0
     assert T.max() <= 32.0
 
 
 def test_the_library_has_what_tells_effects_apart() -> None:
-    """Positions, slow turns, rates, swings, two temperatures, loops of temperature: each plan once."""
-    words = [plan.words for plan in all_plans()]
-    assert len(set(words)) == len(words) == 24
+    """Positions, slow turns, rates, swings, two temperatures, loops of temperature: each candidate once."""
+    description = [candidate.description for candidate in all_candidates()]
+    assert len(set(description)) == len(description) == 24
     parts = ("eighteen positions", "slowly, twice round", "±30 and ±90", "swing", "and again at 32 degC", "start it")
     for part in parts:
-        assert any(part in w for w in words)
+        assert any(part in w for w in description)
 
 
 def test_what_was_asked_for_drives_a_scenario(tmp_path: Path) -> None:
     """Profile and temperatures go into a scenario as they are, and a unit follows them."""
-    plan = next(p for p in all_plans() if "and again at" in p.words)
-    (tmp_path / "experiment.toml").write_text(reference_file.to_toml(plan.profile))
-    assert plan.thermal is not None
-    history = [list(point) for point in plan.thermal]
+    candidate = next(p for p in all_candidates() if "and again at" in p.description)
+    (tmp_path / "experiment.toml").write_text(reference_file.to_toml(candidate.profile))
+    assert candidate.thermal is not None
+    history = [list(point) for point in candidate.thermal]
     lines = ["seed = 1", 'profile = "experiment.toml"', "[temperature]", f"history = {history}"]
     (tmp_path / "scenario.toml").write_text("\n".join(lines))
     made = scenario.load_scenario(tmp_path / "scenario.toml")
-    assert made.profile == plan.profile
-    recorded = Unit(made, 0, 5.0).record(round(5.0 * plan.seconds))
+    assert made.profile == candidate.profile
+    recorded = Unit(made, 0, 5.0).record(round(5.0 * candidate.seconds))
     assert recorded.temperature_degc[0] == pytest.approx(22.0)
     assert recorded.temperature_degc[-1] == pytest.approx(32.0)
     assert np.ptp(recorded.angles, axis=0).max() > DEG * 180.0

@@ -17,7 +17,6 @@ from filters.tracing.residual import (
     blocks,
     even_time,
     lag,
-    moving_average,
     perfect,
     plays,
     smoothed,
@@ -213,8 +212,3 @@ def test_temperature_of_single_samples_is_filled_in() -> None:
     rare = np.where(np.arange(own.t.size) % 10 == 0, own.temperature, np.nan)
     a, b = blocks(own).slow(), blocks(replace(own, temperature=rare)).slow()
     assert np.abs(a.temperature - b.temperature).max() < 0.02
-
-
-def test_a_moving_average_keeps_a_constant() -> None:
-    """Ends included."""
-    assert np.allclose(moving_average(np.full((20, 2), 3.0), 5), 3.0)

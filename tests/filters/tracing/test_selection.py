@@ -23,19 +23,19 @@ def tumbled() -> Design:
 
 
 def names(chosen: Selection) -> list[tuple[str, tuple[int, ...]]]:
-    return [(a.hypothesis.effect, a.hypothesis.channels) for a in chosen.atoms]
+    return [(a.hypothesis.effect, a.hypothesis.channels) for a in chosen.terms]
 
 
 def test_each_of_what_was_accepted_still_scores_beside_the_others() -> None:
-    """Own scores above the limit of acceptance, gain on unseen cells above half of it, no drift left over."""
+    """ChannelEffect scores above the limit of acceptance, gain on unseen cells above half of it, no drift left over."""
     made = design(
         Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), Effect("warmup", ("ax",), {"mg": 4.0, "tau_s": 120.0})
     )
     chosen = select(made, [1, 3])
     assert sorted(names(chosen)) == [("thermal_lin", (1,)), ("warmup", (3,))]
-    for atom in chosen.atoms:
-        assert chosen.own_gain(atom) - chosen.price(atom) > ACCEPT > KEEP
-        assert chosen.heldout[atom.key] > 0.5 * ACCEPT
+    for term in chosen.terms:
+        assert chosen.own_gain(term) - chosen.price(term) > ACCEPT > KEEP
+        assert chosen.heldout[term.key] > 0.5 * ACCEPT
     assert [made.drift[c].level for c in range(6)] == [0.0] * 6
 
 
@@ -52,8 +52,8 @@ def test_a_curve_in_time_gives_way_to_temperature() -> None:
     """Time is nobody's cause: an odd curve of temperature is a driver of temperature, never of time."""
     made = design(Effect("thermal_poly", ("ax",), {"mg_per_k": 0.0, "mg_per_k2": 0.05, "mg_per_k3": 0.01}))
     chosen = select(made, [3])
-    assert chosen.atoms
-    assert all(a.hypothesis.source == "temperature" for a in chosen.atoms)
+    assert chosen.terms
+    assert all(a.hypothesis.source == "temperature" for a in chosen.terms)
 
 
 def test_drift_is_called_drift() -> None:
@@ -63,7 +63,7 @@ def test_drift_is_called_drift() -> None:
         Effect("gauss_markov", ("az",), {"mg": 2.0, "tau_s": 40.0}),
     )
     chosen = select(made, range(6))
-    assert chosen.atoms == []
+    assert chosen.terms == []
     assert [c for c in range(6) if made.drift[c].level > 0.0] == [0, 5]
     found = made.drift[5]
     assert 10.0 < found.tau < 100.0
@@ -80,7 +80,7 @@ def test_the_guard_keeps_flicker_from_being_an_effect(seed: int) -> None:
     ]
     made = design(*flicker, seed=seed)
     chosen = select(made, [1, 3])
-    assert chosen.atoms == []
+    assert chosen.terms == []
     for weak in chosen.weak:
         assert weak.why
 
@@ -90,7 +90,7 @@ def test_what_happened_once_is_no_law() -> None:
     once = Temperature(((0.0, 25.0), (306.0, 25.0), (308.0, 33.0), (312.0, 33.0), (314.0, 25.0)))
     made = design(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.1}), count=1, histories=(once,))
     chosen = select(made, [1])
-    assert [a for a in chosen.atoms if a.hypothesis.source == "temperature"] == []
+    assert [a for a in chosen.terms if a.hypothesis.source == "temperature"] == []
     assert "does not hold on cells that were left out" in {weak.why for weak in chosen.weak}
 
 
@@ -99,9 +99,9 @@ def test_gravity_and_a_common_scale_factor_are_rivals() -> None:
     made = tumbled()
     chosen = select(made, [3, 4, 5])
     assert names(chosen) == [("gravity", (3, 4, 5))]
-    found = rivals(chosen, chosen.atoms[0])
-    assert "scale" in [r.atom.hypothesis.effect for r in found]
-    common = next(r for r in found if r.atom.hypothesis.effect == "scale")
+    found = rivals(chosen, chosen.terms[0])
+    assert "scale" in [r.term.hypothesis.effect for r in found]
+    common = next(r for r in found if r.term.hypothesis.effect == "scale")
     assert common.score_difference == 0.0
 
 
@@ -111,7 +111,7 @@ def test_a_wider_form_of_a_finding_is_no_rival() -> None:
     chosen = select(made, [1])
     assert names(chosen) == [("thermal_lin", (1,))]
     assert not {"thermal_poly", "driver:temperature"} & {
-        r.atom.hypothesis.effect for r in rivals(chosen, chosen.atoms[0])
+        r.term.hypothesis.effect for r in rivals(chosen, chosen.terms[0])
     }
 
 
@@ -120,8 +120,8 @@ def test_a_cold_start_alone_leaves_its_causes_rivals() -> None:
     for seed in range(1, 5):
         made = design(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.04}), seed=seed, count=1, histories=(None,))
         chosen = select(made, [1])
-        for atom in chosen.atoms:
-            others = {r.atom.hypothesis.effect for r in rivals(chosen, atom)} | {atom.hypothesis.effect}
+        for term in chosen.terms:
+            others = {r.term.hypothesis.effect for r in rivals(chosen, term)} | {term.hypothesis.effect}
             assert "thermal_lin" in others
             assert len(others) > 1
 
@@ -137,9 +137,9 @@ def test_events_are_found_where_they_are() -> None:
     chosen = select(made, range(6))
     assert sorted(names(chosen)) == [("step", (2,)), ("telegraph", (5,)), ("tone", (4,))]
     fit = chosen.fit()
-    for number, atom in enumerate(chosen.atoms):
-        facts, theta = atom.hypothesis.shape(), fit.theta[number]
-        match atom.hypothesis.effect:
+    for number, term in enumerate(chosen.terms):
+        facts, theta = term.hypothesis.shape(), fit.theta[number]
+        match term.hypothesis.effect:
             case "step":
                 assert float(facts["at_s"]) == pytest.approx(350.0, abs=4.0)
                 assert theta[0] == pytest.approx(np.deg2rad(0.15), rel=0.1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers.runs import QUIET, run_of
 
+from filters.channels import DPS
 from filters.earth import meridian_radius, transverse_radius
-from filters.effects.hypothesis import DPS
 from filters.imu import AxisMap
 from filters.kalman import strapdown
 from filters.motion.profile import Profile
@@ -179,11 +179,3 @@ def test_free_inertial_drift_is_that_of_the_mechanisation(sign: int, seconds: fl
     assert figure.n == len(own)
     assert figure.before == pytest.approx(np.sqrt(np.mean(np.square(own))), rel=tolerance)
     assert figure.after == 0.0
-
-
-@pytest.mark.parametrize(("sign", "believed", "expected"), [(-1, -1, 1.0), (1, 1, 1.0), (-1, 1, -1.0)])
-def test_a_wrong_sign_of_the_accelerometers_shows(sign: int, believed: int, expected: float) -> None:
-    """About 1 for the right one, -1 for the wrong one."""
-    own = run_of(Scenario(seed=2, axes=AxisMap(accel_sign=sign)), 0, 20.0, 60.0)
-    stack = Stack.of([blocks(replace(own, axes=AxisMap(accel_sign=believed)))])
-    assert validation.vertical_sign(stack) == pytest.approx(expected, abs=0.03)

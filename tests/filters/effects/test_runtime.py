@@ -10,8 +10,8 @@ import pytest
 from helpers.runs import QUIET, run_of
 
 from filters import attitude
+from filters.channels import DPS
 from filters.effects import catalogue
-from filters.effects.hypothesis import DPS
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS, AxisMap, parse_mount

@@ -190,10 +190,10 @@ def test_bursts_of_arrival_are_jitter_and_not_loss() -> None:
     sampled = np.arange(20000) * 0.01
     sampled[12000:] += 0.4
     t = np.ceil(sampled / 0.05) * 0.05 + 0.002 * (np.arange(20000) % 5)
-    look = time_stamps.look(t)
-    assert look.bursts
-    assert look.period == pytest.approx(0.01, rel=1e-3)
-    assert look.gaps.tolist() == [11999] or look.gaps.tolist() == [12000]
+    stamps = time_stamps.analyse(t)
+    assert stamps.bursts
+    assert stamps.period == pytest.approx(0.01, rel=1e-3)
+    assert stamps.gaps.tolist() == [11999] or stamps.gaps.tolist() == [12000]
     readings = np.random.default_rng(0).standard_normal((20000, 6))
     _, found = faults.find(t, readings, UNKNOWN, None)
     assert [f.effect for f in found] == ["dropout", "jitter"]
@@ -204,8 +204,8 @@ def test_a_late_stamp_is_no_lost_reading() -> None:
     """A reading 0.7 periods late is made up for by the next step; one that is missing is not."""
     t = np.arange(1000) * 0.01
     t[500] += 0.007
-    assert not time_stamps.look(t).gaps.size
-    assert time_stamps.look(np.delete(t, 300)).gaps.tolist() == [299]
+    assert not time_stamps.analyse(t).gaps.size
+    assert time_stamps.analyse(np.delete(t, 300)).gaps.tolist() == [299]
 
 
 EXPECTED = {

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from filters.effects import lines
-from filters.effects.lines import Line
+from filters.effects.lines import SpectralLine
 
 DEG, G = np.pi / 180.0, 9.80665
 SD = np.array([0.015] * 3 + [0.19] * 3)
@@ -108,7 +108,7 @@ def test_what_is_removed_is_the_line_and_only_that() -> None:
     tone(x, HZ, 25.0, 2.0, (4,))
     x[5000:5300, 4] = np.nan
     clean[5000:5300, 4] = np.nan
-    line = Line(("ay",), 25.0005, 0.0, np.ones(6))
+    line = SpectralLine(("ay",), 25.0005, 0.0, np.ones(6))
     out = lines.removed([line], HZ, x)
     assert np.array_equal(np.isnan(out), np.isnan(x))
     assert np.nanstd(out[:, 4] - clean[:, 4]) < 0.03 * SD[4]

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from filters.effects.hypothesis import Own, Parameter
+from filters.effects.hypothesis import ChannelEffect, Parameter
 from filters.effects.inputs import Inputs
 from filters.types import Array
 
@@ -24,7 +24,7 @@ _ITERATIONS = 8
 
 
 @dataclass(frozen=True)
-class Event(Own):
+class RunSpecific(ChannelEffect):
     """An effect with columns of its own rows; `made` are those, shape (n, k)."""
 
     made: Array = field(default_factory=lambda: np.zeros((0, 1)), compare=False, repr=False)
@@ -32,7 +32,7 @@ class Event(Own):
     facts: Mapping[str, float | str] = field(default_factory=dict, compare=False)
     count: int = 1
 
-    source: ClassVar = "event"
+    source: ClassVar = "run_specific"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """Not a function of the drivers: what happened at the rows it was found on."""
@@ -44,7 +44,7 @@ class Event(Own):
 
 
 @dataclass(frozen=True)
-class Tone(Event):
+class Tone(RunSpecific):
     """e = a sin 2π f t + b cos 2π f t, amplitude and phase of each run its own."""
 
     hz: float = 0.0
@@ -60,11 +60,11 @@ class Tone(Event):
     def parameters(self) -> tuple[Parameter, ...]:
         """Amplitudes of each run."""
         names = [f"{part} run {r + 1}" for r in range(self.count // 2) for part in ("sin", "cos")]
-        return tuple(self.one(name, "", 1.0, 0.1, 5.0)[0] for name in names)
+        return tuple(self.channel_parameter(name, "", 1.0, 0.1, 5.0)[0] for name in names)
 
 
 @dataclass(frozen=True)
-class Step(Event):
+class Step(RunSpecific):
     """e = k from t0 on, in one run, or (`run` -1) at the same time of every run."""
 
     at: float = 0.0
@@ -80,11 +80,11 @@ class Step(Event):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.1, 3.0)
+        return self.channel_parameter("k", "", 1.0, 0.1, 3.0)
 
 
 @dataclass(frozen=True)
-class Telegraph(Event):
+class Telegraph(RunSpecific):
     """e = k s(t), s in {0, 1}."""
 
     switches: int = 0
@@ -94,7 +94,7 @@ class Telegraph(Event):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """k."""
-        return self.one("k", "", 1.0, 0.05, 2.0)
+        return self.channel_parameter("k", "", 1.0, 0.05, 2.0)
 
 
 def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period: float, most_hz: float) -> Tone | None:
