@@ -12,6 +12,9 @@ CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 STANDARD_GRAVITY = 9.80665
 """m/s² of one g, where a reading is in g."""
 
+LOOP_HZ = 400.0 / 3.0
+"""Readings a second of the IMU400CD's own loop: "up to 133 Hz" in scaled mode, one in 7.5 ms."""
+
 _DEG = np.pi / 180.0
 _SQRT_HOUR = 60.0
 

@@ -1,18 +1,24 @@
 """All that decides the estimates, apart from the samples."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from filters import state
 from filters.imu import IMU400CD_200, ImuSpec, Noise
-from filters.kalman.augmentation import MakeEffects
 from filters.motion import reference
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import PAPER_SITE, Site
 
+if TYPE_CHECKING:
+    # what the effects are takes a filter; that there are some does not
+    from filters.kalman.augmentation import MakeEffects
+
 FILTERS = ("spkf", "spkf-paper", "ekf")
 """Filters by name; `filters.kalman.engines.ENGINES` makes them."""
 MEASUREMENTS = ("exact", "drawn")
+GAP_PERIODS = 2.5
+"""Sample periods beyond which a step is a gap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +67,7 @@ class Settings:
     motion: Profile | Trajectory | None = None
     offset: float = 0.0
     offset_sd: float | None = None
-    effects: MakeEffects | None = None
+    effects: "MakeEffects | None" = None
 
     def __post_init__(self) -> None:
         for name, value, allowed in (

@@ -22,7 +22,7 @@ from imutui.logbook import mcap_format, mcap_kernels, schemas, summary
 from imutui.logbook import scan as scanning
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import Batch
-from imutui.logbook.reader import Event, Table
+from imutui.logbook.reader import LogEvent, Table
 from imutui.logbook.scan import Piece, Scan
 from imutui.logbook.session_info import METADATA, SessionInfo
 
@@ -68,7 +68,7 @@ class Audit:
         Records of `schemas.RAW_DTYPE`.
     table : Table
         All of /table/reference.
-    events : list of Event
+    events : list of LogEvent
         Marks and events.
     diagnostics : dict
         Values of the last /diagnostics.
@@ -97,7 +97,7 @@ class Audit:
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     table: Table = field(default_factory=Table)
-    events: list[Event] = field(default_factory=list)
+    events: list[LogEvent] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     undecodable: list[tuple[str, int, str]] = field(default_factory=list)
     undecodable_count: int = 0
@@ -244,7 +244,7 @@ class _Work:
             return
         m = schemas.decode(schemas.TYPES[topic], data)
         if topic == schemas.EVENTS:
-            self.audit.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
+            self.audit.events.append(LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
         elif topic == schemas.DIAGNOSTICS and m.status:
             self.audit.diagnostics = {pair.key: pair.value for pair in m.status[0].values}
 

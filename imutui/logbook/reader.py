@@ -33,7 +33,7 @@ class UnreadableLogError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class LogEvent:
     """A mark of the operator's or an event of the program's."""
 
     stamp_ns: int
@@ -81,7 +81,7 @@ class Log:
         Kind of the last /table/reference.
     table : Table
         Content of all of them.
-    events : list of Event
+    events : list of LogEvent
         Marks and events.
     diagnostics : dict
         Values of the last /diagnostics.
@@ -105,7 +105,7 @@ class Log:
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     reference: str | None = None
     table: Table = field(default_factory=Table)
-    events: list[Event] = field(default_factory=list)
+    events: list[LogEvent] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     finished: bool = False
@@ -293,7 +293,7 @@ class _Content:
             self._last[schemas.REFERENCE] = message
         elif self.channels[message.channel_id][0] == schemas.EVENTS:
             m = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
-            self.log.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
+            self.log.events.append(LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
         else:
             # each of these replaces the one before
             self._last[self.channels[message.channel_id][0]] = message

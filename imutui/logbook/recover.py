@@ -36,7 +36,7 @@ class NotAsWrittenError(OSError):
 
 
 @dataclass(slots=True)
-class Kept:
+class RebuiltContent:
     """What went into the rebuilt file.
 
     Attributes
@@ -72,7 +72,9 @@ class Kept:
         return sum(self.topics.values())
 
 
-def rebuild(found: Scan, part: Path, note: Callable[[Kept], dict[str, str]], progress: Callable[[float], None]) -> Kept:
+def rebuild(
+    found: Scan, part: Path, note: Callable[[RebuiltContent], dict[str, str]], progress: Callable[[float], None]
+) -> RebuiltContent:
     """Write what a scan found whole, and read it back.
 
     Parameters
@@ -102,9 +104,9 @@ def _copied(
     found: Scan,
     data: mmap.mmap,
     part: Path,
-    note: Callable[[Kept], dict[str, str]],
+    note: Callable[[RebuiltContent], dict[str, str]],
     progress: Callable[[float], None],
-) -> Kept:
+) -> RebuiltContent:
     attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
     with part.open("wb") as stream:
         copy = _Copy(found, data, _writer(stream, attachments=attached))
@@ -124,7 +126,7 @@ class _Copy:
     """Records from a file's bytes into a writer, channels by their new numbers."""
 
     def __init__(self, found: Scan, data: mmap.mmap, writer: Writer) -> None:
-        self.kept = Kept()
+        self.kept = RebuiltContent()
         self._data = data
         self._writer = writer
         self._decompressor = zstandard.ZstdDecompressor()
@@ -239,7 +241,7 @@ class _Copy:
             )
             self.kept.assumed = True
 
-    def finish(self, note: Callable[[Kept], dict[str, str]]) -> Kept:
+    def finish(self, note: Callable[[RebuiltContent], dict[str, str]]) -> RebuiltContent:
         """Close the file with the note in it."""
         self.kept.digest = self._digest.hexdigest()
         # channels that nobody wrote to are part of the file too
@@ -251,7 +253,7 @@ class _Copy:
         return self.kept
 
 
-def note(found: Scan, kept: Kept, lost: list[str], source_sha256: str) -> dict[str, str]:
+def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:
     """Metadata record of a rebuilt file."""
     return {
         "source": found.path.name,
@@ -264,7 +266,7 @@ def note(found: Scan, kept: Kept, lost: list[str], source_sha256: str) -> dict[s
     }
 
 
-def _read_back(path: Path, kept: Kept) -> None:
+def _read_back(path: Path, kept: RebuiltContent) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
     with path.open("rb") as stream:
