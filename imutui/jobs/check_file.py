@@ -118,8 +118,8 @@ def _belongings(log: CheckContext) -> Iterator[Finding]:
             what = "The session's metadata is missing: signs, mounting and site are not known."
             yield Finding("session", what, "metadata imutui.session", "Go back to another copy of the file.")
         return
-    if scan.CONFIGURATION not in a.attachments:
-        yield Finding("attachment", "The configuration is missing.", f"attachment {scan.CONFIGURATION}", _NO_CURE)
+    if summary.CONFIGURATION not in a.attachments:
+        yield Finding("attachment", "The configuration is missing.", f"attachment {summary.CONFIGURATION}", _NO_CURE)
     if log.found.finished and summary.SUMMARY not in a.attachments and scan.RECOVERED not in a.metadata:
         yield Finding("attachment", "The quality summary is missing.", f"attachment {summary.SUMMARY}", _NO_CURE)
     yield from _hashes(a)

@@ -8,7 +8,7 @@ import numpy as np
 
 from imutui.jobs import damage_text
 from imutui.jobs.damage_text import plural
-from imutui.logbook import atomic_file, reader, schemas, summary
+from imutui.logbook import atomic_file, reader, record_walk, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.recover import NotAsWrittenError, RebuiltContent
@@ -96,7 +96,7 @@ def _refuse(path: Path, output: Path) -> None:
 def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
     """The rebuilt file as a replay reads it, or None and why it can't."""
     try:
-        return reader.read(path), ""
+        return reader.read(path, walk=record_walk.for_reading(path.stat().st_size)), ""
     except UnreadableLogError as error:
         return None, str(error).replace(str(path), str(output))
 
@@ -104,7 +104,7 @@ def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
 def _compare(path: Path, log: Log | None) -> None:
     """Raise unless all that a replay of the source reads stands in the rebuilt file as well."""
     try:
-        source = reader.read(path)
+        source = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
     except UnreadableLogError:
         return  # damaged at its beginning: there is nothing to compare
     n = source.stamp_ns.size

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from imutui.logbook import SessionInfo, mcap_kernels, reader, schemas
+from imutui.logbook import SessionInfo, message_layout, reader, schemas
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
@@ -323,7 +323,7 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["counts"].tolist() == [list(packet.counts) for packet in log.raw]
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
-    assert mcap_kernels.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
+    assert message_layout.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
 
 
 def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
