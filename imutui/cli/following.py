@@ -13,7 +13,7 @@ from rich.text import Text
 
 from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
 from imutui.cli.tables import print_result
-from imutui.logbook.results import dumps
+from imutui.logbook.json_text import dumps
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan

@@ -28,7 +28,7 @@ def command(
     """
     from imutui.cli.outcome import UNREADABLE, fail
     from imutui.jobs import operator_steps
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
 
     if file is None:
         found = operator_steps.offers(_folders())

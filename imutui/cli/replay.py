@@ -45,7 +45,7 @@ def command(
     from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.cli.tables import print_result
     from imutui.jobs.replay import ReplayOptions
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
 
     if output is not None:
         if len(logs) > 1:

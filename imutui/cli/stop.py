@@ -10,7 +10,7 @@ def command(name: Name = None, json: Json = False) -> None:
     """
     from imutui.cli.outcome import say
     from imutui.cli.tables import print_result
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
     from imutui.session import client
 
     result = client.attach(name).stop()

@@ -44,7 +44,7 @@ def command(
     """
     from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, say
     from imutui.jobs.trace import TraceOptions, trace
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
     from imutui.report import sentences
 
     if seed < 0:

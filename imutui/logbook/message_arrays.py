@@ -204,7 +204,7 @@ class _Work:
     def _batch(self, batch: Batch) -> None:
         starts = batch.table[:, message_layout.OFFSET] - message_layout.MESSAGE_HEADER_SIZE
         heads = batch.data[starts[:, None] + np.arange(message_layout.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
-        for channel in np.unique(heads["channel"]).tolist():
+        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._parts.setdefault(channel, []).append(heads[heads["channel"] == channel])
         counts, others = self._walk.tally(batch.table, self._roles)
         for row in others.tolist():

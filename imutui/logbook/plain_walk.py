@@ -174,7 +174,7 @@ def _bodies(data: np.ndarray, at: np.ndarray, length: np.ndarray, doubles: int) 
     body: np.ndarray = at + 4 + (12 + text + 7) // DOUBLE * DOUBLE
     if ((text < 1) | (16 + text > length) | (body + doubles * DOUBLE != at + length)).any():
         return None
-    for size in np.unique(text).tolist():
+    for size in set(text.tolist()):
         if (data[at[text == size][:, None] + 16 + np.arange(size)] > 127).any():
             return None
     return body

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from imutui.logbook import message_definitions
+
 RAW = "/imu/raw"
 IMU = "/imu/data_raw"
 TEMPERATURE = "/imu/temperature"
@@ -27,43 +29,6 @@ TYPES = {
     ESTIMATE: "imutui_msgs/msg/Estimate",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     EVENTS: "rcl_interfaces/msg/Log",
-}
-
-OWN_DEFINITIONS = {
-    "imutui_msgs/msg/RawPacket": """\
-# One packet as received. Fixed size.
-uint64 sequence           # number of the packet since the recording began
-int64 host_monotonic_ns   # host's monotonic clock when the packet's last byte was read
-int16[6] counts           # angular rate x y z, acceleration x y z: instrument axes and sign
-uint16 temperature        # counts of the temperature sensor
-uint16 ticks              # time counter, counts down, 0.79 us nominal
-uint8 mode                # 0 scaled, 1 voltage
-uint8 flags               # 1 packets were lost before this one, 2 stamped by the host alone, 4 a count at its limit
-""",
-    "imutui_msgs/msg/TableReference": """\
-# What is known of the table: C_nb = Rx(outer) Ry(middle) Rz(inner).
-std_msgs/Header header
-string kind               # level; gravity: attitude unknown, angles are NaN
-float64[3] angles_deg     # outer, middle, inner
-float64[3] rates_dps
-""",
-    "imutui_msgs/msg/Estimate": """\
-# State of the filter. Biases are in the instrument's axes and sign: corrected reading = reading - bias.
-std_msgs/Header header
-float64[3] position_deg_m     # latitude, longitude, height
-float64[3] velocity_mps       # north, east, down
-float64[3] rpy_deg            # roll, pitch, yaw (3-2-1)
-float64[3] accel_bias_mg      # NaN where the reference does not show it
-float64[3] gyro_bias_dps
-float64[3] position_sd_m      # north, east, down
-float64[3] velocity_sd_mps
-float64[3] rpy_sd_deg
-float64[3] accel_bias_sd_mg
-float64[3] gyro_bias_sd_dps
-float64 nis                   # NaN for the first sample
-uint8 nis_dof
-bool[6] converged             # accelerometer x y z, gyro x y z
-""",
 }
 
 FLAG_LOST_BEFORE = 1
@@ -94,10 +59,10 @@ _ZEROS = (0.0,) * 8
 
 @cache
 def typestore() -> Any:
-    """Store of ROS 2 types with our own added."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    """Store of the types that logs have."""
+    store = get_typestore(Stores.EMPTY)
     types: dict[str, Any] = {}
-    for name, text in OWN_DEFINITIONS.items():
+    for name, text in (message_definitions.ROS | message_definitions.OWN).items():
         types.update(get_types_from_msg(text, name))
     store.register(types)
     return store
