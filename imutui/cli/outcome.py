@@ -3,8 +3,6 @@
 import functools
 import os
 import sys
-import tempfile
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -91,6 +89,9 @@ def _raised(module: str, name: str, error: Exception) -> bool:
 
 
 def _report(error: Exception) -> str:
+    import tempfile
+    import traceback
+
     with tempfile.NamedTemporaryFile("w", prefix="imutui-", suffix=".txt", delete=False) as stream:
         traceback.print_exception(error, file=stream)
     return (

@@ -14,16 +14,16 @@ import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
-from rosbags.serde import SerdeError
 
 from imutui.logbook import mcap_format, message_layout, record_walk, schemas, summary
 from imutui.logbook import scan as scanning
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import HEAD, parse
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.reader import LogEvent, Table
+from imutui.logbook.reader import Table
 from imutui.logbook.record_walk import Walk
 from imutui.logbook.scan import Piece, Scan
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
@@ -37,7 +37,16 @@ _PLAIN = {
 }
 _SHOWN = 20
 # bytes that are no such message fail in whichever way the decoder meets them first
-_UNDECODABLE = (SerdeError, struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError)
+_UNDECODABLE = (
+    schemas.UndecodableError,
+    struct.error,
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+)
 
 
 @dataclass(slots=True)
@@ -239,11 +248,13 @@ class _Work:
     def _rare(self, topic: str, data: bytes) -> None:
         if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
             return
-        m = schemas.decode(schemas.TYPES[topic], data)
         if topic == schemas.EVENTS:
-            self.audit.events.append(LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
-        elif topic == schemas.DIAGNOSTICS and m.status:
-            self.audit.diagnostics = {pair.key: pair.value for pair in m.status[0].values}
+            self.audit.events.append(schemas.decode_event(data))
+        elif topic == schemas.DIAGNOSTICS:
+            values = schemas.decode_diagnostics(data)
+            self.audit.diagnostics = self.audit.diagnostics if values is None else values
+        else:
+            schemas.decode(schemas.TYPES[topic], data)
 
     def close(self) -> None:
         """Make arrays of what was collected."""

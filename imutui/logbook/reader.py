@@ -15,7 +15,6 @@ from typing import IO, Any
 import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
-from rosbags.serde import SerdeError
 
 from imutui.logbook import mcap_stream, record_walk, schemas
 from imutui.logbook.columns import Columns
@@ -23,22 +22,14 @@ from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.message_layout import CHANNEL, IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE
 from imutui.logbook.record_walk import Walk
+from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
-_UNDECODABLE = (SerdeError, struct.error, IndexError, KeyError)
+_UNDECODABLE = (UndecodableError, struct.error, IndexError, KeyError)
 
 
 class UnreadableLogError(Exception):
     """The file is no log that imutui can use; the message says what, where, and what to do next."""
-
-
-@dataclass(frozen=True, slots=True)
-class LogEvent:
-    """A mark of the operator's or an event of the program's."""
-
-    stamp_ns: int
-    name: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,8 +282,7 @@ class _Content:
             self._columns.table(message)
             self._last[schemas.REFERENCE] = message
         elif self.channels[message.channel_id][0] == schemas.EVENTS:
-            m = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
-            self.log.events.append(LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
+            self.log.events.append(schemas.decode_event(message.data))
         else:
             # each of these replaces the one before
             self._last[self.channels[message.channel_id][0]] = message
@@ -308,8 +298,10 @@ class _Content:
             if (last := self._last.get(schemas.REFERENCE)) is not None:
                 log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind
             if (last := self._last.get(schemas.DIAGNOSTICS)) is not None:
-                status = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], last.data).status[0]
-                log.diagnostics = {pair.key: pair.value for pair in status.values}
+                values = schemas.decode_diagnostics(last.data)
+                if values is None:
+                    raise UndecodableError("its diagnostics have no status")
+                log.diagnostics = values
         except _UNDECODABLE as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
