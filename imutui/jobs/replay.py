@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from filters import allan
 from filters.imu import Noise
 from filters.kalman import layout, runner
 from filters.kalman.runner import Estimator
@@ -260,6 +259,9 @@ def measured_noise(info: SessionInfo, part: Part) -> Noise:
     edges = np.concatenate([[0], breaks, [part.t.size]])
     longest = int(np.argmax(np.diff(edges)))
     piece = slice(edges[longest], edges[longest + 1])
+    # its fit brings solvers along that no other replay needs
+    from filters import allan
+
     levels = allan.noise_of(np.column_stack([part.accel[piece], part.gyro[piece]]), period)
     white, drift = levels.white.tolist(), levels.drift.tolist()
     return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
