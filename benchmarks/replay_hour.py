@@ -87,7 +87,7 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     part = replay.select(read, None, None)
     reader.sha256(log)
     reading_s = time.process_time() - started
-    options = replay.Options()
+    options = replay.ReplayOptions()
     _, settings = replay.prepare(read, part, options)
     runner.warm_up()
     estimator = Estimator(settings, np.inf)

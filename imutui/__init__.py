@@ -1,8 +1,15 @@
 """imutui: acquire, calibrate and trace an IMU on a turn table, from a terminal."""
 
-from importlib.metadata import PackageNotFoundError, version
+__version__: str
 
-try:
-    __version__ = version("imutui")
-except PackageNotFoundError:  # a source tree that nobody installed
-    __version__ = "0+unknown"
+
+def __getattr__(name: str) -> str:
+    """`__version__`, looked up when somebody asks: reading metadata of packages takes longer than most commands."""
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("imutui")
+    except PackageNotFoundError:  # a source tree that nobody installed
+        return "0+unknown"

@@ -19,7 +19,7 @@ from filters.kalman.consistency import nis_gates
 from filters.kalman.filter_input import FilterInput
 from filters.kalman.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
 from filters.kalman.rows import covariance_of, nav_of, padded, row_of
-from filters.kalman.settings import FILTERS, GAP, Settings
+from filters.kalman.settings import FILTERS, GAP_PERIODS, Settings
 from filters.kalman.spkf import Belief, DivergenceError
 from filters.motion import reference
 from filters.state import NavState, Site
@@ -262,7 +262,7 @@ class Stepwise:
             accels[0] = core[layout.CORE_ACCEL : layout.CORE_ACCEL + 3]
         nav = self.belief().nav
         turned = 0.0
-        if held > GAP:
+        if held > GAP_PERIODS:
             turned = float(np.linalg.norm(np.max(np.abs(gyros - nav.gyro_bias), axis=0))) * dt
         Q_d = spkf.process_noise(p.noise, nav.C_nb, dt, held, turned)
         gravity = self._anomaly + float(earth.normal_gravity(nav.latitude, nav.height))

@@ -84,7 +84,7 @@ from filters.kalman.layout import (
     SUM_RESIDUAL,
     SUM_RESIDUALS,
 )
-from filters.kalman.settings import GAP
+from filters.kalman.settings import GAP_PERIODS
 from filters.kalman.strapdown import MAX_STEP, MAX_STEP_ANGLE
 
 # vector instructions out of straight-line code (rows below), which numba leaves off unless told
@@ -878,7 +878,7 @@ def advance(  # type: ignore[no-untyped-def]
                 _drift(extra, across, p, dt)
                 _take_away(extra, p, phi, k, par[PAR_LINEAR] != 0.0, g, a)
                 _gather(P, extra, across, p, kept)
-            if held > GAP:
+            if held > GAP_PERIODS:
                 # nobody saw how it turned: what the two ends say of the rate is off by as much as they say
                 for i in range(3):
                     turned += max((g[i] - core[NAV_BG + i]) ** 2, (g[3 + i] - core[NAV_BG + i]) ** 2)

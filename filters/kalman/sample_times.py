@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.kalman.settings import GAP, MAX_TURN
+from filters.kalman.settings import GAP_PERIODS, MAX_TURN
 from filters.types import Array
 
 
@@ -62,7 +62,7 @@ class SampleTimes:
     def are_gaps(self, before: Array, t: Array) -> NDArray[np.bool_]:
         """Which of the steps from `before` to `t` are longer than a sample can stand for."""
         steps = t - before
-        return (steps > GAP * self._period) & np.isfinite(steps)
+        return (steps > GAP_PERIODS * self._period) & np.isfinite(steps)
 
     def note_left_out(self, arrived: Array, used: Array, t: Array) -> None:
         """Note the gaps that come of samples not being used.

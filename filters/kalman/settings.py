@@ -1,16 +1,20 @@
 """All that decides the estimates, apart from the samples, and the reference that it asks for."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from filters import state
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec, Noise
-from filters.kalman.augmentation import MakeEffects
 from filters.motion import alignment, reference
 from filters.motion.profile import Profile
 from filters.motion.reference import Reference, TableMotion, Trajectory
 from filters.state import PAPER_SITE, Site
+
+if TYPE_CHECKING:
+    # what the effects are takes a filter; that there are some does not
+    from filters.kalman.augmentation import MakeEffects
 
 FILTERS = ("spkf", "spkf-paper", "ekf")
 """Filters by name; `filters.kalman.engines.ENGINES` makes them."""
@@ -22,7 +26,7 @@ P0_ACCEL_BIAS_SD = 18e-3 * STANDARD_GRAVITY
 P0_GYRO_BIAS_SD = 1.5 * np.pi / 180.0
 """rad/s; 1.5 times Table 1."""
 
-GAP = 2.5
+GAP_PERIODS = 2.5
 """Sample periods beyond which a step is a gap."""
 MAX_TURN = 1.0
 """rad between two samples that no filter can make up for."""
@@ -35,7 +39,7 @@ class Settings:
     Attributes
     ----------
     period : float
-        Sample period the log was made for, s; a step above `GAP` times this is a gap.
+        Sample period the log was made for, s; a step above `GAP_PERIODS` times this is a gap.
     filter : str
         A name of `FILTERS`.
     reference : str
@@ -74,7 +78,7 @@ class Settings:
     motion: Profile | Trajectory | None = None
     offset: float = 0.0
     offset_sd: float | None = None
-    effects: MakeEffects | None = None
+    effects: "MakeEffects | None" = None
 
     def __post_init__(self) -> None:
         for name, value, allowed in (

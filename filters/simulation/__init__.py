@@ -15,9 +15,10 @@ filters take, `Samples`, is in body axes. Quantisation to counts is the instrume
 the simulator applies and what the tracer believes are two things.
 """
 
+from filters.imu import LOOP_HZ
 from filters.simulation.catalogue import EFFECTS, Effect
 from filters.simulation.scenario import FAULT_KINDS, Fault, PowerOn, Scenario, Temperature, Truth, draw
-from filters.simulation.unit import LOOP_HZ, Recording, StillUnit, Unit, simulate
+from filters.simulation.unit import Recording, StillUnit, Unit, simulate
 
 __all__ = [
     "EFFECTS",

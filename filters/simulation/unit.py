@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from filters.imu import IMU400CD_200, ImuSpec, Samples
+from filters.imu import IMU400CD_200, LOOP_HZ, ImuSpec, Samples
 from filters.motion.profile import Profile
 from filters.simulation.additive import Additive
 from filters.simulation.catalogue import Effect
@@ -29,9 +29,6 @@ from filters.simulation.scenario import Scenario, Truth, draw
 from filters.simulation.truth import MotionEffect, World
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
-
-LOOP_HZ = 400.0 / 3.0
-"""Readings a second of the IMU400CD's own loop."""
 
 # Readings come in blocks of this many whoever asks: noise and memories then cannot depend on how they are asked for.
 _BLOCK = 1024

@@ -22,7 +22,7 @@ def command(
     """
     from imutui import config
     from imutui.cli.outcome import say
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
 
     loaded = config.load()
     for warning in loaded.warnings:

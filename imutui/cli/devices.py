@@ -36,7 +36,7 @@ def command(
         for entry in found:
             entry.update(_probed(entry["port"]))
     if json:
-        from imutui.logbook.results import dumps
+        from imutui.logbook.json_text import dumps
 
         print(dumps({"version": 1, "ports": found, "acquisitions": running}))
     else:

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
 from imutui.cli.tables import print_result
-from imutui.logbook.results import dumps
+from imutui.logbook.json_text import dumps
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
@@ -22,11 +22,11 @@ from imutui.session.snapshot import Snapshot
 _REFRESH_S = 0.25
 
 
-class Told(Exception):  # noqa: N818 - not a fault
+class TerminatedError(Exception):
     """Somebody wants this program to end: SIGTERM."""
 
 
-class Left(Exception):  # noqa: N818 - not a fault
+class HungUpError(Exception):
     """This terminal went away; the acquisition goes on."""
 
 
@@ -50,10 +50,10 @@ def follow(
     with _leave_on_hangup():
         try:
             result = _watch(connection)
-        except (KeyboardInterrupt, Told) as why:
+        except (KeyboardInterrupt, TerminatedError) as why:
             interrupted = isinstance(why, KeyboardInterrupt)
             result = connection.stop()
-        except Left:
+        except HungUpError:
             raise typer.Exit(FINE) from None
         except SessionGoneError as error:
             raise SessionError(str(error), FINDINGS) from error
@@ -110,10 +110,10 @@ def _where(connection: Client) -> str:
 @contextlib.contextmanager
 def _leave_on_hangup() -> Iterator[None]:
     def leave(*_: object) -> None:
-        raise Left
+        raise HungUpError
 
     def end(*_: object) -> None:
-        raise Told
+        raise TerminatedError
 
     before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
     try:

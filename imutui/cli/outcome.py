@@ -3,8 +3,6 @@
 import functools
 import os
 import sys
-import tempfile
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -60,34 +58,40 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
 
 def in_words(error: Exception) -> tuple[int, str]:
     """Exit code of an error, and what to tell the user."""
-    from filters.kalman.spkf import DivergenceError
-    from imutui.config import ConfigError
-    from imutui.logbook.importer import ImportDataError
-    from imutui.logbook.reader import UnreadableLogError
-    from imutui.session.client import SessionError
-
-    match error:
-        case SessionError():
-            return error.exit_code, str(error)
-        case UnreadableLogError() | ImportDataError():
-            return UNREADABLE, str(error)
-        case ConfigError() | ValueError():
-            return USAGE, str(error)
-        case DivergenceError():
-            return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
-        case MemoryError():
-            return (
-                FINDINGS,
-                f"{error or 'memory ran out'}. Take fewer logs at a time, or a part with --start and --end.",
-            )
-        case OSError():
-            name = error.filename2 or error.filename
-            where = f"{name}: " if name else ""
-            return DISK, f"{where}{error.strerror or error}. Check the path, its permissions and the space left."
+    if _raised("imutui.session.client", "SessionError", error):
+        return int(error.exit_code), str(error)  # type: ignore[attr-defined]
+    if any(_raised(module, name, error) for module, name in _INPUT_ERRORS):
+        return UNREADABLE, str(error)
+    if isinstance(error, ValueError) or _raised("imutui.config", "ConfigError", error):
+        return USAGE, str(error)
+    if _raised("filters.kalman.spkf", "DivergenceError", error):
+        return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
+    if isinstance(error, MemoryError):
+        words = error or "memory ran out"
+        return FINDINGS, f"{words}. Take fewer logs at a time, or a part with --start and --end."
+    if isinstance(error, OSError):
+        name = error.filename2 or error.filename
+        where = f"{name}: " if name else ""
+        return DISK, f"{where}{error.strerror or error}. Check the path, its permissions and the space left."
     return FINDINGS, _report(error)
 
 
+_INPUT_ERRORS = (
+    ("imutui.logbook.reader", "UnreadableLogError"),
+    ("imutui.logbook.importer", "ImportDataError"),
+)
+
+
+def _raised(module: str, name: str, error: Exception) -> bool:
+    """Whether an error is of a class; whoever raised it has loaded its module, so that asking loads nothing."""
+    loaded = sys.modules.get(module)
+    return loaded is not None and isinstance(error, getattr(loaded, name))
+
+
 def _report(error: Exception) -> str:
+    import tempfile
+    import traceback
+
     with tempfile.NamedTemporaryFile("w", prefix="imutui-", suffix=".txt", delete=False) as stream:
         traceback.print_exception(error, file=stream)
     return (

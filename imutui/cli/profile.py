@@ -10,7 +10,7 @@ import typer
 from imutui.cli.options import Json
 
 if TYPE_CHECKING:
-    from imutui.jobs.operator_steps import Offer, Step
+    from imutui.jobs.operator_steps import Offer, OperatorStep
 
 
 def command(
@@ -28,7 +28,7 @@ def command(
     """
     from imutui.cli.outcome import UNREADABLE, fail
     from imutui.jobs import operator_steps
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
 
     if file is None:
         found = operator_steps.offers(_folders())
@@ -73,7 +73,7 @@ def _listed(found: "list[Offer]") -> str:
     return "\n".join(lines)
 
 
-def _text(offer: "Offer", steps: "list[Step]") -> str:
+def _text(offer: "Offer", steps: "list[OperatorStep]") -> str:
     width = min(100, shutil.get_terminal_size((80, 24)).columns)
     lines = [f"{offer.name}: {offer.segments} segments, {offer.seconds:.0f} s of motion, joined by {offer.align}", ""]
     for number, step in enumerate(steps, 1):

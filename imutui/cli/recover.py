@@ -26,7 +26,7 @@ def command(
     from imutui.cli.outcome import FINDINGS, FINE, refuse_existing
     from imutui.cli.several import progress, width
     from imutui.jobs.recover import recover
-    from imutui.logbook.results import dumps
+    from imutui.logbook.json_text import dumps
     from imutui.report.logs import recover_text
 
     if not (output.exists() and log.exists() and output.samefile(log)):

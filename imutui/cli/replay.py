@@ -44,8 +44,8 @@ def command(
     """
     from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.cli.tables import print_result
-    from imutui.jobs.replay import Options
-    from imutui.logbook.results import dumps
+    from imutui.jobs.replay import ReplayOptions
+    from imutui.logbook.json_text import dumps
 
     if output is not None:
         if len(logs) > 1:
@@ -59,7 +59,7 @@ def command(
         raise fail(USAGE, f"--estimates is {estimates:g}; it must be 0 (all) or more a second.")
     file, name = reference_of(reference)
     overrides = _overrides(filter_name, name, set_ or [])
-    options = Options(start, end, overrides, file, effects_of(effects), speed, output, estimates, force)
+    options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force)
     documents, code = [], FINE
     for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
         if isinstance(outcome, dict):

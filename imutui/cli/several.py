@@ -55,7 +55,7 @@ def over(
             print(("\n" if documents else "") + text(document, width()))
         documents.append(document)
     if json and (documents or len(logs) > 1):
-        from imutui.logbook.results import dumps
+        from imutui.logbook.json_text import dumps
 
         print(dumps(documents if len(logs) > 1 else documents[0]))
     raise typer.Exit(code)

@@ -26,7 +26,7 @@ def command(name: Name = None, json: Json = False) -> None:
         except client.SessionConnectingError:
             connecting.append(one)
     if json:
-        from imutui.logbook.results import dumps
+        from imutui.logbook.json_text import dumps
 
         told = [{key: value for key, value in state.items() if key != "series"} for state in states]
         print(dumps(told + [{"name": one, "state": "connecting"} for one in connecting]))

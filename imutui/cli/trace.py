@@ -43,15 +43,17 @@ def command(
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
     from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, say
-    from imutui.jobs.trace import Options, trace
-    from imutui.logbook.results import dumps
+    from imutui.jobs.trace import TraceOptions, trace
+    from imutui.logbook.json_text import dumps
     from imutui.report import sentences
 
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
     _check_outputs(output, report, logs, force)
     file, name = reference_of(reference)
-    options = Options(holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed)
+    options = TraceOptions(
+        holdout, file, {} if name is None else {"reference": name}, asked=tuple(about or ()), seed=seed
+    )
     show = _progress()
     try:
         traced = trace(logs, options, show)

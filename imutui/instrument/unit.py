@@ -16,6 +16,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from filters.imu import LOOP_HZ
 from imutui.instrument.crossbow import (
     BITS_PER_BYTE,
     COUNTER_SPAN,
@@ -48,9 +49,6 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
-
-# "Up to 133 Hz" in scaled mode: 7.5 ms.
-LOOP_HZ = 400 / 3
 
 # A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
 _BAUD_TOLERANCE = 0.03

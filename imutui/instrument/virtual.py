@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
+from filters.imu import LOOP_HZ
 from imutui.instrument.crossbow import (
     AskSerialNumber,
     AskVersion,
@@ -28,7 +29,7 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.unit import LOOP_HZ, Reading, Source, UnitOptions, VirtualUnit, same_speed, transfer_s
+from imutui.instrument.unit import Reading, Source, UnitOptions, VirtualUnit, same_speed, transfer_s
 
 __all__ = [
     "LOOP_HZ",

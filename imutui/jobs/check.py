@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from imutui.jobs import check_data, check_file, damage_text
-from imutui.jobs.check_context import SHOWN, Looked
+from imutui.jobs.check_context import SHOWN, CheckContext
 from imutui.jobs.damage_text import plural
 from imutui.logbook import reader, scan, summary
 from imutui.logbook.message_arrays import Audit, audit
@@ -48,7 +48,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages"))
     if content.imu_topic is None and not found.damages:
         raise UnreadableLogError(_no_samples(path, content))
-    log = Looked(found, content)
+    log = CheckContext(found, content)
     findings = [finding for rule in _RULES for finding in rule(log)]
     progress(1.0, "done")
     seconds = float(np.max(log.t)) if log.t.size else 0.0
@@ -70,7 +70,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     }
 
 
-def _notes(log: Looked) -> Iterator[str]:
+def _notes(log: CheckContext) -> Iterator[str]:
     a, found = log.audit, log.found
     if found.held:
         yield "A recorder is writing to it: this is how far it had come."

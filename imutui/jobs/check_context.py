@@ -30,7 +30,7 @@ class Finding:
     next: str
 
 
-class Looked:
+class CheckContext:
     """What the rules look at.
 
     Attributes

@@ -4,24 +4,23 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from filters.imu import CHANNELS, LOOP_HZ
+from filters.kalman.settings import GAP_PERIODS
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
-from imutui.jobs.check_context import Finding, Looked
+from imutui.jobs.check_context import CheckContext, Finding
 from imutui.jobs.damage_text import plural
 from imutui.logbook import schemas
 
-_LONG_GAP = 2.5
 _RATE_OFF = 0.02
 _STAMP_SLACK_NS = 20_000_000
 _EARLIEST_NS = 946_684_800_000_000_000  # 2000: before that it is no UTC but some other clock
 _LIMITS = (-32768, 32767)
-_CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 _EVERY_HZ = 133.0
-_LOOP_HZ = 400.0 / 3.0
 _FEW, _SHARE = 2, 0.1
 
 
-def _times(log: Looked) -> Iterator[Finding]:
+def _times(log: CheckContext) -> Iterator[Finding]:
     """Rules of time that a log is written by: UTC, never backwards, no jump against the monotonic clock."""
     for topic, heads in log.audit.messages.items():
         stamps = heads["log_ns"]
@@ -45,7 +44,7 @@ def _times(log: Looked) -> Iterator[Finding]:
 _CLOCK = "The times are not to be trusted there; replay a part without it (--start, --end)."
 
 
-def _sample_times(log: Looked) -> Iterator[Finding]:
+def _sample_times(log: CheckContext) -> Iterator[Finding]:
     """Stamps of the samples: in order, finite, and those of their messages."""
     a = log.audit
     back = np.flatnonzero(np.diff(a.samples) <= 0)
@@ -70,14 +69,14 @@ def _sample_times(log: Looked) -> Iterator[Finding]:
         yield Finding("stamps", what, f"first {log.at(int(a.samples[int(np.argmax(early))]))}", _CLOCK)
 
 
-def _gaps(log: Looked) -> Iterator[Finding]:
+def _gaps(log: CheckContext) -> Iterator[Finding]:
     """Gaps between samples, and the rate."""
     if log.t.size < 3:
         return
     steps = np.diff(log.t)
     info = log.audit.info
     period = 1.0 / info.rate_hz if info is not None else float(np.median(steps))
-    long = np.flatnonzero(steps > _LONG_GAP * period)
+    long = np.flatnonzero(steps > GAP_PERIODS * period)
     # bursts of a host's stamps are no gaps in the samples
     if (long.size and long.size <= max(1.0, 0.001 * steps.size)) or (
         long.size and info is not None and log.raw is not None
@@ -89,12 +88,12 @@ def _gaps(log: Looked) -> Iterator[Finding]:
     if info is None or info.sampling == "imported":
         return
     measured = (log.t.size - 1) / log.t[-1]
-    if not long.size and abs(measured / min(info.rate_hz, _LOOP_HZ) - 1.0) > _RATE_OFF:
+    if not long.size and abs(measured / min(info.rate_hz, LOOP_HZ) - 1.0) > _RATE_OFF:
         what = f"{info.rate_hz:g} Hz were asked for, {measured:.3f} Hz came."
         yield Finding("rate", what, "over the whole log", "Ask for a rate that the unit and its line speed can give.")
 
 
-def _line(log: Looked) -> Iterator[Finding]:
+def _line(log: CheckContext) -> Iterator[Finding]:
     """What was lost on the line, by the recorder's count and by the packets themselves."""
     told = {key: _integer(log.audit.diagnostics.get(key)) for key in ("lost_packets", "bad_checksums")}
     lost, where = _lost_packets(log)
@@ -116,7 +115,7 @@ def _line(log: Looked) -> Iterator[Finding]:
 _CABLE = "Check the cable, the ground and the line speed; replay and trace take what is there."
 
 
-def _lost_packets(log: Looked) -> tuple[int, str]:
+def _lost_packets(log: CheckContext) -> tuple[int, str]:
     """Packets missing between those of a stream by the times of those that are there, and where first."""
     if log.raw is None or log.raw.size < 3 or log.polled:
         return 0, "by the recorder's count"
@@ -133,7 +132,7 @@ def _lost_packets(log: Looked) -> tuple[int, str]:
     return int(missing.sum()), f"in {plural(int(places.size), 'place')}, first {first}"
 
 
-def _counter(log: Looked) -> Iterator[Finding]:
+def _counter(log: CheckContext) -> Iterator[Finding]:
     """Whether the unit's time counter goes on evenly, and the packets' own numbers."""
     p = log.audit.packets
     if log.raw is None or p.size < 3 or log.polled:
@@ -152,7 +151,7 @@ def _counter(log: Looked) -> Iterator[Finding]:
         yield Finding("counter", what, where, "Check the unit's supply: it may have begun anew.")
 
 
-def _samples_of_packets(log: Looked) -> Iterator[Finding]:
+def _samples_of_packets(log: CheckContext) -> Iterator[Finding]:
     """Whether each sample is what its packets say: how many, when, which values."""
     a, info = log.audit, log.audit.info
     if log.raw is None or info is None or info.sampling not in ("stream", "polled") or not log.raw.size:
@@ -176,7 +175,7 @@ def _samples_of_packets(log: Looked) -> Iterator[Finding]:
         yield Finding("samples", what, f"first {log.at(int(a.samples[k]))}", "Trust the packets; write to us.")
 
 
-def _grouped(log: Looked, *, each: bool) -> tuple[np.ndarray, np.ndarray]:
+def _grouped(log: CheckContext, *, each: bool) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (ns) and mean counts of the samples that the packets make, as the recorder groups them."""
     assert log.raw is not None
     assert log.audit.info is not None
@@ -194,13 +193,13 @@ def _grouped(log: Looked, *, each: bool) -> tuple[np.ndarray, np.ndarray]:
     return (first + np.rint(late / sizes).astype(np.int64))[:-1], mean[:-1]
 
 
-def _limits(log: Looked) -> Iterator[Finding]:
+def _limits(log: CheckContext) -> Iterator[Finding]:
     """Readings that stand at the end of their range."""
     counts = log.audit.packets["counts"]
     at_limit = np.isin(counts, _LIMITS)
     if at_limit.any():
         rows = np.flatnonzero(at_limit.any(axis=1))
-        channels = [name for name, hit in zip(_CHANNELS, np.any(at_limit, axis=0).tolist(), strict=True) if hit]
+        channels = [name for name, hit in zip(CHANNELS, np.any(at_limit, axis=0).tolist(), strict=True) if hit]
         what = f"{plural(int(rows.size), 'packet')} have a count at its limit ({' '.join(channels)})."
         first = log.at(int(log.raw["publish_ns"][rows[0]])) if log.raw is not None else ""
         yield Finding("limits", what, f"first {first}", "The filter leaves them out. Turn the table more slowly there.")
@@ -217,7 +216,7 @@ def _integer(text: str | None) -> int:
         return 0
 
 
-RULES: tuple[Callable[[Looked], Iterator[Finding]], ...] = (
+RULES: tuple[Callable[[CheckContext], Iterator[Finding]], ...] = (
     _times,
     _gaps,
     _line,

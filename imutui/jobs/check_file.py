@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from imutui.jobs import damage_text
-from imutui.jobs.check_context import SHOWN, Finding, Looked
+from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.damage_text import plural
 from imutui.logbook import effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.message_arrays import Audit
 
 
-def _bytes(log: Looked) -> Iterator[Finding]:
+def _bytes(log: CheckContext) -> Iterator[Finding]:
     """Damage between the file's first byte and its last."""
     found = log.found
     costly = damage_text.lossy(found)
@@ -33,7 +33,7 @@ def _bytes(log: Looked) -> Iterator[Finding]:
         yield Finding("repeated", f"{plural(found.repeated, 'chunk')} stand there twice.", "", log.recover())
 
 
-def _ending(log: Looked) -> Iterator[Finding]:
+def _ending(log: CheckContext) -> Iterator[Finding]:
     """How the file ends."""
     found = log.found
     if found.cut and not found.held:
@@ -54,7 +54,7 @@ def _ending(log: Looked) -> Iterator[Finding]:
         yield Finding("trailing", what, f"from byte {found.size - found.trailing:,} on", log.recover())
 
 
-def _counts(log: Looked) -> Iterator[Finding]:
+def _counts(log: CheckContext) -> Iterator[Finding]:
     """Whether all messages are there that the index and their numbers promise."""
     found, index = log.found, log.found.index
     if log.audit.homeless:
@@ -71,7 +71,7 @@ def _counts(log: Looked) -> Iterator[Finding]:
     yield from _numbers(log)
 
 
-def _numbers(log: Looked) -> Iterator[Finding]:
+def _numbers(log: CheckContext) -> Iterator[Finding]:
     """The messages' own numbers, which imutui counts from 0 on each topic."""
     missing: dict[str, int] = {}
     first: list[int] = []
@@ -97,7 +97,7 @@ _LOST_IN_FILE = "They are gone; a replay predicts through the gap. Keep to the p
 _TWICE = "A replay refuses samples that stand twice. Go back to another copy of the file."
 
 
-def _decoding(log: Looked) -> Iterator[Finding]:
+def _decoding(log: CheckContext) -> Iterator[Finding]:
     """Messages that are not what their topic says."""
     total = log.audit.undecodable_count
     if total:
@@ -107,7 +107,7 @@ def _decoding(log: Looked) -> Iterator[Finding]:
         yield Finding("undecodable", what, where, "A replay stops there. Write to whoever made the file.")
 
 
-def _belongings(log: Looked) -> Iterator[Finding]:
+def _belongings(log: CheckContext) -> Iterator[Finding]:
     """Metadata and attachments."""
     a = log.audit
     if a.session_trouble:
@@ -118,8 +118,8 @@ def _belongings(log: Looked) -> Iterator[Finding]:
             what = "The session's metadata is missing: signs, mounting and site are not known."
             yield Finding("session", what, "metadata imutui.session", "Go back to another copy of the file.")
         return
-    if scan.CONFIGURATION not in a.attachments:
-        yield Finding("attachment", "The configuration is missing.", f"attachment {scan.CONFIGURATION}", _NO_CURE)
+    if summary.CONFIGURATION not in a.attachments:
+        yield Finding("attachment", "The configuration is missing.", f"attachment {summary.CONFIGURATION}", _NO_CURE)
     if log.found.finished and summary.SUMMARY not in a.attachments and scan.RECOVERED not in a.metadata:
         yield Finding("attachment", "The quality summary is missing.", f"attachment {summary.SUMMARY}", _NO_CURE)
     yield from _hashes(a)
@@ -141,7 +141,7 @@ def _hashes(a: Audit) -> Iterator[Finding]:
         yield Finding("reference", what, "attachment reference.toml or reference.csv", "Name it: --reference FILE.")
 
 
-def _reference(log: Looked) -> Iterator[Finding]:
+def _reference(log: CheckContext) -> Iterator[Finding]:
     """Whether the log says what is known of the motion."""
     # a recorder writes it once a second; a shorter log has none
     expected = bool(log.audit.session) and log.t.size and log.t[-1] > 2.0
@@ -150,7 +150,7 @@ def _reference(log: Looked) -> Iterator[Finding]:
         yield Finding("reference", what, f"topic {schemas.REFERENCE}", "Say it on replay: --reference level.")
 
 
-RULES: tuple[Callable[[Looked], Iterator[Finding]], ...] = (
+RULES: tuple[Callable[[CheckContext], Iterator[Finding]], ...] = (
     _bytes,
     _ending,
     _counts,

@@ -46,7 +46,7 @@ class Motion:
     how: str = ""
 
 
-def motion_of(log: Log, info: SessionInfo, options: replay.Options, gyro_latency: float = 0.0) -> Motion:
+def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_latency: float = 0.0) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
     Parameters
@@ -55,7 +55,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.Options, gyro_latency
         Samples and what the file says of the table.
     info : SessionInfo
         From `replay.session_of`.
-    options : replay.Options
+    options : replay.ReplayOptions
         `reference` and `overrides` count.
     gyro_latency : float
         How late the gyros read, s: a profile that is joined by them is joined so much too late.

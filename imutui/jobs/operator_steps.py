@@ -72,7 +72,7 @@ class Offer:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class OperatorStep:
     """A segment as the operator has it: what to do, for how long, what becomes testable."""
 
     text: str
@@ -188,11 +188,11 @@ def from_segments(segments: Sequence[Mapping[str, Any]], align: str = "none") ->
 # -------------------------------------------------------------------------------------------------------- what it shows
 
 
-def steps(profile: Profile) -> list[Step]:
+def steps(profile: Profile) -> list[OperatorStep]:
     """The guided list."""
     shown = makes_observable(profile)
     return [
-        Step(what_to_do(segment), seconds_of(segment), tuple(own))
+        OperatorStep(what_to_do(segment), seconds_of(segment), tuple(own))
         for segment, own in zip(profile.segments, shown, strict=True)
     ]
 

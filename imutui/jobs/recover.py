@@ -8,10 +8,10 @@ import numpy as np
 
 from imutui.jobs import damage_text
 from imutui.jobs.damage_text import plural
-from imutui.logbook import atomic_file, reader, schemas, summary
+from imutui.logbook import atomic_file, reader, record_walk, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import Log, UnreadableLogError
-from imutui.logbook.recover import Kept, NotAsWrittenError
+from imutui.logbook.recover import NotAsWrittenError, RebuiltContent
 from imutui.logbook.scan import Scan, scan
 from imutui.logbook.session_info import METADATA
 
@@ -96,7 +96,7 @@ def _refuse(path: Path, output: Path) -> None:
 def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
     """The rebuilt file as a replay reads it, or None and why it can't."""
     try:
-        return reader.read(path), ""
+        return reader.read(path, walk=record_walk.for_reading(path.stat().st_size)), ""
     except UnreadableLogError as error:
         return None, str(error).replace(str(path), str(output))
 
@@ -104,7 +104,7 @@ def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
 def _compare(path: Path, log: Log | None) -> None:
     """Raise unless all that a replay of the source reads stands in the rebuilt file as well."""
     try:
-        source = reader.read(path)
+        source = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
     except UnreadableLogError:
         return  # damaged at its beginning: there is nothing to compare
     n = source.stamp_ns.size
@@ -115,7 +115,7 @@ def _compare(path: Path, log: Log | None) -> None:
         raise NotAsWrittenError(5, "the samples read back are not those of the source, so it was not kept", str(path))
 
 
-def _document(found: Scan, output: Path, kept: Kept, log: Log | None, trouble: str) -> dict[str, Any]:
+def _document(found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str) -> dict[str, Any]:
     samples = 0 if log is None else log.stamp_ns.size
     lost = _lost(found, kept)
     state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
@@ -139,7 +139,7 @@ def _document(found: Scan, output: Path, kept: Kept, log: Log | None, trouble: s
     }
 
 
-def _missing(found: Scan, kept: Kept, topic: str | None) -> int | None:
+def _missing(found: Scan, kept: RebuiltContent, topic: str | None) -> int | None:
     """Messages that are not there any more, of one topic or of all; None if nothing tells how many there were."""
     have = kept.messages if topic is None else kept.topics.get(topic, 0)
     index = found.index
@@ -164,7 +164,7 @@ def _ending(found: Scan) -> list[str]:
     return [f"It ended in the middle: its last {plural(cut.bytes, 'byte')} are no whole record."]
 
 
-def _lost(found: Scan, kept: Kept) -> list[str]:
+def _lost(found: Scan, kept: RebuiltContent) -> list[str]:
     """What is not in the rebuilt file, a sentence each; empty if nothing is missing but an unfinished end."""
     told = damage_text.sentences(found, _start(found))
     messages, samples = _missing(found, kept, None), _missing(found, kept, schemas.IMU)

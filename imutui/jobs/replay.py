@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from filters import allan
 from filters.imu import Noise
 from filters.kalman import layout, runner
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import Settings
+from filters.kalman.settings import GAP_PERIODS, Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
@@ -26,7 +25,7 @@ from imutui.logbook import (
     results,
     schemas,
 )
-from imutui.logbook.estimates import Verdict
+from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, Timings
@@ -36,11 +35,10 @@ from imutui.logbook.writer import LogWriter
 ESTIMATES_HZ = 1.0
 _ROWS = 1024
 _PART = 65536
-_LONG_GAP = 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ReplayOptions:
     """What a replay may set differently from the recording.
 
     Attributes
@@ -106,14 +104,16 @@ class Part:
     temperature: np.ndarray
 
 
-def replay(path: Path, options: Options, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
+def replay(
+    path: Path, options: ReplayOptions, progress: Callable[[float], None] = lambda share: None
+) -> dict[str, Any]:
     """Run the filter over one log.
 
     Parameters
     ----------
     path : Path
         The log.
-    options : Options
+    options : ReplayOptions
         Part, settings, pace.
     progress : callable
         Told the share done, 0 to 1, now and then.
@@ -177,7 +177,7 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     return result
 
 
-def prepare(log: Log, part: Part, options: Options) -> tuple[SessionInfo, Settings]:
+def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, Settings]:
     """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples."""
     info = session_of(log, options)
     motion = motion_of(log, info, options, part.start)
@@ -192,7 +192,7 @@ def prepare(log: Log, part: Part, options: Options) -> tuple[SessionInfo, Settin
     return info, info.settings(motion, noise, offset, offset_sd, make)
 
 
-def session_of(log: Log, options: Options) -> SessionInfo:
+def session_of(log: Log, options: ReplayOptions) -> SessionInfo:
     """Session of a log with overrides; a foreign file's rate is that of its samples."""
     info = log.info
     if not log.own:
@@ -211,14 +211,14 @@ def session_of(log: Log, options: Options) -> SessionInfo:
     return replace(info, **(options.overrides or {}))
 
 
-def effects_of(log: Log, options: Options) -> bytes:
+def effects_of(log: Log, options: ReplayOptions) -> bytes:
     """Content of the effects file that a replay takes: the one asked for, else the log's own."""
     return (
         log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE) if options.effects is None else options.effects
     )
 
 
-def motion_of(log: Log, info: SessionInfo, options: Options, start: float) -> Profile | Trajectory | None:
+def motion_of(log: Log, info: SessionInfo, options: ReplayOptions, start: float) -> Profile | Trajectory | None:
     """Motion that the reference needs, its time counted from `start` s of the log where it has no offset of its own."""
     if info.reference not in ("profile", "trajectory"):
         return None
@@ -252,13 +252,16 @@ def measured_noise(info: SessionInfo, part: Part) -> Noise:
             " still log, or leave filter.noise at table1."
         )
     period = 1.0 / info.rate_hz
-    breaks = np.flatnonzero(np.diff(part.t) > _LONG_GAP * period) + 1
+    breaks = np.flatnonzero(np.diff(part.t) > GAP_PERIODS * period) + 1
     # bursts of a host's stamps are no gaps in the samples
     if breaks.size > 0.001 * part.t.size:
         breaks = breaks[:0]
     edges = np.concatenate([[0], breaks, [part.t.size]])
     longest = int(np.argmax(np.diff(edges)))
     piece = slice(edges[longest], edges[longest + 1])
+    # its fit brings solvers along that no other replay needs
+    from filters import allan
+
     levels = allan.noise_of(np.column_stack([part.accel[piece], part.gyro[piece]]), period)
     white, drift = levels.white.tolist(), levels.drift.tolist()
     return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
@@ -320,14 +323,14 @@ class _EstimateSink:
         self._rows: list[np.ndarray] = []
         self._count = 0
         self._said: object = None
-        self._verdict = Verdict((True,) * 6, (False,) * 6)
+        self._verdict = BiasVerdicts((True,) * 6, (False,) * 6)
 
     def take(self, rows: np.ndarray, estimator: Estimator) -> None:
         """Write rows of estimates."""
         said = (estimator.observable, tuple(s is not None for s in estimator.monitor.convergence().since))
         if said != self._said or self._count >= _ROWS:
             self._write()
-            self._said, self._verdict = said, Verdict.of(estimator, self._info)
+            self._said, self._verdict = said, BiasVerdicts.of(estimator, self._info)
         self._rows.append(rows)
         self._count += len(rows)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from filters.imu import STANDARD_GRAVITY, format_mount
 from filters.tracing import residual
 from filters.types import Array
-from imutui.jobs.runs import Read
+from imutui.jobs.runs import LoggedRun
 
 _STEP = 0.05
 _SAME = 1e-9
@@ -38,7 +38,7 @@ _NOT_STATED = ("", "unknown")
 # ------------------------------------------------------------------------------------------- logs beside one another
 
 
-def check_together(reads: Sequence[Read]) -> None:
+def check_together(reads: Sequence[LoggedRun]) -> None:
     """Refuse logs that cannot be runs of one campaign.
 
     Raises
@@ -84,15 +84,15 @@ def check_together(reads: Sequence[Read]) -> None:
             )
 
 
-def digest(read: Read) -> str:
+def digest(read: LoggedRun) -> str:
     """Of the samples, whatever the file is called."""
     content = hashlib.sha256(read.run.t.tobytes())
     content.update(np.ascontiguousarray(read.run.reading).tobytes())
     return content.hexdigest()
 
 
-def _check_copies(reads: Sequence[Read]) -> None:
-    seen: dict[str, Read] = {}
+def _check_copies(reads: Sequence[LoggedRun]) -> None:
+    seen: dict[str, LoggedRun] = {}
     for read in reads:
         samples = digest(read)
         before = seen.get(samples)
@@ -110,10 +110,10 @@ def _check_copies(reads: Sequence[Read]) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class _GriddedRun:
     """A run on an even grid: what was read, what a perfect unit reads (instrument axes, (n, 6)), which blocks count."""
 
-    read: Read
+    read: LoggedRun
     period: float
     readings: Array
     expected: Array
@@ -125,7 +125,7 @@ class _Seen:
         return np.asarray(np.linalg.norm(self.expected[:, :3], axis=1) > _MOVING)
 
 
-def check_reference(read: Read) -> None:
+def check_reference(read: LoggedRun) -> None:
     """Refuse a reference that contradicts the readings: a wrong sign, wrong angles, wrong rates, a wrong time.
 
     Raises
@@ -145,7 +145,7 @@ def check_reference(read: Read) -> None:
     _check_angles(seen)
 
 
-def _seen(read: Read) -> _Seen:
+def _seen(read: LoggedRun) -> _GriddedRun:
     run = read.run
     made = residual.blocks(run, _STEP)
     good: NDArray[np.bool_] = np.asarray((made.weight > 0.0).all(axis=1))
@@ -156,10 +156,10 @@ def _seen(read: Read) -> _Seen:
     alive: NDArray[np.bool_] = np.asarray(
         np.ptp(np.where(good[:, None], readings, readings[np.argmax(good)]), axis=0) > _SAME
     )
-    return _Seen(read, made.period, readings, expected, good, alive)
+    return _GriddedRun(read, made.period, readings, expected, good, alive)
 
 
-def _check_rest(seen: _Seen) -> None:
+def _check_rest(seen: _GriddedRun) -> None:
     """A unit that is said to be at rest must not turn."""
     if not seen.read.run.still:
         return
@@ -175,7 +175,7 @@ def _check_rest(seen: _Seen) -> None:
         )
 
 
-def _check_sign(seen: _Seen) -> None:
+def _check_sign(seen: _GriddedRun) -> None:
     """The readings of gravity must not be its opposite."""
     use = seen.alive[3:] if seen.alive[3:].any() else np.ones(3, bool)
     read, expected = seen.readings[seen.good, 3:][:, use], seen.expected[seen.good, 3:][:, use]
@@ -195,7 +195,7 @@ def _check_sign(seen: _Seen) -> None:
     )
 
 
-def _check_rates(seen: _Seen) -> None:
+def _check_rates(seen: _GriddedRun) -> None:
     """While the table turns, the gyros must follow it, and at its time."""
     moving = seen.moving() & seen.good
     axes = [k for k in range(3) if seen.alive[k] and np.std(seen.expected[seen.good, k]) > _MOVING]
@@ -236,7 +236,7 @@ def _check_rates(seen: _Seen) -> None:
     )
 
 
-def _shift(seen: _Seen, read: Array, wanted: Array) -> tuple[float, float]:
+def _shift(seen: _GriddedRun, read: Array, wanted: Array) -> tuple[float, float]:
     """Shift at which the readings follow best, s, and the mean square of what it leaves."""
     n = len(read)
     weight = seen.good[:, None]
@@ -259,7 +259,7 @@ def _shift(seen: _Seen, read: Array, wanted: Array) -> tuple[float, float]:
     return (float(lags[best]) + fine) * seen.period, float(misfit[best])
 
 
-def _check_angles(seen: _Seen) -> None:
+def _check_angles(seen: _GriddedRun) -> None:
     """At rest, gravity must be felt in the direction that the angles say."""
     still = seen.good & (np.linalg.norm(seen.expected[:, :3], axis=1) < _AT_REST)
     if still.sum() < 20 or not seen.alive[3:].sum() >= 2:
@@ -294,7 +294,7 @@ def _check_angles(seen: _Seen) -> None:
 # ------------------------------------------------------------------------------------------------------- what to expect
 
 
-def expectations(training: Sequence[Read], heldout: Read | None) -> list[str]:
+def expectations(training: Sequence[LoggedRun], heldout: LoggedRun | None) -> list[str]:
     """Sentences on what these logs cannot give, before anything is traced."""
     said = []
     if heldout is not None and heldout.run.seconds < _JUDGED_S:

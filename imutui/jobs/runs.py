@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.imu import IMU400CD_200
+from filters.imu import IMU400CD_200, LOOP_HZ
 from filters.tracing.residual import Run
 from filters.types import Array
 from imutui.instrument.scaling import Scaling
@@ -19,13 +19,11 @@ from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
 
 CROSSBOW = "IMU400CD"
-# the unit's own loop: 400/3 Hz
-_LOOP_HZ = 400.0 / 3.0
 _SHORTEST_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class LoggedRun:
     """A log that was read for tracing.
 
     Attributes
@@ -52,7 +50,7 @@ class Read:
     how: str
 
 
-def read_run(path: Path, name: str, options: replay.Options) -> Read:
+def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
     """Read a log as one run.
 
     Parameters
@@ -61,7 +59,7 @@ def read_run(path: Path, name: str, options: replay.Options) -> Read:
         The log.
     name : str
         What the run is to be called.
-    options : replay.Options
+    options : replay.ReplayOptions
         Reference and overrides of the session.
 
     Raises
@@ -102,7 +100,7 @@ def read_run(path: Path, name: str, options: replay.Options) -> Read:
         np.repeat(bad[:, None], 6, axis=1) if bad.any() else None,
         averaged=info.sampling == "stream",
     )
-    return Read(path, info, run, log.finished, log.damage, motion.how)
+    return LoggedRun(path, info, run, log.finished, log.damage, motion.how)
 
 
 def _temperature(log: Log, t: Array) -> Array | None:
@@ -126,5 +124,5 @@ def _figures(info: SessionInfo) -> tuple[Array | None, Array | None, Array]:
     bandwidth = np.repeat([IMU400CD_200.gyro_bandwidth, IMU400CD_200.accel_bandwidth], 3)
     # Table 1's limits as the first-order filter that the unit runs once a loop, y += (1 - p) (x - y): a ramp comes out
     # p/(1 - p) loops late
-    p = np.exp(-2.0 * np.pi * bandwidth / _LOOP_HZ)
-    return lsb, bandwidth, p / (1.0 - p) / _LOOP_HZ
+    p = np.exp(-2.0 * np.pi * bandwidth / LOOP_HZ)
+    return lsb, bandwidth, p / (1.0 - p) / LOOP_HZ

@@ -42,21 +42,21 @@ class TraceResult:
     experiment: str
 
 
-def replay_log(path: Path, options: "replay.Options | None", tell: Tell) -> dict[str, Any]:
+def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> dict[str, Any]:
     """The filter over one log: the result document, contracts section 5."""
     from imutui.jobs import replay
 
     tell(0.0, f"reading {path.name}")
-    return replay.replay(path, options or replay.Options(), lambda share: tell(share, f"filtering {path.name}"))
+    return replay.replay(path, options or replay.ReplayOptions(), lambda share: tell(share, f"filtering {path.name}"))
 
 
-def trace_logs(logs: Sequence[Path], options: "trace.Options | None", tell: Tell) -> TraceResult:
+def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell: Tell) -> TraceResult:
     """A trace over logs, one log a run."""
     tell(0.0, "starting")
     from imutui.jobs import trace
     from imutui.logbook import effects_file
 
-    traced = trace.trace(list(logs), options or trace.Options(), tell)
+    traced = trace.trace(list(logs), options or trace.TraceOptions(), tell)
     experiment = traced.document.get("separating_experiment") or {}
     return TraceResult(
         traced.document,

@@ -14,7 +14,7 @@ import numpy as np
 import imutui
 from filters.effects.records import Trace
 from imutui.jobs import replay, run_consistency, runs
-from imutui.jobs.runs import Read
+from imutui.jobs.runs import LoggedRun
 from imutui.logbook import reader
 from imutui.logbook.reference_file import ReferenceFile
 
@@ -23,7 +23,7 @@ _READING = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class TraceOptions:
     """What a trace may set.
 
     Attributes
@@ -70,7 +70,7 @@ class Traced:
 
 
 def trace(
-    logs: Sequence[Path], options: Options, progress: Callable[[float, str], None] = lambda share, what: None
+    logs: Sequence[Path], options: TraceOptions, progress: Callable[[float, str], None] = lambda share, what: None
 ) -> Traced:
     """Trace a unit over its logs, one log a run.
 
@@ -78,7 +78,7 @@ def trace(
     ----------
     logs : sequence of Path
         At least one.
-    options : Options
+    options : TraceOptions
         What is held out, reference, seed.
     progress : callable
         Told the share done, 0 to 1, and what is being done.
@@ -99,7 +99,7 @@ def trace(
     reads = []
     for number, (path, name) in enumerate(zip(paths, names, strict=True)):
         progress(_READING * number / len(paths), f"reading {path.name}")
-        wanted = replay.Options(overrides=dict(options.overrides), reference=options.reference)
+        wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
         reads.append(runs.read_run(path, name, wanted))
     run_consistency.check_together(reads)
     for read in reads:
@@ -173,7 +173,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{n} {path.stem}" for n, path in enumerate(paths, 1)]
 
 
-def _run(read: Read, *, heldout: bool) -> dict[str, Any]:
+def _run(read: LoggedRun, *, heldout: bool) -> dict[str, Any]:
     run, info = read.run, read.info
     return {
         "id": run.name,
@@ -190,12 +190,12 @@ def _run(read: Read, *, heldout: bool) -> dict[str, Any]:
     }
 
 
-def _damage(read: Read) -> str:
+def _damage(read: LoggedRun) -> str:
     if read.damage:
         return f"{read.path}: {read.damage}. Read up to {read.run.seconds:.1f} s; all before that is used."
     return "" if read.finished else f"{read.path} is unfinished; all up to its last flush is used."
 
 
-def _source(fitted: Sequence[Read], held: Read | None) -> str:
+def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
     text = "trace of " + ", ".join(read.path.name for read in fitted)
     return text if held is None else f"{text}; held out {held.path.name}"

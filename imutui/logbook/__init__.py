@@ -1,10 +1,12 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
-`schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its
-records, `scan` what lies in a damaged one, `message_arrays` every message of it, `recover` a whole one made of what is
-left · `importer` recordings made elsewhere, `import_reference` what they know of their motion, `arrival_stamps` their
-sampling instants · `reference_file`, `trajectory_file`, `effects_file` the other formats · `results` the JSON document
-of a replay or a live run. The only user of mcap.
+`schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes ·
+`mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
+`message_arrays`, `columns` all messages as arrays, `record_walk` how they are found in bytes (`plain_walk`, or
+compiled: `mcap_kernels`) · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
+`import_reference` what they know of their motion, `arrival_stamps` their sampling instants · `reference_file`,
+`trajectory_file`, `effects_file` the other formats · `results` the JSON document of a replay or a live run. The only
+user of mcap, zstandard, lz4 and rosbags.
 """
 
 from imutui.logbook.session_info import SessionInfo

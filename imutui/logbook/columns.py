@@ -3,8 +3,9 @@
 import numpy as np
 from mcap.records import Message
 
-from imutui.logbook import mcap_kernels, schemas
-from imutui.logbook.mcap_format import Batch
+from imutui.logbook import message_layout, schemas
+from imutui.logbook.mcap_stream import Batch
+from imutui.logbook.record_walk import Walk
 
 _BLOCK = 2**16
 
@@ -44,12 +45,19 @@ class Growing:
 
 
 class Columns:
-    """The fields that are read of every sample."""
+    """The fields that are read of every sample.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    walk : Walk
+        How they are copied out of bytes.
+    """
+
+    def __init__(self, walk: Walk) -> None:
+        self._gather = walk.gather
         self._imu = Growing(9, np.uint64)
         self._temperature = Growing(2, np.uint64)
-        self._raw = Growing(mcap_kernels.RAW_SIZE, np.uint8)
+        self._raw = Growing(message_layout.RAW_SIZE, np.uint8)
         self._table = Growing(7, np.uint64)
 
     def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
@@ -62,7 +70,7 @@ class Columns:
         roles : np.ndarray
             Role of each channel id, uint8, shape (65536,).
         counts : np.ndarray
-            How many of the messages have each role, see `fast.tally`.
+            How many of the messages have each role, see `Walk.tally`.
 
         Returns
         -------
@@ -71,7 +79,7 @@ class Columns:
         """
         _, _, imu, temperature, raw, table = counts.tolist()
         rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw), self._table.room(table)
-        if not mcap_kernels.gather(batch.data, batch.table, roles, *rooms):
+        if not self._gather(batch.data, batch.table, roles, *rooms):
             return False
         self._imu.keep(imu)
         self._temperature.keep(temperature)
@@ -133,4 +141,4 @@ class Columns:
 
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
-        return self._raw.columns(0, mcap_kernels.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]
+        return self._raw.columns(0, message_layout.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]

@@ -32,15 +32,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from filters.effects.records import Included, State, Trace
-from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS
-from filters.kalman.augmentation import Effects, MakeEffects
 from imutui.logbook.session_info import SessionInfo
+
+if TYPE_CHECKING:
+    from filters.kalman.augmentation import Effects, MakeEffects
 
 ATTACHMENT = "effects.toml"
 """Name under which the effects travel in a log."""
@@ -83,7 +84,7 @@ class EffectsDocument:
         return np.asarray(self.correlation * np.outer(sd, sd))
 
 
-def build(document: EffectsDocument, info: SessionInfo) -> Effects:
+def build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     """Effects of one run, in body axes and SI, from an effects file.
 
     Parameters
@@ -98,10 +99,13 @@ def build(document: EffectsDocument, info: SessionInfo) -> Effects:
     ValueError
         If an effect is none that there is, or lacks a parameter; the message names it.
     """
+    # what is read and written here needs no filter
+    from filters.effects.runtime import CausalEffects
+
     return CausalEffects(document.effects, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
 
 
-def maker(content: bytes, info: SessionInfo) -> MakeEffects | None:
+def maker(content: bytes, info: SessionInfo) -> "MakeEffects | None":
     """What makes the effects of a file for each run; None for no file.
 
     Made once here, so that what cannot be is said before a run begins.
@@ -126,7 +130,7 @@ def maker(content: bytes, info: SessionInfo) -> MakeEffects | None:
     return make
 
 
-def _build(document: EffectsDocument, info: SessionInfo) -> Effects:
+def _build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     # looked up when called, so that the seam is one name
     return build(document, info)
 

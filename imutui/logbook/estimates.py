@@ -12,7 +12,7 @@ from imutui.logbook.session_info import SessionInfo
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class BiasVerdicts:
     """What is said of all biases at once, accelerometer then gyro, instrument axes; each six.
 
     Attributes
@@ -27,7 +27,7 @@ class Verdict:
     converged: tuple[bool, ...]
 
     @classmethod
-    def of(cls, estimator: Estimator, info: SessionInfo) -> "Verdict":
+    def of(cls, estimator: Estimator, info: SessionInfo) -> "BiasVerdicts":
         """As it stands."""
         axes = info.axes()
         since = results.converged_since(estimator, axes)
@@ -35,7 +35,7 @@ class Verdict:
         return cls(tuple(bool(s) for s in results.seen_axes(estimator, axes)), converged)
 
 
-def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: Verdict, info: SessionInfo) -> list[bytes]:
+def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> list[bytes]:
     """CDR bytes of estimates.
 
     Parameters
@@ -44,7 +44,7 @@ def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: Verdict, info: Sess
         As `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
     stamps_ns : np.ndarray
         Sampling instants, UTC, ns, shape (K,).
-    verdict : Verdict
+    verdict : BiasVerdicts
         Holds for all of them.
     info : SessionInfo
         Axes and units.

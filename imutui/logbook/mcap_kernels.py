@@ -1,26 +1,32 @@
 """Compiled walks over MCAP records and the fields of our fixed messages; knows bytes, neither files nor libraries.
 
-Imported only by who reads a log: the compiler costs an import of its own, which a recording need not wait for.
+Imported only for logs so long that loading the compiler pays (`record_walk`); `plain_walk` says the same without it.
 """
 
 import numpy as np
 from numba import njit
 
-MESSAGE = 5
-HEADER_SIZE = 9
-"""Bytes before a record's content: opcode, length (uint64)."""
-MESSAGE_HEADER_SIZE = 22
-"""Bytes before a message's data: channel id, sequence, log time, publish time."""
-OPCODE, CHANNEL, OFFSET, LENGTH = range(4)
-"""Columns of a table of records: of a message, offset and length are those of its data."""
-IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE = range(6)
-"""What a channel's messages are to the reader."""
-
-RAW_SIZE = 38
-_DOUBLE = 8
-_IMU_DOUBLES = 37
-_TEMPERATURE_DOUBLES = 2
-_TABLE_DOUBLES = 6
+from imutui.logbook.message_layout import (
+    DOUBLE,
+    FORCE,
+    FORCE_COVARIANCE,
+    HEADER_SIZE,
+    IMU,
+    IMU_DOUBLES,
+    MESSAGE_HEADER_SIZE,
+    MESSAGE_OPCODE,
+    OTHER,
+    RATE,
+    RATE_COVARIANCE,
+    RAW,
+    RAW_SIZE,
+    ROLES,
+    TABLE,
+    TABLE_DOUBLES,
+    TEMPERATURE,
+    TEMPERATURE_DOUBLES,
+    RecordTable,
+)
 
 
 @njit(cache=True)
@@ -31,16 +37,15 @@ def _uint(data, at, size):  # type: ignore[no-untyped-def]
     return value
 
 
-@njit(cache=True)
-def count(data, start, limit):  # type: ignore[no-untyped-def]
-    """How many whole records lie in bytes from `start` on.
+def end_of_whole(data: np.ndarray, limit: int) -> int:
+    """Where the first record begins that is not whole, or is longer than `limit`; the end if there is none."""
+    return int(_count(data, limit)[1])
 
-    Returns
-    -------
-    tuple of int
-        Their number, and where the first one begins that is not whole or is longer than `limit`.
-    """
-    n, at, end = 0, start, data.size
+
+@njit(cache=True)
+def _count(data, limit):  # type: ignore[no-untyped-def]
+    """How many whole records lie in bytes, and where the first one begins that is not."""
+    n, at, end = 0, np.int64(0), data.size
     while at + HEADER_SIZE <= end:
         length = _uint(data, at + 1, 8)
         if length > np.uint64(limit) or at + HEADER_SIZE + np.int64(length) > end:
@@ -50,33 +55,34 @@ def count(data, start, limit):  # type: ignore[no-untyped-def]
     return n, at
 
 
-@njit(cache=True)
-def tabulate(data, start, wanted, table):  # type: ignore[no-untyped-def]
-    """Opcode, channel, offset and length of the whole records from `start` on whose opcode is wanted.
+def tabulate(data: np.ndarray, limit: int, wanted: np.ndarray) -> RecordTable:
+    """Opcode, channel, offset and length of the whole records whose opcode is wanted.
 
     Parameters
     ----------
     data : np.ndarray
         Bytes, uint8.
-    start : int
-        Where the first record begins.
+    limit : int
+        Longest record, bytes.
     wanted : np.ndarray
         Of each opcode, bool, shape (256,).
-    table : np.ndarray
-        int64, shape (n, 4), n being what `count` found; filled from its first row on.
-
-    Returns
-    -------
-    tuple of int
-        Rows filled, how many of them are no messages, and how many are messages shorter than their own header.
     """
-    at, rows, others, short = start, 0, 0, 0
+    n, end = _count(data, limit)
+    table = np.empty((n, 4), np.int64)
+    rows, others, short = _fill(data, wanted, table)
+    return RecordTable(table[:rows], end, others, short)
+
+
+@njit(cache=True)
+def _fill(data, wanted, table):  # type: ignore[no-untyped-def]
+    """Fill a table from its first row on; returns rows filled, and `others` and `short` of `RecordTable`."""
+    at, rows, others, short = np.int64(0), 0, 0, 0
     for _ in range(table.shape[0]):
         opcode, length = data[at], np.int64(_uint(data, at + 1, 8))
         at += HEADER_SIZE
         if wanted[opcode]:
             channel, offset, size = np.int64(-1), at, length
-            if opcode != MESSAGE:
+            if opcode != MESSAGE_OPCODE:
                 others += 1
             elif length < MESSAGE_HEADER_SIZE:
                 short += 1
@@ -100,7 +106,7 @@ def tally(table, roles):  # type: ignore[no-untyped-def]
     roles : np.ndarray
         Role of each channel id, uint8, shape (65536,).
     """
-    counts = np.zeros(6, np.int64)
+    counts = np.zeros(ROLES, np.int64)
     for row in range(table.shape[0]):
         counts[roles[table[row, 1]]] += 1
     others = np.empty(counts[OTHER], np.int64)
@@ -124,8 +130,8 @@ def _body(data, at, length, doubles):  # type: ignore[no-untyped-def]
     if text < 1 or 16 + text > length:
         return -1
     # float64 are aligned to 8 bytes counted from after the encapsulation's 4
-    body = at + 4 + (12 + text + 7) // _DOUBLE * _DOUBLE
-    if body + doubles * _DOUBLE != at + length:
+    body = at + 4 + (12 + text + 7) // DOUBLE * DOUBLE
+    if body + doubles * DOUBLE != at + length:
         return -1
     for i in range(at + 16, at + 16 + text):
         if data[i] > 127:
@@ -143,8 +149,8 @@ def _table_body(data, at, length):  # type: ignore[no-untyped-def]
     if text < 1 or 4 + kind + 4 > length:
         return -1
     letters = np.int64(_uint(data, at + 4 + kind, 4))
-    body = at + 4 + (kind + 4 + letters + 7) // _DOUBLE * _DOUBLE
-    if letters < 1 or body + _TABLE_DOUBLES * _DOUBLE != at + length:
+    body = at + 4 + (kind + 4 + letters + 7) // DOUBLE * DOUBLE
+    if letters < 1 or body + TABLE_DOUBLES * DOUBLE != at + length:
         return -1
     return body
 
@@ -188,18 +194,18 @@ def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[n
     for row in range(table.shape[0]):
         role, at, length = roles[table[row, 1]], table[row, 2], table[row, 3]
         if role == IMU:
-            body = _body(data, at, length, _IMU_DOUBLES)
+            body = _body(data, at, length, IMU_DOUBLES)
             if body < 0:
                 return False
             imu[i, 0] = np.uint64(_stamp(data, at))
             for axis in range(3):
-                imu[i, 1 + axis] = _uint(data, body + _DOUBLE * (13 + axis), 8)
-                imu[i, 4 + axis] = _uint(data, body + _DOUBLE * (25 + axis), 8)
-            imu[i, 7] = _uint(data, body + _DOUBLE * 16, 8)
-            imu[i, 8] = _uint(data, body + _DOUBLE * 28, 8)
+                imu[i, 1 + axis] = _uint(data, body + DOUBLE * (RATE + axis), 8)
+                imu[i, 4 + axis] = _uint(data, body + DOUBLE * (FORCE + axis), 8)
+            imu[i, 7] = _uint(data, body + DOUBLE * RATE_COVARIANCE, 8)
+            imu[i, 8] = _uint(data, body + DOUBLE * FORCE_COVARIANCE, 8)
             i += 1
         elif role == TEMPERATURE:
-            body = _body(data, at, length, _TEMPERATURE_DOUBLES)
+            body = _body(data, at, length, TEMPERATURE_DOUBLES)
             if body < 0:
                 return False
             temperature[j, 0] = np.uint64(_stamp(data, at))
@@ -216,7 +222,7 @@ def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[n
             if body < 0:
                 return False
             motion[m, 0] = np.uint64(_stamp(data, at))
-            for column in range(_TABLE_DOUBLES):
-                motion[m, 1 + column] = _uint(data, body + _DOUBLE * column, 8)
+            for column in range(TABLE_DOUBLES):
+                motion[m, 1 + column] = _uint(data, body + DOUBLE * column, 8)
             m += 1
     return True

@@ -8,36 +8,45 @@ import mmap
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
-from rosbags.serde import SerdeError
 
-from imutui.logbook import mcap_format, mcap_kernels, schemas, summary
+from imutui.logbook import mcap_format, message_layout, record_walk, schemas, summary
 from imutui.logbook import scan as scanning
 from imutui.logbook.columns import Columns
-from imutui.logbook.mcap_format import Batch
-from imutui.logbook.reader import Event, Table
+from imutui.logbook.mcap_format import HEAD, parse
+from imutui.logbook.mcap_stream import Batch
+from imutui.logbook.reader import Table
+from imutui.logbook.record_walk import Walk
 from imutui.logbook.scan import Piece, Scan
+from imutui.logbook.schemas import LogEvent
 from imutui.logbook.session_info import METADATA, SessionInfo
 
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
 """What the format has of each message besides its data."""
 _WANTED = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
 _PLAIN = {
-    schemas.RAW: mcap_kernels.RAW,
-    schemas.IMU: mcap_kernels.IMU,
-    schemas.TEMPERATURE: mcap_kernels.TEMPERATURE,
-    schemas.REFERENCE: mcap_kernels.TABLE,
+    schemas.RAW: message_layout.RAW,
+    schemas.IMU: message_layout.IMU,
+    schemas.TEMPERATURE: message_layout.TEMPERATURE,
+    schemas.REFERENCE: message_layout.TABLE,
 }
 _SHOWN = 20
 # bytes that are no such message fail in whichever way the decoder meets them first
-_UNDECODABLE = (SerdeError, struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError)
+_UNDECODABLE = (
+    schemas.UndecodableError,
+    struct.error,
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+)
 
 
 @dataclass(slots=True)
@@ -68,7 +77,7 @@ class Audit:
         Records of `schemas.RAW_DTYPE`.
     table : Table
         All of /table/reference.
-    events : list of Event
+    events : list of LogEvent
         Marks and events.
     diagnostics : dict
         Values of the last /diagnostics.
@@ -97,7 +106,7 @@ class Audit:
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     table: Table = field(default_factory=Table)
-    events: list[Event] = field(default_factory=list)
+    events: list[LogEvent] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     undecodable: list[tuple[str, int, str]] = field(default_factory=list)
     undecodable_count: int = 0
@@ -121,7 +130,7 @@ def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -
         Told the share done, 0 to 1.
     """
     with found.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        work = _Work(found)
+        work = _Work(found, record_walk.for_reading(found.size))
         for number, piece in enumerate(found.pieces):
             work.take(piece, scanning.content(data, piece))
             progress(number / len(found.pieces))
@@ -133,13 +142,14 @@ def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -
 class _Work:
     """Collects pieces into an `Audit`."""
 
-    def __init__(self, found: Scan) -> None:
+    def __init__(self, found: Scan, walk: Walk) -> None:
         self.audit = Audit()
+        self._walk = walk
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
         self._decompressor = zstandard.ZstdDecompressor()
-        self._columns = Columns()
-        self._roles = np.full(2**16, mcap_kernels.IGNORED, np.uint8)
+        self._columns = Columns(walk)
+        self._roles = np.full(2**16, message_layout.IGNORED, np.uint8)
         self._parts: dict[int, list[np.ndarray]] = {}
         if found.index is not None:
             for schema in found.index.schemas.values():
@@ -152,15 +162,15 @@ class _Work:
         if piece.opcode == Opcode.CHUNK:
             self._records(mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor))
         elif piece.opcode == Opcode.METADATA:
-            record = Metadata.read(_stream(body))
+            record = parse(Metadata, body)
             self.audit.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
             if record.name == METADATA:
                 self._session(self.audit.metadata[record.name])
         elif piece.opcode == Opcode.ATTACHMENT:
-            attachment = Attachment.read(_stream(body))
+            attachment = parse(Attachment, body)
             self.audit.attachments[attachment.name] = attachment.data
         else:
-            self._records(struct.pack("<BQ", piece.opcode, piece.length) + body)
+            self._records(HEAD.pack(piece.opcode, piece.length) + body)
 
     def _session(self, strings: dict[str, str]) -> None:
         self.audit.session = strings
@@ -179,42 +189,38 @@ class _Work:
         cdr = channel.message_encoding == "cdr"
         ours = cdr and schemas.TYPES.get(channel.topic) == typename
         imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
-        self._roles[channel.id] = (
-            mcap_kernels.IMU if imu else _PLAIN.get(channel.topic, mcap_kernels.OTHER) if ours else mcap_kernels.IGNORED
-        )
+        own = _PLAIN.get(channel.topic, message_layout.OTHER) if ours else message_layout.IGNORED
+        self._roles[channel.id] = message_layout.IMU if imu else own
 
     def _records(self, content: bytes) -> None:
         data = np.frombuffer(content, np.uint8)
-        n, _ = mcap_kernels.count(data, 0, len(content))
-        table = np.empty((n, 4), np.int64)
-        rows, others, short = mcap_kernels.tabulate(data, 0, _WANTED, table)
-        table = table[:rows]
+        table, _, others, short = self._walk.tabulate(data, len(content), _WANTED)
         self.audit.undecodable_count += short
-        messages = table[:, mcap_kernels.OPCODE] == mcap_kernels.MESSAGE
+        messages = table[:, message_layout.OPCODE] == message_layout.MESSAGE_OPCODE
         for _, _, at, length in table[~messages].tolist() if others else ():
-            self._declaration(content[at - mcap_kernels.HEADER_SIZE], content[at : at + length])
-        table = table[messages & (table[:, mcap_kernels.CHANNEL] >= 0)]
+            self._declaration(content[at - HEAD.size], content[at : at + length])
+        table = table[messages & (table[:, message_layout.CHANNEL] >= 0)]
         if len(table):
             self._batch(Batch(content, data, table))
 
     def _declaration(self, opcode: int, body: bytes) -> None:
         if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(body))
+            schema = parse(Schema, body)
             self._schemas[schema.id] = schema.name
         else:
-            self._declare(Channel.read(_stream(body)))
+            self._declare(parse(Channel, body))
 
     def _batch(self, batch: Batch) -> None:
-        starts = batch.table[:, mcap_kernels.OFFSET] - mcap_kernels.MESSAGE_HEADER_SIZE
-        heads = batch.data[starts[:, None] + np.arange(mcap_kernels.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
-        for channel in np.unique(heads["channel"]).tolist():
+        starts = batch.table[:, message_layout.OFFSET] - message_layout.MESSAGE_HEADER_SIZE
+        heads = batch.data[starts[:, None] + np.arange(message_layout.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
+        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
             self._parts.setdefault(channel, []).append(heads[heads["channel"] == channel])
-        counts, others = mcap_kernels.tally(batch.table, self._roles)
+        counts, others = self._walk.tally(batch.table, self._roles)
         for row in others.tolist():
             self._one(batch, row, heads)
         if not self._columns.take(batch, self._roles, counts):
-            roles = self._roles[batch.table[:, mcap_kernels.CHANNEL]]
-            for row in np.flatnonzero(roles > mcap_kernels.OTHER).tolist():
+            roles = self._roles[batch.table[:, message_layout.CHANNEL]]
+            for row in np.flatnonzero(roles > message_layout.OTHER).tolist():
                 self._one(batch, row, heads)
 
     def _one(self, batch: Batch, row: int, heads: np.ndarray) -> None:
@@ -223,13 +229,13 @@ class _Work:
         message = batch.message(row)
         try:
             match int(self._roles[channel.id]):
-                case mcap_kernels.IMU:
+                case message_layout.IMU:
                     self._columns.sample(message)
-                case mcap_kernels.TEMPERATURE:
+                case message_layout.TEMPERATURE:
                     self._columns.temperature(message)
-                case mcap_kernels.RAW:
+                case message_layout.RAW:
                     self._columns.packet(message)
-                case mcap_kernels.TABLE:
+                case message_layout.TABLE:
                     self._columns.table(message)
                 case _:
                     self._rare(channel.topic, message.data)
@@ -242,11 +248,13 @@ class _Work:
     def _rare(self, topic: str, data: bytes) -> None:
         if topic == schemas.ESTIMATE and schemas.is_plain_estimate(data):
             return
-        m = schemas.decode(schemas.TYPES[topic], data)
         if topic == schemas.EVENTS:
-            self.audit.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
-        elif topic == schemas.DIAGNOSTICS and m.status:
-            self.audit.diagnostics = {pair.key: pair.value for pair in m.status[0].values}
+            self.audit.events.append(schemas.decode_event(data))
+        elif topic == schemas.DIAGNOSTICS:
+            values = schemas.decode_diagnostics(data)
+            self.audit.diagnostics = self.audit.diagnostics if values is None else values
+        else:
+            schemas.decode(schemas.TYPES[topic], data)
 
     def close(self) -> None:
         """Make arrays of what was collected."""
@@ -268,7 +276,3 @@ class _Work:
                 a.result = result if isinstance(result, dict) else {}
             except ValueError:
                 a.result = {}
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))

@@ -10,35 +10,26 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError
-from rosbags.serde import SerdeError
 
-from imutui.logbook import schemas
+from imutui.logbook import mcap_stream, record_walk, schemas
+from imutui.logbook.columns import Columns
+from imutui.logbook.mcap_format import MAGIC, ChecksumError
+from imutui.logbook.mcap_stream import Batch
+from imutui.logbook.message_layout import CHANNEL, IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE
+from imutui.logbook.record_walk import Walk
+from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
-if TYPE_CHECKING:
-    from imutui.logbook.mcap_format import Batch
-
-_MAGIC = b"\x89MCAP0\r\n"
-_UNDECODABLE = (SerdeError, struct.error, IndexError, KeyError)
+_UNDECODABLE = (UndecodableError, struct.error, IndexError, KeyError)
 
 
 class UnreadableLogError(Exception):
     """The file is no log that imutui can use; the message says what, where, and what to do next."""
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """A mark of the operator's or an event of the program's."""
-
-    stamp_ns: int
-    name: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +72,7 @@ class Log:
         Kind of the last /table/reference.
     table : Table
         Content of all of them.
-    events : list of Event
+    events : list of LogEvent
         Marks and events.
     diagnostics : dict
         Values of the last /diagnostics.
@@ -105,7 +96,7 @@ class Log:
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
     reference: str | None = None
     table: Table = field(default_factory=Table)
-    events: list[Event] = field(default_factory=list)
+    events: list[LogEvent] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     finished: bool = False
@@ -137,7 +128,7 @@ def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
     return (stamp_ns - first_ns) / 1e9
 
 
-def read(path: Path, *, raw: bool = False) -> Log:
+def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     """Read a log.
 
     Parameters
@@ -146,6 +137,8 @@ def read(path: Path, *, raw: bool = False) -> Log:
         MCAP file, finished or not.
     raw : bool
         Read /imu/raw too.
+    walk : Walk or None
+        How records are found in bytes; None takes what suits a log that is to be filtered.
 
     Returns
     -------
@@ -158,8 +151,9 @@ def read(path: Path, *, raw: bool = False) -> Log:
         If there is no such file, it is no MCAP file, or it holds no IMU samples.
     """
     log = Log(path)
-    content = _Content(log, raw)
-    for record in _records(path, log):
+    walk = walk or record_walk.for_filtering(_size(path))
+    content = _Content(log, raw, walk)
+    for record in _records(path, log, walk):
         try:
             content.take(record)
         except _UNDECODABLE as error:
@@ -197,28 +191,24 @@ def sha256(path: Path) -> str:
 class _Content:
     """Collects records into a `Log`."""
 
-    def __init__(self, log: Log, raw: bool) -> None:
-        # what brings the compiler with it is loaded by who reads a log, not by who writes one
-        from imutui.logbook import mcap_kernels
-        from imutui.logbook.columns import Columns
-
+    def __init__(self, log: Log, raw: bool, walk: Walk) -> None:
         self.log = log
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str, str]] = {}
         self.imu_channel: int | None = None
-        self._fast = mcap_kernels
-        self._columns = Columns()
+        self._tally = walk.tally
+        self._columns = Columns(walk)
         self._topics = {
-            schemas.RAW: mcap_kernels.RAW if raw else mcap_kernels.IGNORED,
-            schemas.TEMPERATURE: mcap_kernels.TEMPERATURE,
-            schemas.REFERENCE: mcap_kernels.TABLE,
-            schemas.DIAGNOSTICS: mcap_kernels.OTHER,
-            schemas.EVENTS: mcap_kernels.OTHER,
+            schemas.RAW: RAW if raw else IGNORED,
+            schemas.TEMPERATURE: TEMPERATURE,
+            schemas.REFERENCE: TABLE,
+            schemas.DIAGNOSTICS: OTHER,
+            schemas.EVENTS: OTHER,
         }
-        self._roles = np.full(2**16, mcap_kernels.IGNORED, np.uint8)
+        self._roles = np.full(2**16, IGNORED, np.uint8)
         self._last: dict[str, Message] = {}
 
-    def take(self, record: "McapRecord | Batch") -> None:
+    def take(self, record: McapRecord | Batch) -> None:
         """One record in file order, or messages in a row."""
         match record:
             case Schema():
@@ -255,45 +245,44 @@ class _Content:
         """Give each channel its role."""
         for channel, (topic, typename, encoding) in self.channels.items():
             ours = self.log.own and encoding == "cdr" and schemas.TYPES.get(topic) == typename
-            self._roles[channel] = self._topics.get(topic, self._fast.IGNORED) if ours else self._fast.IGNORED
+            self._roles[channel] = self._topics.get(topic, IGNORED) if ours else IGNORED
         if self.imu_channel is not None:
-            self._roles[self.imu_channel] = self._fast.IMU
+            self._roles[self.imu_channel] = IMU
 
-    def _batch(self, batch: "Batch") -> None:
-        counts, others = self._fast.tally(batch.table, self._roles)
+    def _batch(self, batch: Batch) -> None:
+        counts, others = self._tally(batch.table, self._roles)
         failure = None
         for row in others.tolist():
             try:
-                self._message(batch.message(row), self._fast.OTHER)
+                self._message(batch.message(row), OTHER)
             except _UNDECODABLE as error:
                 # the samples before it count, those after it don't
                 batch, failure = replace(batch, table=batch.table[:row]), error
-                counts, _ = self._fast.tally(batch.table, self._roles)
+                counts, _ = self._tally(batch.table, self._roles)
                 break
         if not self._columns.take(batch, self._roles, counts):
             # another program's layout, or damage: message by message, so that all before a bad one count
-            roles = self._roles[batch.table[:, self._fast.CHANNEL]]
-            for row in np.flatnonzero(roles > self._fast.OTHER).tolist():
+            roles = self._roles[batch.table[:, CHANNEL]]
+            for row in np.flatnonzero(roles > OTHER).tolist():
                 self._message(batch.message(row), int(roles[row]))
-        elif counts[self._fast.TABLE]:
-            last = np.flatnonzero(self._roles[batch.table[:, self._fast.CHANNEL]] == self._fast.TABLE)[-1]
+        elif counts[TABLE]:
+            last = np.flatnonzero(self._roles[batch.table[:, CHANNEL]] == TABLE)[-1]
             self._last[schemas.REFERENCE] = batch.message(int(last))
         if failure is not None:
             raise failure
 
     def _message(self, message: Message, role: int) -> None:
-        if role == self._fast.IMU:
+        if role == IMU:
             self._columns.sample(message)
-        elif role == self._fast.TEMPERATURE:
+        elif role == TEMPERATURE:
             self._columns.temperature(message)
-        elif role == self._fast.RAW:
+        elif role == RAW:
             self._columns.packet(message)
-        elif role == self._fast.TABLE:
+        elif role == TABLE:
             self._columns.table(message)
             self._last[schemas.REFERENCE] = message
         elif self.channels[message.channel_id][0] == schemas.EVENTS:
-            m = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
-            self.log.events.append(Event(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg))
+            self.log.events.append(schemas.decode_event(message.data))
         else:
             # each of these replaces the one before
             self._last[self.channels[message.channel_id][0]] = message
@@ -309,27 +298,34 @@ class _Content:
             if (last := self._last.get(schemas.REFERENCE)) is not None:
                 log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind
             if (last := self._last.get(schemas.DIAGNOSTICS)) is not None:
-                status = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], last.data).status[0]
-                log.diagnostics = {pair.key: pair.value for pair in status.values}
+                values = schemas.decode_diagnostics(last.data)
+                if values is None:
+                    raise UndecodableError("its diagnostics have no status")
+                log.diagnostics = values
         except _UNDECODABLE as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 
-def _records(path: Path, log: Log) -> "Iterator[McapRecord | Batch]":
-    """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
-    from imutui.logbook import mcap_format
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0  # whoever opens it says why not
 
+
+def _records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
+    """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
     with contextlib.closing(opened(path)) as stream:
-        if not _MAGIC.startswith(stream.read(len(_MAGIC))):
+        if not MAGIC.startswith(stream.read(len(MAGIC))):
             raise UnreadableLogError(foreign(path))
         stream.seek(0)
         try:
-            yield from mcap_format.walk(stream)
+            yield from mcap_stream.records(stream, walk)
         except InvalidMagic:
             log.damage = "the file's end is damaged"
         except (EndOfFile, struct.error):
             log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
-        except CRCValidationError:
+        except ChecksumError:
             log.damage = "a checksum is wrong: bytes were changed after recording"
         except (McapError, ValueError, OSError) as error:
             log.damage = f"a record cannot be read ({error})"

@@ -6,28 +6,24 @@ so a rebuilt file gives the same estimates as the unfinished one did.
 
 import hashlib
 import mmap
-import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import mcap_format, schemas
+from imutui.logbook import mcap_format, mcap_stream, record_walk, schemas
 from imutui.logbook import scan as scanning
-from imutui.logbook.mcap_format import Batch
+from imutui.logbook.mcap_format import MESSAGE, parse
+from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.scan import RECOVERED, Piece, Scan
 from imutui.logbook.session_info import METADATA
 
-_HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 _PROFILE = "ros2"
 
 
@@ -36,7 +32,7 @@ class NotAsWrittenError(OSError):
 
 
 @dataclass(slots=True)
-class Kept:
+class RebuiltContent:
     """What went into the rebuilt file.
 
     Attributes
@@ -72,7 +68,9 @@ class Kept:
         return sum(self.topics.values())
 
 
-def rebuild(found: Scan, part: Path, note: Callable[[Kept], dict[str, str]], progress: Callable[[float], None]) -> Kept:
+def rebuild(
+    found: Scan, part: Path, note: Callable[[RebuiltContent], dict[str, str]], progress: Callable[[float], None]
+) -> RebuiltContent:
     """Write what a scan found whole, and read it back.
 
     Parameters
@@ -102,9 +100,9 @@ def _copied(
     found: Scan,
     data: mmap.mmap,
     part: Path,
-    note: Callable[[Kept], dict[str, str]],
+    note: Callable[[RebuiltContent], dict[str, str]],
     progress: Callable[[float], None],
-) -> Kept:
+) -> RebuiltContent:
     attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
     with part.open("wb") as stream:
         copy = _Copy(found, data, _writer(stream, attachments=attached))
@@ -124,7 +122,7 @@ class _Copy:
     """Records from a file's bytes into a writer, channels by their new numbers."""
 
     def __init__(self, found: Scan, data: mmap.mmap, writer: Writer) -> None:
-        self.kept = Kept()
+        self.kept = RebuiltContent()
         self._data = data
         self._writer = writer
         self._decompressor = zstandard.ZstdDecompressor()
@@ -146,20 +144,16 @@ class _Copy:
         if piece.opcode == Opcode.CHUNK:
             self.kept.chunks += 1
             inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
-            at = 0
-            while at < len(inside):
-                opcode, length = _HEAD.unpack_from(inside, at)
-                at += _HEAD.size
+            for opcode, at, length in mcap_format.records(inside):
                 self._record(opcode, inside[at : at + length])
-                at += length
             self._writer.flush()  # type: ignore[no-untyped-call]
         elif piece.opcode == Opcode.METADATA:
-            record = Metadata.read(_stream(body))
+            record = parse(Metadata, body)
             self._own = self._own or record.name == METADATA
             self._writer.add_metadata(record.name, record.metadata)
             self.kept.metadata.append(record.name)
         elif piece.opcode == Opcode.ATTACHMENT:
-            a = Attachment.read(_stream(body))
+            a = parse(Attachment, body)
             self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
             self.kept.attachments.append(a.name)
         else:
@@ -169,16 +163,16 @@ class _Copy:
         if opcode == Opcode.MESSAGE:
             self._message(body)
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(body))
+            channel = parse(Channel, body)
             self._channels[channel.id] = channel
             self._register(channel)
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(body))
+            schema = parse(Schema, body)
             self._schemas[schema.id] = schema
 
     def _message(self, body: bytes) -> None:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
-        data = body[_MESSAGE.size :]
+        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
+        data = body[MESSAGE.size :]
         if channel not in self._numbers:
             self._adopt(channel, data)
         number = self._numbers[channel]
@@ -191,7 +185,7 @@ class _Copy:
             self.kept.missing[topic] = self.kept.missing.get(topic, 0) + sequence - before - 1
         self._sequences[number] = sequence
         self.kept.topics[topic] = self.kept.topics.get(topic, 0) + 1
-        self._digest.update(_MESSAGE.pack(number, sequence, log_time, publish_time))
+        self._digest.update(MESSAGE.pack(number, sequence, log_time, publish_time))
         self._digest.update(data)
         self._writer.add_message(number, log_time, data, publish_time, sequence)
 
@@ -239,7 +233,7 @@ class _Copy:
             )
             self.kept.assumed = True
 
-    def finish(self, note: Callable[[Kept], dict[str, str]]) -> Kept:
+    def finish(self, note: Callable[[RebuiltContent], dict[str, str]]) -> RebuiltContent:
         """Close the file with the note in it."""
         self.kept.digest = self._digest.hexdigest()
         # channels that nobody wrote to are part of the file too
@@ -251,7 +245,7 @@ class _Copy:
         return self.kept
 
 
-def note(found: Scan, kept: Kept, lost: list[str], source_sha256: str) -> dict[str, str]:
+def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:
     """Metadata record of a rebuilt file."""
     return {
         "source": found.path.name,
@@ -264,14 +258,15 @@ def note(found: Scan, kept: Kept, lost: list[str], source_sha256: str) -> dict[s
     }
 
 
-def _read_back(path: Path, kept: Kept) -> None:
+def _read_back(path: Path, kept: RebuiltContent) -> None:
     """Raise if a file does not hold, record by record, what was kept."""
     digest, messages, finished = hashlib.blake2b(), 0, False
+    walk = record_walk.for_reading(path.stat().st_size)
     with path.open("rb") as stream:
-        for record in mcap_format.walk(stream):
+        for record in mcap_stream.records(stream, walk):
             if isinstance(record, Batch):
                 for _, _, at, length in record.table.tolist():
-                    digest.update(record.content[at - _MESSAGE.size : at + length])
+                    digest.update(record.content[at - MESSAGE.size : at + length])
                 messages += len(record.table)
             finished = finished or isinstance(record, Footer)
     if not finished or messages != kept.messages or digest.hexdigest() != kept.digest:
@@ -281,7 +276,3 @@ def _read_back(path: Path, kept: Kept) -> None:
             " not kept; the disk may be failing",
             str(path),
         )
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))

@@ -3,19 +3,19 @@
 Also the one place where the filter's state leaves SI and body axes for the instrument's axes, mg and deg/s.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from filters import attitude, state
 from filters.imu import AxisMap
-from filters.kalman import consistency
-from filters.kalman.runner import Estimator
 from filters.state import NavState
 from imutui.logbook.session_info import SessionInfo
+
+if TYPE_CHECKING:
+    from filters.kalman.runner import Estimator
 
 VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")
@@ -118,7 +118,7 @@ def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: 
     }
 
 
-def seen_axes(estimator: Estimator, axes: AxisMap) -> np.ndarray:
+def seen_axes(estimator: "Estimator", axes: AxisMap) -> np.ndarray:
     """Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,)."""
     seen = np.array(estimator.observable, float).reshape(2, 3)
     return np.concatenate([to_instrument_order(part, axes) for part in seen]) > 0.5
@@ -129,7 +129,7 @@ def to_instrument_order(values: np.ndarray, axes: AxisMap) -> np.ndarray:
     return axes.sd_to_instrument(values)
 
 
-def converged_since(estimator: Estimator, axes: AxisMap) -> dict[str, list[float | None]]:
+def converged_since(estimator: "Estimator", axes: AxisMap) -> dict[str, list[float | None]]:
     """When each bias was declared converged, s, instrument axes; None where it is not."""
     since = estimator.monitor.convergence().since
     as_numbers = np.array(
@@ -142,7 +142,7 @@ def converged_since(estimator: Estimator, axes: AxisMap) -> dict[str, list[float
 
 
 def document(
-    estimator: Estimator,
+    estimator: "Estimator",
     info: SessionInfo,
     log: Path,
     *,
@@ -225,8 +225,10 @@ TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 """Fields in which two runs over equal samples may differ."""
 
 
-def nis_fields(estimator: Estimator) -> NisFields:
+def nis_fields(estimator: "Estimator") -> NisFields:
     """Mean NIS with its band, and whether it is a test."""
+    from filters.kalman import consistency
+
     # noise drawn on top of a trajectory's own errors makes no test of it
     followed = estimator.settings.reference == "trajectory"
     is_test = estimator.settings.measurements == "drawn" and not followed
@@ -242,7 +244,7 @@ def nis_fields(estimator: Estimator) -> NisFields:
     }
 
 
-def noise_fields(estimator: Estimator, axes: AxisMap, source: str) -> dict[str, Any]:
+def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> dict[str, Any]:
     """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
     measured = estimator.monitor.noise()
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
@@ -264,7 +266,7 @@ def noise_fields(estimator: Estimator, axes: AxisMap, source: str) -> dict[str, 
     }
 
 
-def effect_fields(estimator: Estimator) -> list[dict[str, Any]]:
+def effect_fields(estimator: "Estimator") -> list[dict[str, Any]]:
     """States of the effects that joined the filter, SI; an empty list without effects."""
     if estimator.effects is None:
         return []
@@ -286,7 +288,7 @@ def _vrw(density: np.ndarray, axes: AxisMap) -> list[float]:
     return _floats(to_instrument_order(density, axes) * 60.0)
 
 
-def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any] | None:
+def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any] | None:
     moments = estimator.after_convergence
     if moments is None or estimator.reference is None:
         return None
@@ -295,11 +297,6 @@ def _spread(estimator: Estimator, axes: AxisMap, g_unit: float, seen: np.ndarray
         "mean": state_fields(mean, axes, g_unit, seen),
         "sd": sd_fields(moments.covariance, mean, axes, g_unit, seen),
     }
-
-
-def dumps(result: Any) -> str:
-    """JSON text; NaN and infinity are errors, since other programs cannot read them."""
-    return json.dumps(result, indent=2, allow_nan=False)
 
 
 def _where(values: np.ndarray, seen: np.ndarray) -> list[float | None]:

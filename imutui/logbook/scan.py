@@ -10,66 +10,40 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
-from mcap.stream_reader import CRCValidationError
+from mcap.records import Attachment, Header
 
 from imutui.logbook import (
     effects_file,
+    file_index,
     file_lock,
     mcap_format,
-    mcap_kernels,
     reader,
+    record_walk,
     reference_file,
     summary,
 )
-from imutui.logbook.mcap_format import LIMIT, MAGIC
+from imutui.logbook.file_index import Index
+from imutui.logbook.mcap_format import FOOTER_SIZE, HEAD, LIMIT, MAGIC, MALFORMED, ChecksumError, prefixed
 from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.record_walk import Walk
 from imutui.logbook.session_info import METADATA
 
 RECOVERED = "imutui.recovered"
 """Metadata record of a file that was rebuilt: from what, and what was lost."""
-CONFIGURATION = "configuration.toml"
-_HEAD = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<BQQQI")
-_SPAN = struct.Struct("<QQ")
-_KNOWN = frozenset(range(1, 0x10))
-_PRIVATE = 0x80
 _DEPTH = 3
-_CHUNK_MARK = _HEAD.size + 28
-_ATTACHMENT_MARK = _HEAD.size + 16
-_UNREADABLE = (McapError, EndOfFile, struct.error, zstandard.ZstdError, UnicodeDecodeError, ValueError, IndexError)
 
-
-def _mark(name: str) -> bytes:
-    """A name as it stands in a record: its length before it."""
-    return struct.pack("<I", len(name)) + name.encode()
-
-
-_ATTACHED = (CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
+_ATTACHED = (summary.CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
 _MARKS: tuple[tuple[bytes, int, int], ...] = (
-    *((_mark(name), _CHUNK_MARK, Opcode.CHUNK) for name in ("zstd", "lz4")),
-    *((_mark(name), _HEAD.size, Opcode.METADATA) for name in (METADATA, RECOVERED)),
-    *((_mark(name), _ATTACHMENT_MARK, Opcode.ATTACHMENT) for name in _ATTACHED),
-    (_HEAD.pack(Opcode.DATA_END, 4), 0, Opcode.DATA_END),
+    *((prefixed(name), mcap_format.COMPRESSION_OFFSET, Opcode.CHUNK) for name in mcap_format.COMPRESSIONS),
+    *((prefixed(name), HEAD.size, Opcode.METADATA) for name in (METADATA, RECOVERED)),
+    *((prefixed(name), mcap_format.ATTACHMENT_NAME_OFFSET, Opcode.ATTACHMENT) for name in _ATTACHED),
+    (HEAD.pack(Opcode.DATA_END, 4), 0, Opcode.DATA_END),
 )
 """Bytes by which a record is found again behind damage, how far behind its beginning they stand, and its opcode."""
 
@@ -107,26 +81,6 @@ class Damage:
     what: str = ""
     after_ns: int | None = None
     before_ns: int | None = None
-
-
-@dataclass(slots=True)
-class Index:
-    """What a finished file's summary says.
-
-    Attributes
-    ----------
-    schemas, channels : dict
-        By their numbers.
-    starts : list of int
-        Where chunks, attachments and metadata begin.
-    statistics : Statistics or None
-        Counts of everything.
-    """
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    starts: list[int] = field(default_factory=list)
-    statistics: Statistics | None = None
 
 
 @dataclass(slots=True)
@@ -194,8 +148,7 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> 
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))
         found.held = file_lock.is_held(stream)
-        walk = _Walk(data, found, progress)
-        walk.run()
+        _FileWalk(data, found, record_walk.for_reading(len(data)), progress).run()
         if not found.pieces and data[: len(MAGIC)] != MAGIC:
             raise UnreadableLogError(reader.foreign(path))
         _judge(found, data)
@@ -218,12 +171,13 @@ def content(data: mmap.mmap | bytes, piece: Piece) -> bytes:
     return bytes(data[piece.at : piece.at + piece.length])
 
 
-class _Walk:
+class _FileWalk:
     """One walk over a file's bytes."""
 
-    def __init__(self, data: mmap.mmap, found: Scan, progress: Callable[[float], None]) -> None:
+    def __init__(self, data: mmap.mmap, found: Scan, walk: Walk, progress: Callable[[float], None]) -> None:
         self._data = data
         self._found = found
+        self._walk = walk
         self._progress = progress
         self._decompressor = zstandard.ZstdDecompressor()
         self._next = dict.fromkeys(range(len(_MARKS)), -1)
@@ -254,26 +208,26 @@ class _Walk:
 
     def _step(self, at: int) -> int:
         """One record, or the damage in its place; returns where to go on."""
-        if at + _HEAD.size > self._found.size:
+        if at + HEAD.size > self._found.size:
             return self._after_damage(at, "the file ends in the middle of a record")
-        opcode, length = _HEAD.unpack_from(self._data, at)
-        end = at + _HEAD.size + length
-        why = self._trouble(opcode, at + _HEAD.size, length)
+        opcode, length = HEAD.unpack_from(self._data, at)
+        end = at + HEAD.size + length
+        why = self._trouble(opcode, at + HEAD.size, length)
         if why:
             return self._after_damage(at, why, end, opcode)
         if opcode == Opcode.FOOTER:
             self._found.finished = True
         elif opcode == Opcode.DATA_END:
             self._end_of_data(at)
-        elif opcode >= _PRIVATE:
+        elif opcode >= mcap_format.PRIVATE:
             self._found.unknown += 1
         elif not self._in_summary and opcode != Opcode.MESSAGE_INDEX:
-            self._keep(Piece(opcode, at + _HEAD.size, length))
+            self._keep(Piece(opcode, at + HEAD.size, length))
         return int(end)
 
     def _keep(self, piece: Piece) -> None:
         if piece.opcode == Opcode.HEADER:
-            self._found.profile = Header.read(_stream(content(self._data, piece))).profile
+            self._found.profile = mcap_format.parse(Header, content(self._data, piece)).profile
             return
         if piece.opcode == Opcode.CHUNK:
             body = content(self._data, piece)
@@ -282,14 +236,13 @@ class _Walk:
                 self._found.repeated += 1
                 return
             self._chunks.add(mark)
-            piece = replace(
-                piece, first_ns=int.from_bytes(body[:8], "little"), last_ns=int.from_bytes(body[8:16], "little")
-            )
+            first_ns, last_ns = mcap_format.chunk_times(body)
+            piece = replace(piece, first_ns=first_ns, last_ns=last_ns)
         self._found.pieces.append(piece)
 
     def _end_of_data(self, at: int) -> None:
         self._in_summary = True
-        (told,) = struct.unpack_from("<I", self._data, at + _HEAD.size)
+        (told,) = struct.unpack_from("<I", self._data, at + HEAD.size)
         if told and not self._found.damages:
             with memoryview(self._data) as view:
                 self._found.checksum_wrong = zlib.crc32(view[:at]) != told
@@ -298,19 +251,19 @@ class _Walk:
 
     def _trouble(self, opcode: int, at: int, length: int) -> str:
         """What is wrong with a record, "" if nothing is."""
-        if opcode not in _KNOWN and opcode < _PRIVATE:
+        if opcode not in mcap_format.OPCODES and opcode < mcap_format.PRIVATE:
             return "these bytes are no record"
         if at + length > self._found.size:
             return f"the file ends in the middle of {_article(_name(opcode))}"
         if length > LIMIT:
             return "a length is out of range"
-        if opcode >= _PRIVATE:
+        if opcode >= mcap_format.PRIVATE:
             return "" if self._follows(at + length) else "these bytes are no record"
         try:
             self._check(opcode, content(self._data, Piece(opcode, at, length)))
-        except CRCValidationError:
+        except ChecksumError:
             return "a checksum is wrong"
-        except (*_UNREADABLE, MemoryError) as error:
+        except (*MALFORMED, MemoryError) as error:
             return f"{_article(_name(opcode))} cannot be read ({_short(error)})"
         return ""
 
@@ -318,20 +271,20 @@ class _Walk:
         """Raise if a record's content is not what it must be."""
         if opcode == Opcode.CHUNK:
             inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
-            _, end = mcap_kernels.count(np.frombuffer(inside, np.uint8), 0, len(inside))
-            if end != len(inside):
+            if self._walk.end_of_whole(np.frombuffer(inside, np.uint8), len(inside)) != len(inside):
                 raise McapError("its content ends in the middle of a record")
         elif opcode == Opcode.ATTACHMENT:
-            Attachment.read(_stream(body))
+            mcap_format.parse(Attachment, body)
             (told,) = struct.unpack("<I", body[-4:])
             if told and told != zlib.crc32(body[:-4]):
                 raise McapError("a checksum is wrong")
         elif opcode == Opcode.MESSAGE:
-            struct.unpack_from("<HIQQ", body)
-        elif opcode in _PARSED:
-            _PARSED[opcode].read(_stream(body))
-        elif opcode in _SIZES and len(body) != _SIZES[opcode]:
-            raise McapError("its length is wrong")
+            mcap_format.MESSAGE.unpack_from(body)
+        elif opcode in _SIZES:
+            if len(body) != _SIZES[opcode]:
+                raise McapError("its length is wrong")
+        elif opcode in mcap_format.PARSED:
+            mcap_format.parse(mcap_format.PARSED[opcode], body)
 
     # -- where to go on --
 
@@ -339,7 +292,7 @@ class _Walk:
         """Note damage and return where the next whole record begins."""
         inside = end and self._trouble_is_inside(end)
         go_on = end if inside else min(self._found_again(at), self._told_by_index(at))
-        what = "summary" if self._in_summary else _name(opcode) if opcode in _KNOWN else ""
+        what = "summary" if self._in_summary else _name(opcode) if opcode in mcap_format.OPCODES else ""
         self._found.damages.append(Damage(at, go_on - at, why, what))
         return go_on
 
@@ -350,14 +303,14 @@ class _Walk:
     def _follows(self, at: int) -> bool:
         """Whether records begin here, as far as their heads tell."""
         for _ in range(_DEPTH):
-            if at + _HEAD.size > self._found.size:
+            if at + HEAD.size > self._found.size:
                 break
-            opcode, length = _HEAD.unpack_from(self._data, at)
-            if opcode not in _KNOWN or length > LIMIT:
+            opcode, length = HEAD.unpack_from(self._data, at)
+            if opcode not in mcap_format.OPCODES or length > LIMIT:
                 return False
             if opcode == Opcode.FOOTER:
-                return bool(length == _SIZES[Opcode.FOOTER])
-            at += _HEAD.size + length
+                return bool(length == FOOTER_SIZE)
+            at += HEAD.size + length
         return True
 
     def _told_by_index(self, at: int) -> int:
@@ -375,66 +328,29 @@ class _Walk:
         found = at + back
         while (found := self._data.find(mark, found + 1)) >= 0:
             start = found - back
-            if self._data[start] != opcode or start + _HEAD.size > self._found.size:
+            if self._data[start] != opcode or start + HEAD.size > self._found.size:
                 continue
-            _, length = _HEAD.unpack_from(self._data, start)
-            if not self._trouble(opcode, start + _HEAD.size, length) and self._follows(start):
+            _, length = HEAD.unpack_from(self._data, start)
+            if not self._trouble(opcode, start + HEAD.size, length) and self._follows(start):
                 return start
         return self._found.size
 
     def _index(self, size: int) -> Index | None:
         """The summary, if the file's first `size` bytes end with one that is right."""
-        tail = size - _FOOTER.size - len(MAGIC)
-        if tail < len(MAGIC) or self._data[size - len(MAGIC) : size] != MAGIC:
+        tail = size - file_index.TAIL
+        if tail < len(MAGIC):
             return None
-        opcode, length, start, _, checksum = _FOOTER.unpack_from(self._data, tail)
-        if opcode != Opcode.FOOTER or length != _SIZES[Opcode.FOOTER] or not 0 < start <= tail:
-            return None
-        with memoryview(self._data) as view:
-            if checksum not in (0, zlib.crc32(view[start : tail + _FOOTER.size - 4])):
-                return None
         try:
-            return _read_index(bytes(self._data[start:tail]))
-        except _UNREADABLE:
+            return file_index.read(self._data[tail:size], size, lambda first, last: self._data[first:last])
+        except MALFORMED:
             return None
 
 
-_PARSED: dict[int, Any] = {
-    Opcode.HEADER: Header,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.METADATA: Metadata,
-}
-_SIZES: dict[int, int] = {Opcode.FOOTER: _FOOTER.size - _HEAD.size, Opcode.DATA_END: 4}
-
-
-def _read_index(section: bytes) -> Index:
-    found, at = Index(), 0
-    while at + _HEAD.size <= len(section):
-        opcode, length = _HEAD.unpack_from(section, at)
-        body = _stream(section[at + _HEAD.size : at + _HEAD.size + length])
-        match opcode:
-            case Opcode.SCHEMA:
-                schema = Schema.read(body)
-                found.schemas[schema.id] = schema
-            case Opcode.CHANNEL:
-                channel = Channel.read(body)
-                found.channels[channel.id] = channel
-            case Opcode.STATISTICS:
-                found.statistics = Statistics.read(body)
-            case Opcode.CHUNK_INDEX:
-                found.starts.append(ChunkIndex.read(body).chunk_start_offset)
-            case Opcode.ATTACHMENT_INDEX:
-                found.starts.append(AttachmentIndex.read(body).offset)
-            case Opcode.METADATA_INDEX:
-                found.starts.append(MetadataIndex.read(body).offset)
-        at += _HEAD.size + length
-    found.starts.sort()
-    return found
+_SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
 
 
 def _name(opcode: int) -> str:
-    return Opcode(opcode).name.lower().replace("_", " ") if opcode in _KNOWN else "record"
+    return Opcode(opcode).name.lower().replace("_", " ") if opcode in mcap_format.OPCODES else "record"
 
 
 def _article(name: str) -> str:
@@ -443,7 +359,3 @@ def _article(name: str) -> str:
 
 def _short(error: BaseException) -> str:
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))

@@ -9,7 +9,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from imutui.logbook import message_definitions
 
 RAW = "/imu/raw"
 IMU = "/imu/data_raw"
@@ -27,43 +28,6 @@ TYPES = {
     ESTIMATE: "imutui_msgs/msg/Estimate",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     EVENTS: "rcl_interfaces/msg/Log",
-}
-
-OWN_DEFINITIONS = {
-    "imutui_msgs/msg/RawPacket": """\
-# One packet as received. Fixed size.
-uint64 sequence           # number of the packet since the recording began
-int64 host_monotonic_ns   # host's monotonic clock when the packet's last byte was read
-int16[6] counts           # angular rate x y z, acceleration x y z: instrument axes and sign
-uint16 temperature        # counts of the temperature sensor
-uint16 ticks              # time counter, counts down, 0.79 us nominal
-uint8 mode                # 0 scaled, 1 voltage
-uint8 flags               # 1 packets were lost before this one, 2 stamped by the host alone, 4 a count at its limit
-""",
-    "imutui_msgs/msg/TableReference": """\
-# What is known of the table: C_nb = Rx(outer) Ry(middle) Rz(inner).
-std_msgs/Header header
-string kind               # level; gravity: attitude unknown, angles are NaN
-float64[3] angles_deg     # outer, middle, inner
-float64[3] rates_dps
-""",
-    "imutui_msgs/msg/Estimate": """\
-# State of the filter. Biases are in the instrument's axes and sign: corrected reading = reading - bias.
-std_msgs/Header header
-float64[3] position_deg_m     # latitude, longitude, height
-float64[3] velocity_mps       # north, east, down
-float64[3] rpy_deg            # roll, pitch, yaw (3-2-1)
-float64[3] accel_bias_mg      # NaN where the reference does not show it
-float64[3] gyro_bias_dps
-float64[3] position_sd_m      # north, east, down
-float64[3] velocity_sd_mps
-float64[3] rpy_sd_deg
-float64[3] accel_bias_sd_mg
-float64[3] gyro_bias_sd_dps
-float64 nis                   # NaN for the first sample
-uint8 nis_dof
-bool[6] converged             # accelerometer x y z, gyro x y z
-""",
 }
 
 FLAG_LOST_BEFORE = 1
@@ -86,6 +50,12 @@ RAW_DTYPE = np.dtype(
 _IMU = struct.Struct("<4siII9s3x4d9d3d9d3d9d")
 _TEMPERATURE = struct.Struct("<4siII9s3x2d")
 _ESTIMATE = struct.Struct("<4siII9s3x31dB6?")
+# stamp and level of rcl_interfaces/Log; number of statuses and level of the first one in diagnostic_msgs
+_EVENT = struct.Struct("<4xiIB")
+_STATUS = struct.Struct("<IB")
+_UINT32 = struct.Struct("<I")
+_CDR_STAMP = 12
+"""Bytes up to the frame_id of a message with a header."""
 _IMU_FRAME = "imu_body"
 NO_ESTIMATE = -1.0
 """First element of a covariance of sensor_msgs/Imu whose quantity has no estimate."""
@@ -94,10 +64,13 @@ _ZEROS = (0.0,) * 8
 
 @cache
 def typestore() -> Any:
-    """Store of ROS 2 types with our own added."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    """Store of the types that logs have."""
+    # what of our own messages is read by hand needs none
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
     types: dict[str, Any] = {}
-    for name, text in OWN_DEFINITIONS.items():
+    for name, text in (message_definitions.ROS | message_definitions.OWN).items():
         types.update(get_types_from_msg(text, name))
     store.register(types)
     return store
@@ -106,6 +79,19 @@ def typestore() -> Any:
 def definition(typename: str) -> str:
     """Text of a message type with all it is built from, as MCAP's `ros2msg` encoding wants it."""
     return str(typestore().generate_msgdef(typename, ros_version=2)[0])
+
+
+class UndecodableError(Exception):
+    """Bytes are no message of the type that their topic has."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogEvent:
+    """A mark of the operator's or an event of the program's."""
+
+    stamp_ns: int
+    name: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +127,93 @@ def encode(topic: str, message: Any) -> bytes:
 
 
 def decode(typename: str, data: bytes) -> Any:
-    """Message from CDR bytes."""
-    return typestore().deserialize_cdr(data, typename)
+    """Message from CDR bytes.
+
+    Raises
+    ------
+    UndecodableError, or struct.error, ValueError, IndexError, … as the decoder meets them first
+        If the bytes are no such message.
+    """
+    from rosbags.serde import SerdeError
+
+    try:
+        return typestore().deserialize_cdr(data, typename)
+    except SerdeError as error:
+        raise UndecodableError(str(error)) from error
+
+
+def decode_event(data: bytes) -> LogEvent:
+    """Event from the CDR bytes of rcl_interfaces/Log; by hand, since a store of types takes longer than most commands.
+
+    Raises
+    ------
+    as `decode`
+        If the bytes are no such message.
+    """
+    try:
+        seconds, nanoseconds, _ = _EVENT.unpack_from(data)
+        texts, at = [], _EVENT.size
+        for _ in range(4):
+            text, at = _text(data, at)
+            texts.append(text)
+        whole = data[:4] == _CDR_HEADER and len(data) == _aligned(at) + 4
+    except (struct.error, ValueError):
+        whole = False
+    if not whole:
+        m = decode(TYPES[EVENTS], data)
+        return LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg)
+    return LogEvent(seconds * 1_000_000_000 + nanoseconds, texts[0], texts[1])
+
+
+def decode_diagnostics(data: bytes) -> dict[str, str] | None:
+    """Values of the first status in the CDR bytes of diagnostic_msgs/DiagnosticArray, None if there is none; by hand.
+
+    Raises
+    ------
+    as `decode`
+        If the bytes are no such message.
+    """
+    try:
+        values, at = _values(data)
+        whole = data[:4] == _CDR_HEADER and len(data) == at
+    except (struct.error, ValueError):
+        whole = False
+    if whole:
+        return values
+    m = decode(TYPES[DIAGNOSTICS], data)
+    return {pair.key: pair.value for pair in m.status[0].values} if m.status else None
+
+
+def _values(data: bytes) -> tuple[dict[str, str], int]:
+    """Values of an array's only status, and where it ends; raises ValueError if it has another number of them."""
+    _, at = _text(data, _CDR_STAMP)
+    statuses, _ = _STATUS.unpack_from(data, at := _aligned(at))
+    if statuses != 1:
+        raise ValueError("not one status")
+    at += _STATUS.size
+    for _ in range(3):
+        _, at = _text(data, at)
+    (count,) = _UINT32.unpack_from(data, at := _aligned(at))
+    at += _UINT32.size
+    values = {}
+    for _ in range(count):
+        key, at = _text(data, at)
+        values[key], at = _text(data, at)
+    return values, at
+
+
+def _aligned(at: int) -> int:
+    """Offset of the next number of four bytes; they are aligned from after the encapsulation, which has four."""
+    return (at + 3) // 4 * 4
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """String of a message, and where it ends."""
+    (size,) = _UINT32.unpack_from(data, at := _aligned(at))
+    first, last = at + _UINT32.size, at + _UINT32.size + size
+    if size < 1 or last > len(data) or data[last - 1] != 0:
+        raise ValueError("no string")
+    return data[first : last - 1].decode(), last
 
 
 def make(typename: str, **fields: Any) -> Any:

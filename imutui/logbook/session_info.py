@@ -3,16 +3,18 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
-from filters.kalman.augmentation import MakeEffects
 from filters.kalman.settings import Settings
-from filters.motion.profile import Profile
-from filters.motion.reference import Trajectory
 from filters.state import PAPER_SITE, Site
+
+if TYPE_CHECKING:
+    from filters.kalman.augmentation import MakeEffects
+    from filters.motion.profile import Profile
+    from filters.motion.reference import Trajectory
 
 METADATA = "imutui.session"
 
@@ -112,11 +114,11 @@ class SessionInfo:
 
     def settings(
         self,
-        motion: Profile | Trajectory | None = None,
+        motion: "Profile | Trajectory | None" = None,
         noise: Noise | None = None,
         offset: float = 0.0,
         offset_sd: float | None = None,
-        effects: MakeEffects | None = None,
+        effects: "MakeEffects | None" = None,
     ) -> Settings:
         """Settings of the filter for this session's samples; "none" as the filter gives those of the default one.
 

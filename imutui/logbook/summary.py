@@ -6,41 +6,31 @@ our samples are numbered, so their number and time are exact; what lies between 
 
 import contextlib
 import json
-import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
 import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import Attachment, AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
-from imutui.logbook import file_lock, schemas
+from imutui.logbook import file_index, file_lock, mcap_format, schemas
+from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, MESSAGE, OPCODES, parse, records
 from imutui.logbook.session_info import METADATA
 
-MAGIC = b"\x89MCAP0\r\n"
 FINISHED = "finished"
 UNFINISHED = "unfinished"
 DAMAGED = "damaged"
 WRITING = "being written"
 NO_LOG = "not a log"
 
-SUMMARY = "summary.json"
-_HEADER = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<BQQQI")
-_CHUNK = struct.Struct("<QQQII")
-_MESSAGE = struct.Struct("<HIQQ")
+CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
+"""Names under which the effective configuration and the quality summary travel in a log."""
 _TAIL = 2 * 2**20
 _LARGEST = 16 * 2**20
 _FIRST_RECORDS = 64
-_KNOWN = frozenset(range(1, 0x10))
-_ZSTD = struct.pack("<I", 4) + b"zstd"
-_MALFORMED = (McapError, struct.error, zstandard.ZstdError, UnicodeDecodeError, IndexError, KeyError, ValueError)
+_ZSTD = mcap_format.prefixed("zstd")
 
 
 @dataclass(slots=True)
@@ -110,7 +100,7 @@ def read(path: Path) -> Summary:
             return found
         try:
             whole = _from_summary(stream, found)
-        except _MALFORMED:
+        except MALFORMED:
             found.state, found.why, whole = DAMAGED, "its summary cannot be read", False
         if not whole:
             _from_ends(stream, found)
@@ -141,50 +131,27 @@ def _judge(found: Summary) -> None:
 
 def _from_summary(stream: IO[bytes], found: Summary) -> bool:
     """Take what the summary section says; False if the file has none."""
-    tail = _FOOTER.size + len(MAGIC)
-    if found.bytes < len(MAGIC) + tail:
+    if found.bytes < len(MAGIC) + file_index.TAIL:
         return False
-    stream.seek(found.bytes - tail)
-    end = stream.read(tail)
-    opcode, length, start, _, checksum = _FOOTER.unpack_from(end)
-    if not end.endswith(MAGIC):
+
+    def section(first: int, last: int) -> bytes:
+        stream.seek(first)
+        return stream.read(max(0, last - first))
+
+    end = section(found.bytes - file_index.TAIL, found.bytes)
+    index = file_index.read(end, found.bytes, section)
+    if index is None:
+        found.why = "it has no summary" if end.endswith(MAGIC) else found.why
         return False
-    if opcode != Opcode.FOOTER or length != _FOOTER.size - _HEADER.size:
-        raise McapError("no footer")
-    if start == 0:
-        found.why = "it has no summary"
-        return False
-    stream.seek(start)
-    section = stream.read(max(0, found.bytes - tail - start))
-    # the checksum is over the section and the footer up to itself
-    if checksum not in (0, zlib.crc32(end[: _FOOTER.size - 4], zlib.crc32(section))):
-        raise McapError("summary checksum")
-    _take_summary(stream, section, found)
+    for metadata in index.metadata:
+        _take_metadata(stream, metadata, found)
+    for attachment in index.attachments:
+        _take_attachment(stream, attachment, found)
+    found.types = index.types
+    if index.statistics is not None:
+        _take_statistics(index.statistics, index.channels, found)
     found.state = FINISHED
     return True
-
-
-def _take_summary(stream: IO[bytes], section: bytes, found: Summary) -> None:
-    names: dict[int, str] = {}
-    channels: dict[int, Channel] = {}
-    statistics: Statistics | None = None
-    for opcode, at, length in _records(section):
-        content = section[at : at + length]
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
-            names[schema.id] = schema.name
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
-            channels[channel.id] = channel
-        elif opcode == Opcode.STATISTICS:
-            statistics = Statistics.read(_stream(content))
-        elif opcode == Opcode.METADATA_INDEX:
-            _take_metadata(stream, MetadataIndex.read(_stream(content)), found)
-        elif opcode == Opcode.ATTACHMENT_INDEX:
-            _take_attachment(stream, AttachmentIndex.read(_stream(content)), found)
-    found.types = {channel.topic: names.get(channel.schema_id, "") for channel in channels.values()}
-    if statistics is not None:
-        _take_statistics(statistics, channels, found)
 
 
 def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found: Summary) -> None:
@@ -202,8 +169,8 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
 
 def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
     if index.name == METADATA and index.length <= _LARGEST:
-        stream.seek(index.offset + _HEADER.size)
-        found.session = _strings(Metadata.read(_stream(stream.read(index.length - _HEADER.size))).metadata)
+        stream.seek(index.offset + HEAD.size)
+        found.session = _strings(parse(Metadata, stream.read(index.length - HEAD.size)).metadata)
 
 
 def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
@@ -247,19 +214,20 @@ def _beginning(stream: IO[bytes], found: Summary) -> tuple[_Sample | None, int |
     at, names, topics = len(MAGIC), dict[int, str](), dict[int, str]()
     for _ in range(_FIRST_RECORDS):
         stream.seek(at)
-        head = stream.read(_HEADER.size)
-        if len(head) < _HEADER.size:
+        head = stream.read(HEAD.size)
+        if len(head) < HEAD.size:
             break
-        opcode, length = _HEADER.unpack(head)
-        if opcode not in _KNOWN or length > _LARGEST or at + _HEADER.size + length > found.bytes:
+        opcode, length = HEAD.unpack(head)
+        if opcode not in OPCODES or length > _LARGEST or at + HEAD.size + length > found.bytes:
             break
         content = stream.read(length)
-        with contextlib.suppress(*_MALFORMED):
+        with contextlib.suppress(*MALFORMED):
             if opcode == Opcode.METADATA:
-                record = Metadata.read(_stream(content))
+                record = parse(Metadata, content)
                 found.session = _strings(record.metadata) if record.name == METADATA else found.session
             elif opcode == Opcode.ATTACHMENT:
-                _count_attachment(content, found)
+                attachment = parse(Attachment, content)
+                found.attachments[attachment.name] = len(attachment.data)
             elif opcode == Opcode.CHUNK:
                 inside = _inflate(content)
                 _channels(inside, names, topics)
@@ -267,27 +235,19 @@ def _beginning(stream: IO[bytes], found: Summary) -> tuple[_Sample | None, int |
                 sample, channel = _first_sample(inside, found.types, topics)
                 if sample is not None:
                     return sample, channel
-        at += _HEADER.size + length
+        at += HEAD.size + length
     return None, None
-
-
-def _count_attachment(content: bytes, found: Summary) -> None:
-    s = _stream(content)
-    s.read8(), s.read8()
-    name = s.read_prefixed_string()
-    s.read_prefixed_string()
-    found.attachments[name] = s.read8()
 
 
 def _channels(content: bytes, names: dict[int, str], topics: dict[int, str]) -> None:
     """Add the channels that a chunk declares: their topics, and by the same numbers their types."""
     types: dict[int, str] = {}
-    for opcode, at, length in _records(content):
+    for opcode, at, length in records(content):
         if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content[at : at + length]))
+            schema = parse(Schema, content[at : at + length])
             types[schema.id] = schema.name
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content[at : at + length]))
+            channel = parse(Channel, content[at : at + length])
             topics[channel.id] = channel.topic
             names[channel.id] = types.get(channel.schema_id, "")
 
@@ -305,10 +265,10 @@ def _ending(stream: IO[bytes], size: int, channel: int | None) -> tuple[_Sample 
     tail = stream.read()
     at, how, judged = len(tail), "", False
     while (at := _chunk_before(tail, at)) >= 0:
-        _, length = _HEADER.unpack_from(tail, at)
+        _, length = HEAD.unpack_from(tail, at)
         try:
-            samples = list(_samples(_inflate(tail[at + _HEADER.size : at + _HEADER.size + length]), channel))
-        except _MALFORMED:
+            samples = list(_samples(_inflate(tail[at + HEAD.size : at + HEAD.size + length]), channel))
+        except MALFORMED:
             how, judged = how or "a chunk near its end cannot be read", True
             continue
         if not judged:
@@ -320,13 +280,13 @@ def _ending(stream: IO[bytes], size: int, channel: int | None) -> tuple[_Sample 
 
 def _chunk_before(tail: bytes, end: int) -> int:
     """Where the last chunk begins that is whole and begins before `end`; -1 if there is none."""
-    head = _HEADER.size + _CHUNK.size - 4
+    head = mcap_format.COMPRESSION_OFFSET
     mark = end + head
     while (mark := tail.rfind(_ZSTD, 0, max(0, mark))) >= 0:
         at = mark - head
         if at >= 0 and tail[at] == Opcode.CHUNK:
-            _, length = _HEADER.unpack_from(tail, at)
-            if at < end and at + _HEADER.size + length <= len(tail):
+            _, length = HEAD.unpack_from(tail, at)
+            if at < end and at + HEAD.size + length <= len(tail):
                 return at
         mark += len(_ZSTD) - 1
     return -1
@@ -334,55 +294,31 @@ def _chunk_before(tail: bytes, end: int) -> int:
 
 def _behind(tail: bytes, at: int) -> str:
     """What is wrong with the records from a chunk on, if it is more than that the last one is not whole."""
-    while at + _HEADER.size <= len(tail):
-        opcode, length = _HEADER.unpack_from(tail, at)
-        if opcode == Opcode.FOOTER and at + _FOOTER.size <= len(tail):
-            rest = tail[at + _FOOTER.size :]
+    while at + HEAD.size <= len(tail):
+        opcode, length = HEAD.unpack_from(tail, at)
+        if opcode == Opcode.FOOTER and at + FOOTER.size <= len(tail):
+            rest = tail[at + FOOTER.size :]
             return "" if MAGIC.startswith(rest) else "bytes that do not belong there follow its end"
-        if opcode not in _KNOWN:
+        if opcode not in OPCODES:
             return "bytes that are no record follow its last chunk"
-        at += _HEADER.size + length
+        at += HEAD.size + length
     return ""
 
 
 # -- bytes -------------------------------------------------------------------------------------------------------------
 
 
-def _records(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, offset and length of the records in bytes that hold whole ones."""
-    at = 0
-    while at + _HEADER.size <= len(content):
-        opcode, length = _HEADER.unpack_from(content, at)
-        at += _HEADER.size
-        if at + length > len(content):
-            raise McapError("a record ends before its content")
-        yield opcode, at, length
-        at += length
-
-
 def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
-    for opcode, at, length in _records(content):
-        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-            number, sequence, _, publish_ns = _MESSAGE.unpack_from(content, at)
+    for opcode, at, length in records(content):
+        if opcode == Opcode.MESSAGE and length >= MESSAGE.size:
+            number, sequence, _, publish_ns = MESSAGE.unpack_from(content, at)
             if number == channel:
                 yield _Sample(sequence, publish_ns)
 
 
 def _inflate(content: bytes) -> bytes:
     """A chunk record's content, checked."""
-    _, _, size, checksum, name = _CHUNK.unpack_from(content)
-    compression = content[_CHUNK.size : _CHUNK.size + name]
-    data = content[_CHUNK.size + name + 8 :]
-    if size > 16 * _LARGEST or compression not in (b"zstd", b""):
-        raise McapError("a chunk of another kind")
-    inside = zstandard.ZstdDecompressor().decompress(data, size) if compression else data
-    if checksum not in (0, zlib.crc32(inside)):
-        raise McapError("chunk checksum")
-    return inside
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(content))
+    return mcap_format.inflated(mcap_format.chunk_of(content), zstandard.ZstdDecompressor())
 
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:

@@ -14,6 +14,7 @@ import imutui
 from imutui.logbook import file_lock, schemas
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
+from imutui.logbook.summary import CONFIGURATION, SUMMARY
 
 
 class LogWriter:
@@ -59,7 +60,7 @@ class LogWriter:
         try:
             self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
-            self.attach("configuration.toml", "application/toml", configuration.encode(), now_ns)
+            self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
             for topic, typename in schemas.TYPES.items():
                 schema = self._writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
                 self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
@@ -120,7 +121,7 @@ class LogWriter:
             return
         try:
             text = json.dumps(summary, indent=1, allow_nan=False)
-            self.attach("summary.json", "application/json", text.encode(), now_ns)
+            self.attach(SUMMARY, "application/json", text.encode(), now_ns)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
             self._file.close()

@@ -109,5 +109,5 @@ class LiveFilter:
     def _messages(self, rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        verdict = estimates.Verdict.of(self.estimator, self.info)
+        verdict = estimates.BiasVerdicts.of(self.estimator, self.info)
         yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)

@@ -18,7 +18,7 @@ from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import PAPER_SITE
 from imutui.jobs import replay as job
-from imutui.jobs.replay import Options, replay
+from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, reader, results, schemas, trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.trajectory_file import Trajectory
@@ -120,7 +120,7 @@ def untimed(result: dict[str, Any]) -> dict[str, Any]:
 def test_the_reference_is_the_logs_own(tmp_path: Path) -> None:
     """A log with a profile attached is filtered along it: every sample is used, and six biases are within 4 sd."""
     path = tumbled(tmp_path / "a.mcap")
-    result = replay(path, Options())
+    result = replay(path, ReplayOptions())
     assert result["reference"] == "profile"
     assert result["samples"] == simulated(TUMBLE).t.size
     assert result["nis"]["dof"] == 9
@@ -134,7 +134,7 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
     """The log's profile is wrong by 90°, the named one is right; and its hash decides the configuration's."""
     wrong = TUMBLE.replace("[0.0, 90.0, 0.0]", "[0.0, -90.0, 0.0]")
     path = record(tmp_path / "a.mcap", simulated(TUMBLE), kind="profile", attachment=profile_file(wrong))
-    own, named = replay(path, Options()), replay(path, Options(reference=profile_file(TUMBLE)))
+    own, named = replay(path, ReplayOptions()), replay(path, ReplayOptions(reference=profile_file(TUMBLE)))
     assert own["rejected"] > 0
     assert any("left out" in text or "off the reference" in text for text in own["alarms"])
     assert named["rejected"] == 0
@@ -142,14 +142,14 @@ def test_a_reference_named_by_the_user_goes_before_the_logs_own(tmp_path: Path) 
     assert own["config_sha256"] != named["config_sha256"]
     # the kind goes with the file: a log made level takes a named profile as well
     level = record(tmp_path / "b.mcap", simulated(TUMBLE))
-    assert untimed(replay(level, Options(reference=profile_file(TUMBLE))))["final"] == named["final"]
+    assert untimed(replay(level, ReplayOptions(reference=profile_file(TUMBLE))))["final"] == named["final"]
 
 
 def test_a_profile_without_a_file_is_an_error_that_names_the_option(tmp_path: Path) -> None:
     """Reference "profile", and no file anywhere."""
     path = record(tmp_path / "a.mcap", simulated(None), kind="profile")
     with pytest.raises(ValueError, match=r"none of its own.*--reference FILE"):
-        replay(path, Options())
+        replay(path, ReplayOptions())
 
 
 def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
@@ -160,11 +160,11 @@ def test_the_logs_marks_join_the_profile_to_it(tmp_path: Path) -> None:
     for name, texts in (("a", ("segment 1", "segment 2", "segment 3")), ("b", ("on", "turned", "segment 3"))):
         marks = [(float(t) + 0.3, text) for t, text in zip(profile.rest_starts[:3], texts, strict=True)]
         path = record(tmp_path / f"{name}.mcap", samples, kind="profile", attachment=profile_file(MARKED), marks=marks)
-        result = replay(path, Options())
+        result = replay(path, ReplayOptions())
         assert np.all(np.abs(shift(result)) < 4.0)
         assert result["rejected"] == 0
         assert result["alarms"] == []
-    unmarked = replay(tumbled(tmp_path / "c.mcap", MARKED), Options())
+    unmarked = replay(tumbled(tmp_path / "c.mcap", MARKED), ReplayOptions())
     assert unmarked["nis"]["mean"] is None
 
 
@@ -181,33 +181,33 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
     )
     path = record(tmp_path / "a.mcap", late, kind="profile", attachment=profile_file(GYRO))
     log = reader.read(path)
-    _, settings = job.prepare(log, job.select(log, None, None), Options())
+    _, settings = job.prepare(log, job.select(log, None, None), ReplayOptions())
     assert settings.offset_sd is not None
     assert abs(settings.offset - 6.0) < 4.0 * settings.offset_sd
-    result = replay(path, Options())
+    result = replay(path, ReplayOptions())
     assert np.all(np.abs(shift(result)) < 4.0)
     assert result["rejected"] == 0
     with pytest.raises(ValueError, match="another `sign`"):
-        replay(path, Options(reference=profile_file(GYRO.replace("\n\n", "\nsign = [1, -1, 1]\n\n", 1))))
+        replay(path, ReplayOptions(reference=profile_file(GYRO.replace("\n\n", "\nsign = [1, -1, 1]\n\n", 1))))
 
 
 def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Path) -> None:
     """A profile that turns between two samples, and readings that do: nothing is known of the rate in between."""
     slow = record(tmp_path / "a.mcap", simulated(TUMBLE, hz=0.1, seconds=100.0), 0.1, "profile", profile_file(TUMBLE))
     with pytest.raises(ValueError, match=r"deg between two samples at 0\.1 Hz.*nothing is known of the rate"):
-        replay(slow, Options())
+        replay(slow, ReplayOptions())
     still = simulated(None, hz=0.1, seconds=100.0)
     turning = record(tmp_path / "b.mcap", replace(still, gyro=still.gyro + np.deg2rad([0.0, 0.0, 10.0])), 0.1)
     with pytest.raises(ValueError, match=r"10[0-9] deg between two samples at .*nothing is known of the rate"):
-        replay(turning, Options())
+        replay(turning, ReplayOptions())
     # at rest a tenth of a hertz is fine
-    assert np.all(np.abs(shift(replay(record(tmp_path / "c.mcap", still, 0.1), Options()))) < 4.0)
+    assert np.all(np.abs(shift(replay(record(tmp_path / "c.mcap", still, 0.1), ReplayOptions()))) < 4.0)
 
 
 # ---------------------------------------------------------------------------------------------------------------- parts
 
 
-def rows(path: Path, options: Options) -> tuple[np.ndarray, np.ndarray]:
+def rows(path: Path, options: ReplayOptions) -> tuple[np.ndarray, np.ndarray]:
     """Times since the log's first sample, and what is known then."""
     log = reader.read(path)
     part = job.select(log, options.start, options.end)
@@ -242,8 +242,8 @@ def test_a_part_knows_what_the_whole_knows_of_the_same_samples(tmp_path: Path, k
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
     path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
-    t, whole = rows(path, Options())
-    part_t, part = rows(path, Options(start=9.99, end=27.01))
+    t, whole = rows(path, ReplayOptions())
+    part_t, part = rows(path, ReplayOptions(start=9.99, end=27.01))
     here = (t >= 9.99) & (t <= 27.01)
     assert np.allclose(part_t, t[here], atol=1e-9)
     # at its first sample a part may take a trajectory's row that is a little older than it
@@ -259,7 +259,7 @@ def test_a_part_that_begins_in_another_position_is_filtered_like_any_other(tmp_p
     file = table_trajectory(samples) if kind == "trajectory" else profile_file(MARKED if kind == "marks" else TUMBLE)
     marks = [(0.4, "segment 1"), (10.9, "segment 2"), (23.6, "segment 3")] if kind == "marks" else []
     path = record(tmp_path / "a.mcap", samples, kind=file.kind, attachment=file, marks=marks)
-    result = replay(path, Options(start=13.0))
+    result = replay(path, ReplayOptions(start=13.0))
     assert result["rejected"] == 0
     assert np.all(np.abs(shift(result)) < 4.0)
 
@@ -270,7 +270,10 @@ def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
     whole = record(tmp_path / "a.mcap", samples)
     here = (samples.t >= 5.0) & (samples.t <= 20.0)
     alone = Samples(samples.t[here] - 5.0, samples.gyro[here], samples.accel[here])
-    part, cut = replay(whole, Options(start=5.0, end=20.0)), replay(record(tmp_path / "b.mcap", alone), Options())
+    part, cut = (
+        replay(whole, ReplayOptions(start=5.0, end=20.0)),
+        replay(record(tmp_path / "b.mcap", alone), ReplayOptions()),
+    )
     own = ("log", "log_sha256")
     assert {k: v for k, v in untimed(part).items() if k not in own} == {
         k: v for k, v in untimed(cut).items() if k not in own
@@ -285,7 +288,7 @@ def test_noise_measured_on_a_still_log_is_the_logs_and_is_used(tmp_path: Path) -
     quiet = replace(SPEC, gyro_arw=SPEC.gyro_arw / 4, accel_vrw=SPEC.accel_vrw / 4)
     samples = simulation.simulate(rate_hz=50.0, seconds=300.0, seed=3, spec=quiet, truth=BIAS)[0]
     path = record(tmp_path / "a.mcap", samples, 50.0)
-    table, measured = replay(path, Options()), replay(path, Options(overrides={"noise": "log"}))
+    table, measured = replay(path, ReplayOptions()), replay(path, ReplayOptions(overrides={"noise": "log"}))
     used = measured["noise"]["used"]
     assert used["source"] == "log"
     assert np.allclose(used["gyro_arw_deg_sqrt_h"], 4.5 / 4, rtol=0.1)
@@ -305,7 +308,7 @@ def test_noise_of_a_moving_log_is_not_measured(tmp_path: Path) -> None:
     for name, file in (("a", profile_file(TUMBLE)), ("b", table_trajectory(samples))):
         path = record(tmp_path / f"{name}.mcap", samples, kind=file.kind, attachment=file)
         with pytest.raises(ValueError, match=r"`noise` is \"log\".*at rest"):
-            replay(path, Options(overrides={"noise": "log"}))
+            replay(path, ReplayOptions(overrides={"noise": "log"}))
 
 
 # ------------------------------------------------------------------------------------------------------------ estimates
@@ -351,7 +354,7 @@ def test_all_estimates_in_the_file_are_the_runners(tmp_path: Path, name: str, se
     """With 0 estimates a second asked for, each sample's: stamps, numbers, NIS and verdict; for all three filters."""
     samples = simulated(None, seconds=seconds)
     path = record(tmp_path / "a.mcap", samples, filter=name)
-    result = replay(path, Options(output=tmp_path / "e.mcap", estimates_hz=0.0))
+    result = replay(path, ReplayOptions(output=tmp_path / "e.mcap", estimates_hz=0.0))
     assert result["filter"] == name
     stamps, messages = written(tmp_path / "e.mcap")
     log = reader.read(path)
@@ -372,7 +375,7 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
     """Of 133 samples a second one goes into the file, each the runner's own."""
     samples = simulated(None, hz=133.0, seconds=6.0)
     path = record(tmp_path / "a.mcap", samples, 133.0)
-    replay(path, Options(output=tmp_path / "e.mcap"))
+    replay(path, ReplayOptions(output=tmp_path / "e.mcap"))
     stamps, messages = written(tmp_path / "e.mcap")
     assert len(messages) == 6
     steps = np.diff(stamps) / 1e9
@@ -390,10 +393,10 @@ def test_one_estimate_a_second_is_written_unless_asked(tmp_path: Path) -> None:
 def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str | None) -> None:
     """Without a file, with ten a second and with all: equal in every field but the timings; and it is in the file."""
     path = record(tmp_path / "a.mcap", simulated(None)) if text is None else tumbled(tmp_path / "a.mcap", text)
-    plain = replay(path, Options())
+    plain = replay(path, ReplayOptions())
     for hz in (10.0, 0.0, 3.0):
         output = tmp_path / f"{hz}.mcap"
-        result = replay(path, Options(output=output, estimates_hz=hz))
+        result = replay(path, ReplayOptions(output=output, estimates_hz=hz))
         assert untimed(result) == untimed(plain)
         with output.open("rb") as stream:
             attached = {a.name: a.data for a in make_reader(stream).iter_attachments()}
@@ -403,14 +406,14 @@ def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str
 def test_one_by_one_at_a_pace_gives_what_all_at_once_gives(tmp_path: Path) -> None:
     """With a speed samples are fed singly; the result is the same."""
     path = tumbled(tmp_path / "a.mcap")
-    assert untimed(replay(path, Options(speed=1e6))) == untimed(replay(path, Options()))
+    assert untimed(replay(path, ReplayOptions(speed=1e6))) == untimed(replay(path, ReplayOptions()))
 
 
 @pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
 def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str) -> None:
     """Named in the options, not in the log: on ten still seconds they agree with `spkf` within a tenth of an sd."""
     path = record(tmp_path / "a.mcap", simulated(None, seconds=10.0))
-    own, other = replay(path, Options()), replay(path, Options(overrides={"filter": name}))
+    own, other = replay(path, ReplayOptions()), replay(path, ReplayOptions(overrides={"filter": name}))
     assert (own["filter"], other["filter"]) == ("spkf", name)
     assert np.allclose(shift(own), shift(other), atol=0.1)
     assert own["nis"]["mean"] == pytest.approx(other["nis"]["mean"], rel=0.01)
@@ -421,9 +424,9 @@ def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
     path, output = record(tmp_path / "a.mcap", simulated(None, seconds=5.0)), tmp_path / "e.mcap"
     output.write_bytes(b"dear")
     with pytest.raises(FileExistsError):
-        replay(path, Options(output=output))
+        replay(path, ReplayOptions(output=output))
     assert output.read_bytes() == b"dear"
-    replay(path, Options(output=output, overwrite=True))
+    replay(path, ReplayOptions(output=output, overwrite=True))
     assert len(written(output)[1]) == 5
 
 
@@ -433,5 +436,5 @@ def test_the_log_itself_is_not_overwritten(tmp_path: Path) -> None:
     content = path.read_bytes()
     for overwrite in (False, True):
         with pytest.raises((FileExistsError, ValueError)):
-            replay(path, Options(output=path, overwrite=overwrite))
+            replay(path, ReplayOptions(output=path, overwrite=overwrite))
         assert path.read_bytes() == content

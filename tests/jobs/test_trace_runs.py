@@ -13,8 +13,8 @@ from filters.imu import AxisMap, parse_mount
 from filters.motion.kinematics import angles_of, attitudes
 from filters.tracing import residual
 from imutui.jobs import run_consistency, runs
-from imutui.jobs.replay import Options
-from imutui.jobs.runs import Read
+from imutui.jobs.replay import ReplayOptions
+from imutui.jobs.runs import LoggedRun
 from imutui.logbook import schemas, trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
@@ -38,8 +38,8 @@ seconds = 10.0
 """
 
 
-def read(path: Path, file: ReferenceFile | None = None, **overrides: Any) -> Read:
-    return runs.read_run(path, path.stem, Options(overrides=overrides, reference=file))
+def read(path: Path, file: ReferenceFile | None = None, **overrides: Any) -> LoggedRun:
+    return runs.read_run(path, path.stem, ReplayOptions(overrides=overrides, reference=file))
 
 
 def profile(text: str) -> ReferenceFile:
@@ -210,54 +210,54 @@ def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 
-def wrong_sign(path: Path) -> Read:
+def wrong_sign(path: Path) -> LoggedRun:
     return read(imported(path, arrays(90.0, sign=1, seed=1), accel_sign=-1))
 
 
-def wrong_angles(path: Path) -> Read:
+def wrong_angles(path: Path) -> LoggedRun:
     given = arrays(90.0, moving=False, seed=1)
     given["ang"] = given["ang"] + [0.0, 20.0, 0.0]
     return read(imported(path, given))
 
 
-def wrong_time(path: Path) -> Read:
+def wrong_time(path: Path) -> LoggedRun:
     given = arrays(90.0)
     noise = np.random.default_rng(1).normal(size=given["gyro"].shape) * 0.05
     gyro, accel = readings(given["t"], *tumble(given["t"] - 1.5), AxisMap())
     return read(imported(path, given | {"gyro": gyro + noise, "accel": accel}))
 
 
-def wrong_axis(path: Path) -> Read:
+def wrong_axis(path: Path) -> LoggedRun:
     given = arrays(90.0, seed=1)
     given["gyro"] *= [1.0, -1.0, -1.0]
     return read(imported(path, given))
 
 
-def other_motion(path: Path) -> Read:
+def other_motion(path: Path) -> LoggedRun:
     given = arrays(90.0, seed=1)
     given["gyro"] = given["gyro"][:, [1, 2, 0]]
     return read(imported(path, given))
 
 
-def not_at_rest(path: Path) -> Read:
+def not_at_rest(path: Path) -> LoggedRun:
     given = arrays(90.0, seed=1)
     del given["ang"], given["rate"]
     return read(imported(path, given), reference="level")
 
 
-def other_units(path: Path) -> Read:
+def other_units(path: Path) -> LoggedRun:
     given = arrays(90.0, moving=False, seed=1)
     given["accel"] *= 9.80665
     return read(imported(path, given))
 
 
-def rates_in_radians(path: Path) -> Read:
+def rates_in_radians(path: Path) -> LoggedRun:
     given = arrays(90.0, seed=1)
     given["gyro"] = np.deg2rad(given["gyro"])
     return read(imported(path, given))
 
 
-CONTRADICTIONS: dict[Callable[[Path], Read], str] = {
+CONTRADICTIONS: dict[Callable[[Path], LoggedRun], str] = {
     wrong_sign: r"opposite.*2\.\d\d g.*--accel-sign \+1.*other way up",
     wrong_angles: r"gravity is felt 20°.*--reference gravity",
     wrong_time: r'1\.[45]\d s late.*\+1\.[45]\d s.*align = "gyro"',
@@ -270,7 +270,9 @@ CONTRADICTIONS: dict[Callable[[Path], Read], str] = {
 
 
 @pytest.mark.parametrize("case", CONTRADICTIONS)
-def test_a_reference_that_contradicts_the_readings_is_refused(tmp_path: Path, case: Callable[[Path], Read]) -> None:
+def test_a_reference_that_contradicts_the_readings_is_refused(
+    tmp_path: Path, case: Callable[[Path], LoggedRun]
+) -> None:
     """By what is wrong, how much, and what mends it."""
     got = case(tmp_path / "a.mcap")
     with pytest.raises(ValueError, match=CONTRADICTIONS[case]):

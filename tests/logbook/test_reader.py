@@ -3,7 +3,7 @@
 import io
 import random
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,10 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zstandard import ZstdError
 
-from imutui.logbook import SessionInfo, mcap_kernels, reader, schemas
+from imutui.logbook import SessionInfo, message_definitions, message_layout, reader, schemas
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
@@ -165,7 +166,7 @@ def test_the_recorders_own_file_is_read_without_decoding_a_sample(
     monkeypatch.setattr(schemas, "decode", lambda typename, data: decoded.append(typename) or decode(typename, data))
     for log in (reader.read(path, raw=True), reader.read(other, raw=True)):
         assert log.stamp_ns.size == 60
-    assert set(decoded) == {schemas.TYPES[t] for t in (schemas.REFERENCE, schemas.DIAGNOSTICS, schemas.EVENTS)}
+    assert set(decoded) == {schemas.TYPES[schemas.REFERENCE]}
 
 
 @pytest.mark.parametrize("chunked", [True, False])
@@ -323,7 +324,7 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["counts"].tolist() == [list(packet.counts) for packet in log.raw]
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
-    assert mcap_kernels.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
+    assert message_layout.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
 
 
 def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
@@ -332,3 +333,65 @@ def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:
     assert np.isnan(log.temperature()).all()
     log.temperature_stamp_ns, log.temperature_degc = np.array([10, 25, 40]), np.array([1.0, 2.0, 3.0])
     assert log.temperature().tolist() == [1.0, 1.0, 1.0, 2.0, 3.0]
+
+
+@given(
+    st.integers(0, 2**31 * 10**9 - 1),
+    st.text(max_size=9),
+    st.dictionaries(st.text(max_size=5), st.text(max_size=7), max_size=4),
+    st.integers(0, 2**32),
+    st.integers(0, 3),
+)
+def test_events_and_diagnostics_read_by_hand_are_what_rosbags_reads(
+    stamp: int, text: str, values: dict[str, str], seed: int, changes: int
+) -> None:
+    """Of whole messages, and of spoilt ones, which fail as rosbags fails or give what it gives."""
+    rng = random.Random(seed)
+    for topic, message in (
+        (schemas.EVENTS, schemas.event(stamp, text, text[::-1])),
+        (schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 1, text, values)),
+    ):
+        data = bytearray(schemas.encode(topic, message))
+        for _ in range(changes):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        data = data[: rng.randrange(len(data) + 1)] if changes == 3 else data
+        assert outcome(by_hand[topic], bytes(data)) == outcome(by_definition[topic], bytes(data))
+
+
+def outcome(read: Callable[[bytes], Any], data: bytes) -> Any:
+    """What a decoder gives, or the name of its error."""
+    try:
+        return read(data)
+    except Exception as error:  # noqa: BLE001 - whichever way a decoder fails first
+        return type(error).__name__
+
+
+def event_by_definition(data: bytes) -> schemas.LogEvent:
+    """As rosbags reads it."""
+    m = schemas.decode(schemas.TYPES[schemas.EVENTS], data)
+    return schemas.LogEvent(m.stamp.sec * 1_000_000_000 + m.stamp.nanosec, m.name, m.msg)
+
+
+def diagnostics_by_definition(data: bytes) -> dict[str, str] | None:
+    """As rosbags reads it."""
+    m = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], data)
+    return {pair.key: pair.value for pair in m.status[0].values} if m.status else None
+
+
+by_hand: dict[str, Callable[[bytes], Any]] = {
+    schemas.EVENTS: schemas.decode_event,
+    schemas.DIAGNOSTICS: schemas.decode_diagnostics,
+}
+by_definition: dict[str, Callable[[bytes], Any]] = {
+    schemas.EVENTS: event_by_definition,
+    schemas.DIAGNOSTICS: diagnostics_by_definition,
+}
+
+
+def test_our_texts_of_ros_types_are_those_of_ros() -> None:
+    """Each definition in a log is what the store of ROS 2 Humble makes of it, with our own types added."""
+    humble = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in message_definitions.OWN.items():
+        humble.register(get_types_from_msg(text, name))
+    for name in message_definitions.ROS | message_definitions.OWN:
+        assert schemas.definition(name) == humble.generate_msgdef(name, ros_version=2)[0]

@@ -20,7 +20,7 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
-from imutui.jobs.replay import Options, replay
+from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, file_lock, reader, schemas, summary
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import TIMINGS
@@ -208,7 +208,7 @@ def test_the_replay_of_a_recovered_log_equals_that_of_the_unfinished_one(tmp_pat
     """In every field but the file's own."""
     written(tmp_path / "a.mcap", seconds=8, rate=10, finish=False)
     _, output = recovered(tmp_path / "a.mcap")
-    before, after = (replay(path, Options()) for path in (tmp_path / "a.mcap", output))
+    before, after = (replay(path, ReplayOptions()) for path in (tmp_path / "a.mcap", output))
     assert not before["finished"]
     assert after["finished"]
     ignored = {*TIMINGS, "log", "log_sha256", "finished", "damage"}

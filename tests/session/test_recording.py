@@ -7,7 +7,7 @@ import pytest
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Mode, Packet
-from imutui.jobs.replay import Options, replay
+from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
@@ -89,17 +89,17 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
     """The log repeats its own effects, temperature by temperature; with none it is another result, and says so."""
     live_filter.prepare()
     live = recorded(tmp_path / "a.mcap", sampling)
-    again = replay(tmp_path / "a.mcap", Options())
+    again = replay(tmp_path / "a.mcap", ReplayOptions())
     assert untimed(again) == untimed(live)
     (state,) = live["effects"]
     assert state["name"] == "thermal_lin gy k"
     assert 0.0 < state["sd"] < 1e-3
-    without = replay(tmp_path / "a.mcap", Options(effects=effects_file.NONE))
+    without = replay(tmp_path / "a.mcap", ReplayOptions(effects=effects_file.NONE))
     assert without["effects"] == []
     assert without["config_sha256"] != live["config_sha256"]
     assert without["final"]["gyro_bias_dps"] != live["final"]["gyro_bias_dps"]
     # another file's effects go before the log's own
-    other = replay(tmp_path / "a.mcap", Options(effects=FILE.replace(b"sd = 1e-3", b"sd = 1e-6")))
+    other = replay(tmp_path / "a.mcap", ReplayOptions(effects=FILE.replace(b"sd = 1e-3", b"sd = 1e-6")))
     assert other["effects"][0]["sd"] <= 1e-6
 
 
@@ -108,8 +108,8 @@ def test_effects_and_a_filter_that_takes_none_are_refused(tmp_path: Path) -> Non
     """A log with effects, replayed with another filter: in words, and possible without them."""
     recorded(tmp_path / "a.mcap", "stream")
     with pytest.raises(ValueError, match='"ekf", but effects'):
-        replay(tmp_path / "a.mcap", Options(overrides={"filter": "ekf"}))
-    assert replay(tmp_path / "a.mcap", Options(end=2.0, overrides={"filter": "ekf"}, effects=effects_file.NONE))[
+        replay(tmp_path / "a.mcap", ReplayOptions(overrides={"filter": "ekf"}))
+    assert replay(tmp_path / "a.mcap", ReplayOptions(end=2.0, overrides={"filter": "ekf"}, effects=effects_file.NONE))[
         "samples"
     ]
 
@@ -122,4 +122,4 @@ def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
     writer.imu(START, START, np.zeros(3), np.array([0.0, 0.0, -9.8]))
     writer.finish({}, START)
     with pytest.raises(ValueError, match=r"a\.mcap: .*gremlins.*--effects none"):
-        replay(tmp_path / "a.mcap", Options())
+        replay(tmp_path / "a.mcap", ReplayOptions())

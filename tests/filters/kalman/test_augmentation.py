@@ -20,7 +20,7 @@ from filters.kalman.augmentation import Augmented
 from filters.kalman.filter_input import FilterInput, draws
 from filters.kalman.rows import Estimate, nav_of
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import GAP, Settings
+from filters.kalman.settings import GAP_PERIODS, Settings
 from filters.motion import reference
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
@@ -84,7 +84,7 @@ def by_numpy(parameters: engines.Parameters, feed: FilterInput, nav: state.NavSt
         belief = augmentation.drift(belief, effects.tau, effects.q, dt)
         held = max(1.0, dt / parameters.period)
         turned = 0.0
-        if held > GAP:
+        if held > GAP_PERIODS:
             rates = feed.gyro[ends] - np.einsum("eip,p->ei", feed.phi[ends], belief.x)[:, 3:] - belief.nav.gyro_bias
             turned = float(np.linalg.norm(np.max(np.abs(rates), axis=0))) * dt
         scale = feed.noise_scale[k]

@@ -99,7 +99,7 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
         await pilot.press("escape")
         await shows(pilot, "3 recordings")
     saved = json.loads((home / "logs" / "whole_replay.json").read_text())
-    expected = replay.replay(home / "logs" / "whole.mcap", replay.Options())
+    expected = replay.replay(home / "logs" / "whole.mcap", replay.ReplayOptions())
     for document in (saved, expected):
         for key in TIMINGS:
             document.pop(key)

@@ -24,7 +24,7 @@ from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.option_rows import Rows
 
 if TYPE_CHECKING:
-    from imutui.jobs.operator_steps import Offer, Step
+    from imutui.jobs.operator_steps import Offer, OperatorStep
     from imutui.session.snapshot import ProfileDescription
 
 _NEEDED = 74
@@ -182,7 +182,7 @@ class TablePage(Page):
             if self.query("#preview"):  # the page may have gone meanwhile
                 preview.update(Content(choose().text("\n".join(self._preview_lines(offer, steps)))))
 
-    def _preview_lines(self, offer: "Offer", steps: "list[Step]") -> list[str]:
+    def _preview_lines(self, offer: "Offer", steps: "list[OperatorStep]") -> list[str]:
         room = max(self.query_one("#preview").size.height - 1, 1)
         width = self.app.size.width - 2
         shown = [f"{n:3d}  {step.text.removeprefix('go to ')}, {step.seconds:g} s" for n, step in enumerate(steps, 1)]
@@ -509,7 +509,7 @@ def _by_hand(offer: "Offer") -> "Offer":
     return operator_steps.by_hand(offer) or offer
 
 
-def _steps(offer: "Offer") -> "list[Step]":
+def _steps(offer: "Offer") -> "list[OperatorStep]":
     from imutui.jobs import operator_steps
 
     return operator_steps.steps(operator_steps.load(offer.file, offer.text))
