@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
-from conftest import imutui
+from helpers.commands import imutui
 
 from filters.imu import IMU400CD_200
 from filters.motion.profile import Dwell, Profile, Rate, Sampled

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
 from helpers.fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
+from helpers.processes import wait_until
 
 from imutui.cli import status
 from imutui.instrument.port import Port

@@ -12,8 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import imutui, wait_until
+from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers, command, error_of, record
+from helpers.processes import wait_until
 
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader

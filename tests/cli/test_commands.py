@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import serial
-from conftest import imutui
+from helpers.commands import imutui
 from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS

@@ -6,8 +6,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import SAMPLE, imutui
+from helpers.commands import imutui
 from helpers.fake_devices import command
+from helpers.paths import SAMPLE
 from rosbags.highlevel import AnyReader
 
 from imutui import config

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import imutui
+from helpers.commands import imutui
 from unit_time import acquire
 
 from imutui.logbook import reader

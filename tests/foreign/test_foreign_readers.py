@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import imutui
+from helpers.commands import imutui
 from rosbags.highlevel import AnyReader
 
 from imutui.logbook import reader, schemas

@@ -5,7 +5,7 @@ import json
 import math
 from pathlib import Path
 
-from conftest import imutui
+from helpers.commands import imutui
 
 from filters.motion.profile import Dwell, Profile, Rate, Sine
 from filters.tracing import prospect

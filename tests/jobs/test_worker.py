@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
 from helpers import jobs_for_workers as jobs
+from helpers.processes import wait_until
 
 from imutui.jobs.worker import Worker
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import imutui, wait_until
+from helpers.commands import imutui
+from helpers.processes import wait_until
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap.writer import Writer

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import wait_until
 from helpers import loopback
 from helpers.loopback import SshServer, Terminal, imutui_command, processes_with
+from helpers.processes import wait_until
 from helpers.tap import packets_of
 
 from imutui.instrument.clock import WRAP

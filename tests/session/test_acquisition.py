@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 import unit_time
-from conftest import imutui, wait_until
+from helpers.commands import imutui
+from helpers.processes import wait_until
 from helpers.tap import packets_of
 
 from imutui.logbook import reader

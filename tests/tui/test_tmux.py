@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import wait_until
+from helpers.processes import wait_until
 from unit_time import acquire
 
 from imutui.instrument.clock import WRAP

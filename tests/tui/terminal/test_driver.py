@@ -14,7 +14,7 @@ from fcntl import ioctl
 from pathlib import Path
 
 import pyte
-from conftest import ROOT
+from helpers.paths import ROOT
 
 _PROGRAM = """
 import sys
