@@ -8,6 +8,7 @@ from pathlib import Path
 import platformdirs
 import pytest
 from helpers.paths import DATA, SAMPLE
+from helpers.places import own_places
 from helpers.processes import end_owner
 
 
@@ -53,13 +54,7 @@ def recording() -> Callable[[str], Path]:
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A working folder with sockets, cache and configuration of its own; acquisitions left in it are ended."""
-    runtime = tmp_path / "run"
-    runtime.mkdir(mode=0o700)
-    for name in ("cache", "config"):
-        monkeypatch.setenv(f"XDG_{name.upper()}_HOME", str(tmp_path / name))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    for name in [name for name in os.environ if name.startswith("IMUTUI_")]:
-        monkeypatch.delenv(name)
+    runtime = own_places(monkeypatch, tmp_path)
     monkeypatch.chdir(tmp_path)
     yield tmp_path
     for lock in (runtime / "imutui").glob("*.lock"):

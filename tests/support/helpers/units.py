@@ -1,11 +1,14 @@
 """Virtual units that are served in this process."""
 
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, BinaryIO
 
-from imutui.instrument.virtual import Reading, VirtualUnit, serve
+from imutui.cli.readings import SIMULATED, simulated
+from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
 
 
 class Still:
@@ -37,3 +40,11 @@ def served(made: VirtualUnit, tap: BinaryIO | None = None) -> Iterator[str]:
     finally:
         stop.set()
         thread.join(10.0)
+
+
+@contextmanager
+def virtual(tap: Path | None = None) -> Iterator[str]:
+    """Port of the unit that `imutui virtual` runs, without a process for it; what it sends goes into the file `tap`."""
+    unit = VirtualUnit(simulated(None, 0, 0), UnitOptions(version=SIMULATED))
+    with open(tap or os.devnull, "wb", buffering=0) as sink, served(unit, sink) as port:
+        yield port
