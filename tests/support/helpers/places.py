@@ -7,7 +7,7 @@ import pytest
 
 
 def own_places(patch: pytest.MonkeyPatch, folder: Path) -> Path:
-    """Have sockets, cache and configuration in this folder, and no setting from outside; returns that of the sockets."""
+    """Have sockets, cache and configuration here, and no setting from outside; returns the folder of sockets."""
     runtime = folder / "run"
     runtime.mkdir(mode=0o700, exist_ok=True)
     for name in ("cache", "config"):
