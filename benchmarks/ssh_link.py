@@ -26,7 +26,7 @@ from imutui.session import client as session
 from imutui.session.plan import Plan
 
 # the sshd of its own and the relay that counts are the tests'
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from helpers.loopback import CountingProxy, SshServer, Terminal, missing
 

@@ -4,7 +4,8 @@
 
 One case for each family of the catalogue, one with several effects at once, and one whose effect is too weak for its
 logs. Each power-on is a unit, an acquisition process and a log of its own; two at once. All simulated. By default the
-processes run on the unit's time (`tests/unit_time`); with --real-time on the wall's, all power-ons of a case at once.
+processes run on the unit's time (`tests/support/unit_time`); with --real-time on the wall's, all power-ons of a case at
+once.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from unit_time import acquire, acquire_in_real_time
 

@@ -1,21 +1,23 @@
 """`imutui record` on devices that are none, are others, or fail: one paragraph, exit 4, nothing lost."""
 
+import pickle
 import random
 import signal
 import socket
 import subprocess
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
 from helpers.fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
+from helpers.processes import LIMIT_S, started, wait_until
+from helpers.shared import once
 
 from imutui.cli import status
-from imutui.instrument.port import Port
+from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
 from imutui.session import handshake, ipc
 
@@ -24,18 +26,21 @@ STREAMED = 60
 OLD = b"an old recording"
 _noise = random.Random(7)
 
-# habits, and what the error must say; those that take longest first
-DEVICES: dict[str, tuple[Habits, tuple[str, ...]]] = {
+# habits, and what the error must say: what is found out before there is a first packet to wait for ...
+STRANGERS: dict[str, tuple[Habits, tuple[str, ...]]] = {
     "random bytes": (Habits(chatter=lambda: _noise.randbytes(20)), ("not as a Crossbow IMU", "another device")),
     "a GPS receiver": (Habits(chatter=lambda: NMEA), ("not as a Crossbow IMU", "24 47 50", "another device")),
     "an echo": (Habits(echo=True), ("not as a Crossbow IMU", "another cable")),
-    "silence": (Habits(), ("silent", "38400", "power")),
     "ping and no more": (Habits(answers(c=b"", S=b"", v=b"")), ("answers a ping", "Power it off and on")),
+    "AHRS400CC-100": (Habits(answers("AHRS400CC-100 VER 2.1")), ("AHRS400CC-100", "not an IMU400CD-200", "Connect")),
+}
+# ... and what a command makes of that, and of units that fail later
+DEVICES: dict[str, tuple[Habits, tuple[str, ...]]] = {
+    "silence": (Habits(), ("silent", "38400", "power")),
     "modes and no packets": (Habits(answers()), ("sends no packets", "Power it off and on")),
     "hangs up when asked": (Habits(answers(), hangs_up_at=b"v"), ("went away", "Check the cable")),
     "hangs up before it streams": (Habits(answers(), hangs_up_at=b"C"), ("went away", "Check the cable")),
     "hangs up while recording": (Habits(answers(), streams=STREAMED), ("went away", "Check the cable")),
-    "AHRS400CC-100": (Habits(answers("AHRS400CC-100 VER 2.1")), ("AHRS400CC-100", "not an IMU400CD-200", "Connect")),
 }
 OTHER_MODELS = (
     "AHRS400CC-100",
@@ -78,73 +83,84 @@ SERVERS = {
     "a terminal server that hangs up": (True, ("went away", "Check the cable")),
     "a terminal server with nothing behind it": (False, ("silent", "power")),
 }
-WORDS = {name: words for name, (_, words) in (DEVICES | SERVERS).items()}
 
 
 @pytest.fixture(scope="module")
-def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, "Future[Outcome]"]]:
-    """What `record` makes of all of them; a few at a time, since most of it is waiting."""
+def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
+    """What `record` makes of devices; all at once, since most of it is waiting."""
 
-    def attempt(port: str, folder: Path) -> Outcome:
+    def attempt(habits: Habits, folder: Path) -> Outcome:
+        folder.mkdir()
         (folder / "out.mcap").write_bytes(OLD)
-        return record(folder, port, "--duration", "1", "--filter", "none", "-o", "out.mcap", "--force")
-
-    def on_device(habits: Habits, folder: Path) -> Outcome:
         with Device(habits) as device:
-            return attempt(device.port, folder)
+            return record(folder, device.port, "--duration", "1", "--filter", "none", "-o", "out.mcap", "--force")
 
-    def on_server(hangs_up: bool, folder: Path) -> Outcome:
-        with terminal_server(hangs_up) as url:
-            return attempt(url, folder)
+    def make(folder: Path) -> None:
+        with ThreadPoolExecutor(len(DEVICES)) as pool:
+            every = pool.map(attempt, (habits for habits, _ in DEVICES.values()), (folder / name for name in DEVICES))
+            found = dict(zip(DEVICES, every, strict=True))
+        (folder / "outcomes").write_bytes(pickle.dumps(found))
 
-    with ThreadPoolExecutor(max_workers=5) as pool:
-        devices = {
-            name: pool.submit(on_device, habits, tmp_path_factory.mktemp("device"))
-            for name, (habits, _) in DEVICES.items()
-        }
-        servers = {
-            name: pool.submit(on_server, hangs_up, tmp_path_factory.mktemp("server"))
-            for name, (hangs_up, _) in SERVERS.items()
-        }
-        yield devices | servers
+    return dict(pickle.loads((once(tmp_path_factory, "bad_devices", make) / "outcomes").read_bytes()))
 
 
-@pytest.mark.parametrize("name", list(reversed(WORDS)))
-def test_what_is_no_working_imu400cd_is_named_with_the_next_step(
-    outcomes: dict[str, "Future[Outcome]"], name: str
-) -> None:
+@pytest.mark.parametrize("name", DEVICES)
+def test_a_command_names_the_next_step_and_ends(outcomes: dict[str, Outcome], name: str) -> None:
     """Exit 4, the port, what is wrong, what to do; and no process is left behind."""
-    outcome = outcomes[name].result()
+    outcome = outcomes[name]
     assert outcome.code == 4, outcome
     error = error_of(outcome)
-    assert "/dev/" in error or "socket://" in error
-    for words in WORDS[name]:
+    assert "/dev/" in error
+    for words in DEVICES[name][1]:
         assert words in error
     wait_until(lambda: not ipc.is_locked(outcome.folder / "run" / "imutui" / "default.lock"))
 
 
-@pytest.mark.parametrize("name", [name for name in WORDS if name != "hangs up while recording"])
-def test_a_failed_attempt_leaves_the_file_it_was_to_replace(outcomes: dict[str, "Future[Outcome]"], name: str) -> None:
+@pytest.mark.parametrize("name", [name for name in DEVICES if name != "hangs up while recording"])
+def test_a_failed_attempt_leaves_the_file_it_was_to_replace(outcomes: dict[str, Outcome], name: str) -> None:
     """--force replaces a recording by a recording, never by nothing."""
-    assert (outcomes[name].result().folder / "out.mcap").read_bytes() == OLD
+    assert (outcomes[name].folder / "out.mcap").read_bytes() == OLD
+
+
+def refused(url: str) -> str:
+    """What an acquisition says of what is no working unit before it has a first packet to wait for."""
+    with pytest.raises((PortError, handshake.InstrumentError)) as error, Port(url, 38400) as port:
+        handshake.open_dialogue(port, 38400, say=lambda text: None)
+    return str(error.value)
+
+
+def test_what_is_no_working_imu400cd_is_named_with_the_next_step() -> None:
+    """The port, what is wrong, what to do. All at once, since most of it is waiting."""
+
+    def of_device(habits: Habits) -> str:
+        with Device(habits) as device:
+            return refused(device.port)
+
+    def of_server(hangs_up: bool) -> str:
+        with terminal_server(hangs_up) as url:
+            return refused(url)
+
+    with ThreadPoolExecutor(len(STRANGERS | SERVERS)) as pool:
+        said = {name: pool.submit(of_device, habits) for name, (habits, _) in STRANGERS.items()}
+        said |= {name: pool.submit(of_server, hangs_up) for name, (hangs_up, _) in SERVERS.items()}
+    for name, (_, words) in (STRANGERS | SERVERS).items():
+        text = said[name].result()
+        assert "/dev/" in text or "socket://" in text
+        assert all(word in text for word in words), (name, text)
 
 
 @pytest.mark.parametrize("model", OTHER_MODELS)
 def test_another_model_of_the_family_is_refused_by_name(model: str) -> None:
     """Same commands, other ranges or packets: its readings would be wrong by a factor."""
-    with (
-        Device(Habits(answers(f"{model} VER 2.1"))) as device,
-        Port(device.port, 38400) as port,
-        pytest.raises(handshake.InstrumentError) as refused,
-    ):
-        handshake.open_dialogue(port, 38400, say=lambda text: None)
-    assert model in str(refused.value)
-    assert "not an IMU400CD-200" in str(refused.value)
+    with Device(Habits(answers(f"{model} VER 2.1"))) as device:
+        said = refused(device.port)
+    assert model in said
+    assert "not an IMU400CD-200" in said
 
 
-def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, "Future[Outcome]"]) -> None:
+def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, Outcome]) -> None:
     """The last packet before the adapter went away is in it, and an event says what happened."""
-    log = reader.read(outcomes["hangs up while recording"].result().folder / "out.mcap", raw=True)
+    log = reader.read(outcomes["hangs up while recording"].folder / "out.mcap", raw=True)
     assert log.finished
     assert not log.damage
     assert len(log.raw) >= STREAMED - 1  # a packet needs a successor, or quiet, to vouch for it
@@ -157,10 +173,10 @@ def test_ctrl_c_while_connecting_leaves_no_acquisition_behind(tmp_path: Path) ->
     with Device(Habits(answers(), streams=None)) as device:
         device.hold(b"S")
         line = command("record", "--port", device.port, "-o", str(tmp_path / "out.mcap"))
-        with subprocess.Popen(line, env=own, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as run:
+        with started(line, env=own, cwd=tmp_path) as run:
             device.wait_until_held()
             run.send_signal(signal.SIGINT)
-            _, stderr = run.communicate(timeout=60)
+            _, stderr = run.communicate(timeout=LIMIT_S)
         device.release()
         assert run.returncode == 130
         assert "Traceback" not in stderr
@@ -168,7 +184,7 @@ def test_ctrl_c_while_connecting_leaves_no_acquisition_behind(tmp_path: Path) ->
         try:
             wait_until(lambda: not ipc.is_locked(lock), timeout=10.0)
         finally:
-            subprocess.run(command("stop"), env=own, capture_output=True, check=False)
+            subprocess.run(command("stop"), env=own, capture_output=True, timeout=LIMIT_S, check=False)
 
 
 def test_status_says_that_an_acquisition_is_connecting(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -176,11 +192,12 @@ def test_status_says_that_an_acquisition_is_connecting(home: Path, capsys: pytes
     with Device(Habits(answers(), streams=None)) as device:
         device.hold(b"S")
         line = command("record", "--port", device.port, "--duration", "0.5", "--filter", "none")
-        with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+        with started(line) as run:
             device.wait_until_held()
             status.command()
             device.release()
-            assert run.wait(60) == 0
+            run.communicate(timeout=LIMIT_S)
+            assert run.returncode == 0
         told = capsys.readouterr()
         assert "has ended" not in told.err
         assert "connecting" in told.out

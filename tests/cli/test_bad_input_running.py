@@ -12,8 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import imutui, wait_until
-from helpers.fake_devices import Device, Habits, answers, command, error_of, record
+from helpers.commands import imutui
+from helpers.fake_devices import Device, Habits, Outcome, answers, command, error_of
+from helpers.processes import LIMIT_S, started, wait_until
 
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
@@ -28,13 +29,16 @@ GOOD = Habits(answers(), streams=None)
 def recording_to(path: Path, port: str, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
     """A foreground `record --json` of which some samples are on the disk; killed at the end if it still runs."""
     line = command("record", "--port", port, "--filter", "none", "--json", "-o", str(path), *arguments)
-    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent) as run:
-        try:
-            wait_until(lambda: run.poll() is not None or holds_samples(path))
-            assert run.poll() is None, run.communicate()
-            yield run
-        finally:
-            run.kill()
+    with started(line, cwd=path.parent) as run:
+        wait_until(lambda: run.poll() is not None or holds_samples(path))
+        assert run.poll() is None, run.communicate(timeout=LIMIT_S)
+        yield run
+
+
+def record(folder: Path, port: str, *arguments: str) -> Outcome:
+    """What `imutui record --json` makes of a port."""
+    done = imutui("record", "--port", port, "--json", *arguments, check=None)
+    return Outcome(done.returncode, done.stdout, done.stderr, folder)
 
 
 def holds_samples(path: Path) -> bool:
@@ -75,12 +79,12 @@ def test_record_on_no_port_ends_with_the_instruments_exit_code(home: Path) -> No
     assert all(word in error for word in PORTS["/dev/no-such-port"])
 
 
-def test_a_port_that_another_program_has_locked_is_in_use(tmp_path: Path) -> None:
+def test_a_port_that_another_program_has_locked_is_in_use(home: Path) -> None:
     """Whoever holds the lock, imutui or not; the words say what to end."""
     with Device(GOOD) as device:
         descriptor = os.open(device.port, os.O_RDWR | os.O_NOCTTY)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
-        outcome = record(tmp_path, device.port)
+        outcome = record(home, device.port)
         os.close(descriptor)
     assert outcome.code == 4
     error = error_of(outcome)
@@ -94,7 +98,8 @@ def unprivileged() -> list[str]:
     line = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
     if os.getuid() != 0 or shutil.which("setpriv") is None:
         pytest.skip("only root can make things that it then may not use, with setpriv")
-    if subprocess.run([*line, sys.executable, "-c", ""], capture_output=True, check=False).returncode != 0:
+    tried = subprocess.run([*line, sys.executable, "-c", ""], capture_output=True, timeout=LIMIT_S, check=False)
+    if tried.returncode != 0:
         pytest.skip("root cannot give up its powers here")
     return line
 
@@ -105,7 +110,7 @@ def test_a_port_without_permission_names_the_group_to_join(home: Path, unprivile
         os.chown(device.port, NOBODY, -1)
         Path(device.port).chmod(0o600)
         line = [*unprivileged, *command("record", "--port", device.port, "--json")]
-        done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 4, done.stderr
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
@@ -118,23 +123,23 @@ def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, un
     os.chown(home / "logs", NOBODY, -1)
     with Device(GOOD) as device:
         line = [*unprivileged, *command("record", "--port", device.port, "--duration", "0.2")]
-        done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 5, done.stderr
     assert str(home / "logs") in done.stderr
     assert "Choose another folder" in done.stderr
     assert not any((home / "logs").iterdir())
 
 
-def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(tmp_path: Path) -> None:
+def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(home: Path) -> None:
     """Exit 5 without advice that cannot work: --force does not make a folder of a file."""
-    (tmp_path / "logs").write_text("kept")
+    (home / "logs").write_text("kept")
     with Device(GOOD) as device:
-        outcome = record(tmp_path, device.port, "--duration", "0.2")
+        outcome = record(home, device.port, "--duration", "0.2")
     error = error_of(outcome)
     assert outcome.code == 5, error
-    assert str(tmp_path / "logs") in error
+    assert str(home / "logs") in error
     assert "--force" not in error
-    assert (tmp_path / "logs").read_text() == "kept"
+    assert (home / "logs").read_text() == "kept"
 
 
 # -- disks ------------------------------------------------------------------------------------------------------------
@@ -146,13 +151,13 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
-    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, timeout=LIMIT_S, check=False).returncode != 0:
         pytest.skip("a small disk can be mounted by root only")
     try:
         (folder / "filler").write_bytes(bytes(168 * 1024))
         yield folder
     finally:
-        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+        subprocess.run(["umount", "--lazy", str(folder)], timeout=LIMIT_S, check=True)
 
 
 def test_a_full_disk_ends_the_recording_with_all_that_was_flushed(home: Path, small_disk: Path) -> None:
@@ -197,7 +202,7 @@ def test_a_second_acquisition_is_told_of_the_first(home: Path) -> None:
         assert first.poll() is None
         imutui("mark", "still here")
         imutui("stop")
-        out, _ = first.communicate(timeout=60)
+        out, _ = first.communicate(timeout=LIMIT_S)
     assert same.stdout == other.stdout == ""
     assert all(words in same.stderr for words in ('"default" is running', "imutui attach", "imutui stop", "--name"))
     assert all(words in other.stderr for words in (device.port, "in use", "imutui attach"))
@@ -226,7 +231,7 @@ def test_ctrl_c_finishes_the_file(home: Path) -> None:
     """Exit 130, with the result of what was recorded."""
     with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
         run.send_signal(signal.SIGINT)
-        out, err = run.communicate(timeout=60)
+        out, err = run.communicate(timeout=LIMIT_S)
     assert run.returncode == 130, err
     assert "Traceback" not in err
     log = reader.read(home / "out.mcap")
@@ -238,7 +243,7 @@ def test_sigterm_to_the_acquisition_finishes_the_file(home: Path) -> None:
     """As `imutui stop` does: the foreground ends with 0 and the result."""
     with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
         os.kill(client.attach().pid, signal.SIGTERM)
-        out, err = run.communicate(timeout=60)
+        out, err = run.communicate(timeout=LIMIT_S)
     assert run.returncode == 0, err
     assert json.loads(out)["finished"]
     assert reader.read(home / "out.mcap").finished
@@ -248,7 +253,7 @@ def test_sigterm_to_the_foreground_finishes_the_file(home: Path) -> None:
     """`timeout 60 imutui record`, a service manager and a container stop it so; they expect a whole file."""
     with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
         run.terminate()
-        run.communicate(timeout=60)
+        run.communicate(timeout=LIMIT_S)
         try:
             wait_until(lambda: not ipc.names(), timeout=10.0)
         finally:
@@ -262,7 +267,7 @@ def test_a_closed_terminal_leaves_the_acquisition_running(home: Path) -> None:
         connection = client.attach()
         run.send_signal(signal.SIGHUP)
         os.kill(connection.pid, signal.SIGHUP)
-        out, err = run.communicate(timeout=60)
+        out, err = run.communicate(timeout=LIMIT_S)
         before = connection.snapshot(since=2**62)["recording"]["seconds"]
         wait_until(lambda: connection.snapshot(since=2**62)["recording"]["seconds"] > before + 0.2)
         stopped = imutui("stop", "--json")
@@ -278,7 +283,8 @@ def test_a_reader_that_has_enough_is_no_error(home: Path, line: str) -> None:
     """`| head -1`, and a pipe that is closed before anything is written: nothing on stderr."""
     ours, theirs = os.pipe()
     os.close(ours)
-    closed = subprocess.run(command(*line.split(" ")), stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    streams = {"stdout": theirs, "stderr": subprocess.PIPE}
+    closed = subprocess.run(command(*line.split(" ")), **streams, text=True, timeout=LIMIT_S, check=False)
     os.close(theirs)
     assert closed.stderr == ""
     assert closed.returncode in (0, 1)
@@ -287,7 +293,8 @@ def test_a_reader_that_has_enough_is_no_error(home: Path, line: str) -> None:
 def test_a_full_standard_output_is_a_matter_of_the_disk(home: Path) -> None:
     """`imutui config > file` on a full disk must not look like success."""
     with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(command("config"), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        streams = {"stdout": full, "stderr": subprocess.PIPE}
+        done = subprocess.run(command("config"), **streams, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 5
     assert "No space left" in done.stderr
     assert "Traceback" not in done.stderr

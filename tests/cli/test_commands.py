@@ -1,9 +1,8 @@
-"""The commands, run as a user runs them."""
+"""The commands, as a user runs them."""
 
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import serial
-from conftest import imutui
+from helpers.commands import imutui, imutui_process
+from helpers.paths import SAMPLE
+from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS
@@ -41,6 +42,15 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     """A user who asks is shown how it is called."""
     text = imutui(command, "--help").stdout
     assert f"Example: imutui {command}" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("line", "code"), [("replay --help", 0), (f"info {SAMPLE}", 0), ("info none.mcap", 3), ("replay --nonsense", 2)]
+)
+def test_a_process_ends_as_a_call_does(home: Path, line: str, code: int) -> None:
+    """Streams and exit code of a command are those that its call in this process has, as in most of these tests."""
+    called, run = imutui(*line.split(" "), check=code), imutui_process(*line.split(" "), check=code)
+    assert (run.stdout, run.stderr) == (called.stdout, called.stderr)
 
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:
@@ -144,13 +154,9 @@ def test_configuration_says_where_each_value_comes_from(home: Path, monkeypatch:
 @contextmanager
 def virtual(*arguments: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     """A virtual instrument in a process of its own: its port, and the process, which is ended at the end."""
-    command = [sys.executable, "-m", "imutui", "virtual", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as unit:
+    with started(command_line("virtual", *arguments)) as unit:
         assert unit.stdout is not None
-        try:
-            yield unit.stdout.readline().strip(), unit
-        finally:
-            unit.kill()
+        yield unit.stdout.readline().strip(), unit
 
 
 def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home: Path) -> None:
@@ -167,7 +173,7 @@ def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home
             line.write(b"G")
             packet = line.read(18)
         unit.terminate()
-        _, heard = unit.communicate(timeout=30)
+        _, heard = unit.communicate(timeout=LIMIT_S)
     assert packet[0] == 0xFF
     assert sum(packet[1:17]) % 256 == packet[17]
     assert [text.split(":")[0] for text in heard.splitlines()] == ["R", "S", "c", "G"]

@@ -1,13 +1,13 @@
-"""`info`, `check`, `recover`, `devices`, `config`, run as a user runs them."""
+"""`info`, `check`, `recover`, `devices`, `config`, as a user runs them."""
 
 import json
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import SAMPLE, imutui
-from helpers.fake_devices import command
+from helpers.commands import imutui
+from helpers.paths import SAMPLE
+from helpers.processes import command_line, started
 from rosbags.highlevel import AnyReader
 
 from imutui import config
@@ -84,10 +84,7 @@ def test_a_mistyped_option_is_no_recovery(home: Path) -> None:
 
 def test_devices_asks_who_is_there_on_request(home: Path) -> None:
     """A unit that answers is named; one that does not makes exit 1; without --probe nothing is asked."""
-    with subprocess.Popen(
-        command("virtual", "--serial-number", "4711", "--while-stdin"),
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as unit:  # fmt: skip
+    with started(command_line("virtual", "--serial-number", "4711")) as unit:
         assert unit.stdout is not None
         port = unit.stdout.readline().strip()
         told = json.loads(imutui("devices", port, "--json").stdout)

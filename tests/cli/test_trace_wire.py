@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import imutui
+from helpers.commands import imutui
+from helpers.places import own_places
+from helpers.shared import once
 from unit_time import acquire
 
 from imutui.logbook import reader
@@ -42,16 +44,18 @@ SECONDS = (150.0, 150.0, 310.0)
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """The three power-ons over the wire, two at a time."""
-    folder = tmp_path_factory.mktemp("wire")
-    scenario = folder / "unit.toml"
-    scenario.write_text(SCENARIO)
-    (folder / "run").mkdir(mode=0o700)
-    paths = [folder / f"{name}.mcap" for name in ("cold", "warm", "check")]
-    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder / "run"))
-        # the longest first
-        list(pool.map(lambda n: acquire(scenario, n, paths[n], SECONDS[n]), (2, 0, 1)))
-    return paths
+    names = ("cold", "warm", "check")
+
+    def make(folder: Path) -> None:
+        scenario = folder / "unit.toml"
+        scenario.write_text(SCENARIO)
+        with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
+            own_places(patch, folder)
+            # the longest first
+            list(pool.map(lambda n: acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n]), (2, 0, 1)))
+
+    folder = once(tmp_path_factory, "wire", make)
+    return [folder / f"{name}.mcap" for name in names]
 
 
 def test_a_log_is_on_the_unit_s_time(logs: list[Path]) -> None:

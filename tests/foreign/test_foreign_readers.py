@@ -8,7 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import imutui
+from helpers.commands import imutui
+from helpers.places import own_places
+from helpers.processes import LIMIT_S
+from helpers.shared import once
+from helpers.units import virtual
 from rosbags.highlevel import AnyReader
 
 from imutui.logbook import reader, schemas
@@ -19,14 +23,14 @@ HERE = Path(__file__).parent
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short recording over the virtual instrument's wire."""
-    folder = tmp_path_factory.mktemp("foreign")
-    (folder / "run").mkdir(mode=0o700)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder / "run"))
-        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-        patch.chdir(folder)
-        out = imutui("record", "--port", "virtual", "--rate", "20", "--duration", "3", "--json", check=1).stdout
-    return folder / json.loads(out)["log"]
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch, virtual() as port:
+            own_places(patch, folder)
+            wish = ("--rate", "20", "--duration", "3", "-o", str(folder / "a.mcap"))
+            imutui("record", "--port", port, *wish, check=1)
+
+    return once(tmp_path_factory, "foreign", make) / "a.mcap"
 
 
 def test_rosbags_decodes_what_was_recorded(log: Path) -> None:
@@ -45,7 +49,8 @@ def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
     modules = os.environ.get("NPM_READERS")
     if shutil.which("node") is None or modules is None:
         pytest.skip("needs node, and NPM_READERS naming a folder where `npm install` was run on package.json")
-    done = subprocess.run(["node", HERE / "read.mjs", log], cwd=modules, capture_output=True, text=True, check=False)
+    line = ["node", HERE / "read.mjs", log]
+    done = subprocess.run(line, cwd=modules, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 0, done.stderr
     read = json.loads(done.stdout)
     own = reader.read(log, raw=True)

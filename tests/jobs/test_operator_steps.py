@@ -5,7 +5,7 @@ import json
 import math
 from pathlib import Path
 
-from conftest import imutui
+from helpers.commands import imutui
 
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine

@@ -1,12 +1,12 @@
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
 from helpers import jobs_for_workers as jobs
+from helpers import processes
+from helpers.processes import wait_until
 
 from imutui.jobs.worker import Worker
 
@@ -103,10 +103,11 @@ def test_a_worker_ends_when_whoever_started_it_is_killed(tmp_path: Path) -> None
         f"Worker(jobs.patient, Path({str(tmp_path)!r})).start(); signal.pause()"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen([sys.executable, "-c", script], env=environment) as parent:
+    with processes.started([sys.executable, "-c", script], env=environment) as parent:
         wait_until((tmp_path / "pid").exists)
         pid = int((tmp_path / "pid").read_text())
         assert alive(pid)
         parent.send_signal(signal.SIGKILL)
+        parent.wait(processes.LIMIT_S)
     wait_until(lambda: not alive(pid))
     wait_until(lambda: not (tmp_path / "result.part").exists())

@@ -5,15 +5,15 @@ import os
 import random
 import signal
 import struct
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import imutui, wait_until
+from helpers.commands import imutui
+from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.units import virtual
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap.writer import Writer
@@ -268,29 +268,16 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
 
 def test_a_recorder_that_was_killed_leaves_a_log_that_recovers(home: Path) -> None:
     """kill -9 of a real acquisition: its file is held while it lives; after that all it wrote is recovered."""
-    command = [
-        sys.executable,
-        "-m",
-        "imutui",
-        "record",
-        "--port",
-        "virtual",
-        "--rate",
-        "133",
-        "-o",
-        "a.mcap",
-        "--filter",
-        "none",
-    ]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as follower:
+    wish = ("--rate", "133", "-o", "a.mcap", "--filter", "none")
+    with virtual() as port, started(command_line("record", "--port", port, *wish)) as follower:
         path = home / "a.mcap"
-        wait_until(lambda: path.exists() and (summary.read(path).samples or 0) > 300)
+        wait_until(lambda: path.exists() and (summary.read(path).samples or 0) > 200)
         assert summary.read(path).state == "being written"
         refused = imutui("recover", str(path), "-o", "out.mcap", check=2)
         assert "being written" in refused.stderr
         pid = int(imutui("status", "--json").stdout.split('"pid": ')[1].split(",")[0])
         os.kill(pid, signal.SIGKILL)
-        follower.wait()
+        follower.communicate(timeout=LIMIT_S)
     brief = summary.read(path)
     assert brief.state == "unfinished"
     source = reader.read(path)

@@ -6,21 +6,22 @@ What was sent is known from the unit's side of the wire (`imutui virtual --tap`)
 import contextlib
 import os
 import signal
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import wait_until
 from helpers import loopback
-from helpers.loopback import SshServer, Terminal, imutui_command, processes_with
+from helpers.loopback import SshServer, Terminal, processes_with
+from helpers.processes import command_line, wait_until
 from helpers.tap import packets_of
+from helpers.units import virtual
 
 from imutui.instrument.clock import WRAP
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client
+from imutui.session.plan import Plan
 
 _PERIOD_S = 0.0075
 
@@ -44,7 +45,7 @@ def login(home: Path, server: SshServer) -> Iterator[Login]:
 
     def run(*arguments: str, **environ: str) -> Terminal:
         variables = {name: os.environ[name] for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME")} | environ
-        opened.append(Terminal(server.client(), imutui_command(*arguments), home, variables))
+        opened.append(Terminal(server.client(), command_line(*arguments), home, variables))
         return opened[-1]
 
     yield run
@@ -56,14 +57,9 @@ def login(home: Path, server: SshServer) -> Iterator[Login]:
 
 @pytest.fixture
 def unit(home: Path) -> Iterator[str]:
-    """Port of a virtual instrument on the machine, which notes what it sends in the file `sent`."""
-    command = imutui_command("virtual", "--while-stdin", "--tap", str(home / "sent"))
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    ) as process:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-        process.terminate()
+    """Port of a virtual instrument on the machine; what it sends is noted in the file `sent`."""
+    with virtual(home / "sent") as port:
+        yield port
 
 
 def ours(home: Path) -> set[int]:
@@ -192,11 +188,7 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
 
 def test_a_frozen_link_costs_no_packet(home: Path, login: Login, server: SshServer, unit: str) -> None:
     """Started on the machine, watched over SSH; no end takes a byte for 3 s of packets; then the screen goes on."""
-    record = subprocess.Popen(
-        imutui_command("record", "--port", unit, "--rate", "20"),
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    connection = attached()
+    connection = client.start(Plan(unit, 20.0, record=True, logs=str(home / "logs")))
     screen = login("attach")
     screen.wait_for("● REC", "asked 20", "? help")
     screen.send(signal.SIGSTOP)
@@ -210,7 +202,6 @@ def test_a_frozen_link_costs_no_packet(home: Path, login: Login, server: SshServ
     screen.wait_for("Table 1 limit", "NIS")
     seen = packets(connection)
     connection.stop()
-    assert record.wait(60.0) in (0, 1)
     (path,) = (home / "logs").glob("*.mcap")
     log = reader.read(path, raw=True)
     assert_gapless(log)

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from test_connect import Still, served
+from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.port import Port

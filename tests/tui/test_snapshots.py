@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import SAMPLE
 from helpers.fake_client import FakeClient, estimates
+from helpers.paths import SAMPLE
 from helpers.pilot import text_of
 from syrupy.assertion import SnapshotAssertion
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode

@@ -17,5 +17,5 @@ print(*sorted({"numba", "scipy", "mcap", "rosbags", "matplotlib", "serial"} & se
 
 def test_the_screen_loads_neither_filters_nor_logs() -> None:
     """Compilers, solvers, log readers and ports are loaded by whoever needs them: seconds before the first frame."""
-    found = subprocess.run([sys.executable, "-c", _PROGRAM], capture_output=True, text=True, check=True)
+    found = subprocess.run([sys.executable, "-c", _PROGRAM], capture_output=True, text=True, timeout=120, check=True)
     assert found.stdout.split() == []

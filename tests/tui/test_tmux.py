@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import wait_until
+from helpers.processes import LIMIT_S, wait_until
 from unit_time import acquire
 
 from imutui.instrument.clock import WRAP
@@ -27,7 +27,9 @@ class Terminal:
         self._run("set-option", "-g", "escape-time", "0")
 
     def _run(self, *arguments: str) -> str:
-        return subprocess.run([*self._tmux, *arguments], capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            [*self._tmux, *arguments], capture_output=True, text=True, timeout=LIMIT_S, check=True
+        ).stdout
 
     def type(self, text: str) -> None:
         """Type characters as they are."""
@@ -58,7 +60,7 @@ class Terminal:
 
     def close(self) -> None:
         """End the server and all in it."""
-        subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
+        subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True, timeout=LIMIT_S)
 
 
 @pytest.fixture

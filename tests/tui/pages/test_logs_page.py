@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import SAMPLE
 from helpers import traces
 from helpers.fake_client import FakeClient
+from helpers.paths import SAMPLE
 from helpers.pilot import SMALLEST, shows, until
 from textual.pilot import Pilot
 

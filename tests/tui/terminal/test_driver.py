@@ -14,7 +14,8 @@ from fcntl import ioctl
 from pathlib import Path
 
 import pyte
-from conftest import ROOT
+from helpers.paths import ROOT
+from helpers.processes import LIMIT_S
 
 _PROGRAM = """
 import sys
@@ -38,7 +39,7 @@ class Terminal:
         env = {**os.environ, "TERM": "xterm-256color", **environ}
         self.process = subprocess.Popen(
             [sys.executable, "-c", _PROGRAM],
-            cwd=ROOT / "tests", env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
+            cwd=ROOT / "tests" / "support", env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
         )  # fmt: skip
 
     def read_until(self, text: str, timeout: float = 20.0) -> str:
@@ -72,7 +73,7 @@ class Terminal:
         """End what is left."""
         if self.process.poll() is None:
             self.process.kill()
-        self.process.wait()
+        self.process.wait(LIMIT_S)
         os.close(self._master)
         os.close(self._slave)
 

@@ -2,7 +2,7 @@
 
     python virtual.py FOLDER [arguments of imutui virtual]
 
-FOLDER gets the clock, which the host's process reads (`host/sitecustomize.py`), and the pipe by which it acknowledges.
+FOLDER has the clock, which the host's process reads (`host/sitecustomize.py`), and the pipe by which it acknowledges.
 As long as nothing is due on the line, and just after a command, time passes as on the wall.
 """
 
@@ -33,18 +33,14 @@ class UnitTime:
     """The unit's clock: what its loop takes for `time.monotonic` and `select.select`."""
 
     def __init__(self, folder: Path) -> None:
-        clock = folder / "clock.new"
-        clock.write_bytes(bytes(8))
-        with clock.open("r+b") as file:
+        with (folder / "clock").open("r+b") as file:
             # one store of eight bytes: nobody sees half of it, or the zero that struct.pack_into writes first
             self._shared = memoryview(mmap.mmap(file.fileno(), 8)).cast("q")
-        os.mkfifo(folder / "read")
         self._read = os.open(folder / "read", os.O_RDWR | os.O_NONBLOCK)
         self._unread = 0
         self._now = 0.0
         self._as_on_the_wall_until = 0.0
         self._set(time.monotonic())
-        clock.rename(folder / "clock")
 
     def _set(self, now: float) -> None:
         self._now = now
@@ -85,10 +81,8 @@ class UnitTime:
                 return [], [], []
 
 
-def main() -> None:
-    """Replace the two clocks of the unit's loop, and run the command."""
-    folder = Path(sys.argv.pop(1))
-    sys.argv.insert(1, "virtual")
+def keep_time(folder: Path) -> None:
+    """Replace the two clocks of the unit's loop in this process."""
     clock = UnitTime(folder)
     virtual.time = SimpleNamespace(monotonic=clock.monotonic)  # type: ignore[assignment]
     virtual.select = SimpleNamespace(select=clock.select)  # type: ignore[assignment]
@@ -100,6 +94,12 @@ def main() -> None:
         return sent
 
     virtual._Pty.write = counted  # type: ignore[method-assign]
+
+
+def main() -> None:
+    """Run the command on a time of its own."""
+    keep_time(Path(sys.argv.pop(1)))
+    sys.argv.insert(1, "virtual")
     cli.main()
 
 

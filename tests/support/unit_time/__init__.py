@@ -6,14 +6,18 @@ was sent. So an acquisition is as fast as the machine, and no load makes a packe
 """
 
 import os
+import struct
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 _HERE = Path(__file__).parent
+_LIMIT_S = 280.0
 
 
 @contextmanager
@@ -26,11 +30,34 @@ def unit(scenario: Path, power_on: int, *options: str) -> Iterator[tuple[str, di
 @contextmanager
 def virtual(*arguments: str) -> Iterator[tuple[str, dict[str, str]]]:
     """`imutui virtual` with these arguments, on a time of its own: port, and the environment for `imutui record`."""
-    with tempfile.TemporaryDirectory() as folder:
+    with _clock() as folder:
         command = [sys.executable, str(_HERE / "virtual.py"), folder, "--while-stdin", *arguments]
         with _running(command) as port:
-            path = os.pathsep.join(filter(None, (str(_HERE / "host"), os.environ.get("PYTHONPATH"))))
-            yield port, {**os.environ, "PYTHONPATH": path, "IMUTUI_TEST_UNIT_TIME": folder}
+            yield port, {**os.environ, **_environment(folder)}
+
+
+@contextmanager
+def own() -> Iterator[None]:
+    """Acquisitions that are started meanwhile from here, of port "virtual", are on the time of their own unit.
+
+    One at a time, and with an end: it costs a processor as long as it runs.
+    """
+    with _clock() as folder, patch.dict(os.environ, _environment(folder)):
+        yield
+
+
+@contextmanager
+def _clock() -> Iterator[str]:
+    """Folder of a clock that stands still, and of the pipe by which the host acknowledges."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "clock").write_bytes(struct.pack("q", time.monotonic_ns()))
+        os.mkfifo(Path(folder) / "read")
+        yield folder
+
+
+def _environment(folder: str) -> dict[str, str]:
+    path = os.pathsep.join(filter(None, (str(_HERE / "host"), os.environ.get("PYTHONPATH"))))
+    return {"PYTHONPATH": path, "IMUTUI_TEST_UNIT_TIME": folder}
 
 
 def acquire(
@@ -64,7 +91,11 @@ def _running(command: list[str]) -> Iterator[str]:
         yield port
     finally:
         process.terminate()
-        process.communicate()
+        try:
+            process.communicate(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
 
 
 def _record(
@@ -77,7 +108,13 @@ def _record(
     if "--rate" not in options:
         command += ["--rate", "20"]
     done = subprocess.run(
-        [*command, *options], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        [*command, *options],
+        env=environment,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=_LIMIT_S + seconds,
+        check=False,
     )
     if check is not None and done.returncode != check:
         raise RuntimeError(f"exit {done.returncode}\n{done.stdout}\n{done.stderr}")

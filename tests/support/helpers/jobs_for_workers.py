@@ -1,4 +1,4 @@
-"""Jobs that tests give to workers."""
+"""Jobs that tests give to workers, and, without a way to tell, to processes beside one another."""
 
 import os
 import signal
@@ -51,7 +51,7 @@ def leaves(code: int, tell: Tell) -> None:
     os._exit(code)
 
 
-def is_killed(tell: Tell) -> None:
+def is_killed(*_: object) -> None:
     """Is killed as the kernel does when memory runs out."""
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -81,3 +81,15 @@ def stubborn(folder: Path, tell: Tell) -> None:
 def paths(tell: Tell) -> list[str]:
     """Where modules are looked for."""
     return sys.path
+
+
+def doubled_late(number: int) -> int:
+    """Later ones are ready earlier."""
+    time.sleep(0.2 / (1 + number))
+    return 2 * number
+
+
+def begun(path: Path) -> None:
+    """Say that this process runs, and stay."""
+    path.touch()
+    time.sleep(600.0)

@@ -8,7 +8,6 @@ import os
 import select
 import struct
 import subprocess
-import sys
 import termios
 import threading
 import time
@@ -17,6 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
+
+from helpers.processes import LIMIT_S, command_line
 
 IMU400CD = "IMU400CD-200 VER 1.0"
 PERIOD_S = 0.0075
@@ -96,7 +97,7 @@ class Device:
     def __exit__(self, *_: object) -> None:
         self._end.set()
         self._held.set()
-        self._thread.join()
+        self._thread.join(LIMIT_S)
         os.close(self._master)
         if self._slave >= 0:
             os.close(self._slave)
@@ -144,7 +145,7 @@ class Device:
     def _answer(self, letter: bytes) -> None:
         if letter == self._hold_at and not self._held.is_set():
             self._asked.set()
-            self._held.wait()
+            self._held.wait(LIMIT_S)
         if self._habits.echo:
             self._say(letter)
         self._say(self._habits.replies.get(letter, b""))
@@ -194,7 +195,7 @@ def environment(folder: Path) -> dict[str, str]:
 
 def command(name: str, *arguments: str) -> list[str]:
     """Command line of a command of imutui."""
-    return [sys.executable, "-m", "imutui", name, *arguments]
+    return command_line(name, *arguments)
 
 
 def record(folder: Path, port: str, *arguments: str) -> Outcome:
@@ -206,7 +207,7 @@ def record(folder: Path, port: str, *arguments: str) -> Outcome:
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
-        timeout=120,
+        timeout=LIMIT_S,
         check=False,
     )
     return Outcome(done.returncode, done.stdout, done.stderr, folder)

@@ -1,20 +1,24 @@
-"""Before an acquisition process begins: its clock is the one that the unit keeps, and what it reads is acknowledged.
+"""Before a process begins: an acquisition's clock is the one that the unit keeps, and what it reads is acknowledged.
 
 Python runs a module of this name from PYTHONPATH by itself. Nothing of the program is changed but its `time`.
 """
 
+import contextlib
 import mmap
 import os
 import struct
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
-if "imutui.session" in sys.orig_argv and "IMUTUI_TEST_UNIT_TIME" in os.environ:
-    folder = os.environ.pop("IMUTUI_TEST_UNIT_TIME")
+
+def _be_the_host(folder: str) -> None:
+    """Take the unit's time for all times."""
     with open(f"{folder}/clock", "rb") as file:
         shared = memoryview(mmap.mmap(file.fileno(), 8, prot=mmap.PROT_READ)).cast("q")
-    acknowledged = os.open(f"{folder}/read", os.O_WRONLY | os.O_NONBLOCK)
+    # for reading too: a unit that the acquisition starts itself opens its end later
+    acknowledged = os.open(f"{folder}/read", os.O_RDWR | os.O_NONBLOCK)
     utc_ns = time.time_ns() - time.monotonic_ns()
     read = os.read
 
@@ -26,7 +30,8 @@ if "imutui.session" in sys.orig_argv and "IMUTUI_TEST_UNIT_TIME" in os.environ:
         """Read, and tell the unit how much of its line that was."""
         data = read(fd, length)
         if os.isatty(fd):
-            os.write(acknowledged, struct.pack("i", len(data)))
+            with contextlib.suppress(BlockingIOError):  # it has gone, and nobody empties the pipe
+                os.write(acknowledged, struct.pack("i", len(data)))
         return data
 
     os.read = counted
@@ -35,3 +40,18 @@ if "imutui.session" in sys.orig_argv and "IMUTUI_TEST_UNIT_TIME" in os.environ:
     time.monotonic = partial(unit_time, float, 1e-9)
     time.time_ns = partial(unit_time, int, 1, utc_ns)
     time.time = partial(unit_time, float, 1e-9, utc_ns)
+
+
+def _be_the_unit(folder: str) -> None:
+    """Keep the time."""
+    sys.path.append(str(Path(__file__).parents[1]))
+    import virtual
+
+    virtual.keep_time(Path(folder))
+
+
+if "IMUTUI_TEST_UNIT_TIME" in os.environ:
+    if "imutui.session" in sys.orig_argv:
+        _be_the_host(os.environ["IMUTUI_TEST_UNIT_TIME"])
+    elif sys.orig_argv[1:5] == ["-P", "-m", "imutui", "virtual"]:
+        _be_the_unit(os.environ["IMUTUI_TEST_UNIT_TIME"])

@@ -14,7 +14,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import termios
 import threading
 import time
@@ -22,6 +21,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pyte
+
+from helpers.processes import LIMIT_S
 
 SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin")
 PATIENCE_S = 60.0
@@ -59,7 +60,7 @@ class SshServer:
         self.folder = folder
         for key in ("host_key", "user_key"):
             command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / key)]
-            subprocess.run(command, check=True)
+            subprocess.run(command, check=True, timeout=LIMIT_S)
         if os.getuid() == 0:
             # where root's sshd locks its unprivileged half in; the init script makes it, and no init runs here
             Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
@@ -103,7 +104,7 @@ class SshServer:
         """End it."""
         for pid in [*self.sessions(), self._process.pid]:
             _signal(pid, signal.SIGKILL)
-        self._process.wait()
+        self._process.wait(LIMIT_S)
 
 
 class Terminal:
@@ -183,8 +184,8 @@ class Terminal:
     def close(self) -> None:
         """End the client the hard way."""
         self.process.kill()
-        self.process.wait()
-        self._reader.join()
+        self.process.wait(LIMIT_S)
+        self._reader.join(LIMIT_S)
 
 
 class CountingProxy:
@@ -230,11 +231,6 @@ def _pass_on(source: socket.socket, sink: socket.socket, count: Callable[[int], 
     except OSError:
         source.close()
         sink.close()
-
-
-def imutui_command(*arguments: str) -> list[str]:
-    """This installation's program: a log-in need not have it on its path."""
-    return [sys.executable, "-m", "imutui", *arguments]
 
 
 def family(pid: int) -> list[int]:

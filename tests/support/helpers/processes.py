@@ -1,0 +1,70 @@
+"""Processes under test: started so that they can be interrupted, waited for with a limit, and never left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+LIMIT_S = 120.0
+"""Longer than anything that is waited for takes on a busy machine."""
+
+
+def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
+    """Wait for a state of affairs; fails if it does not come."""
+    deadline = time.monotonic() + timeout
+    while not true():
+        assert time.monotonic() < deadline, "it did not come"
+        time.sleep(0.02)
+
+
+def command_line(*arguments: str) -> list[str]:
+    """This installation's program, which need not be on the path."""
+    return [sys.executable, "-m", "imutui", *arguments]
+
+
+@contextmanager
+def started(line: list[str], **options: Any) -> Iterator["subprocess.Popen[str]"]:
+    """A process that is killed at the end if it still runs; its stdout and stderr are pipes unless options say else.
+
+    It can be interrupted as one can that was started in a terminal, wherever the tests were started: nohup, and a
+    shell that runs something in the background, have SIGINT ignored by all that they start.
+    """
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+    # what has a handler here begins with the default there
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(line, text=True, **(pipes | options))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(LIMIT_S)
+        for stream in (process.stdin, process.stdout, process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def end_owner(lock: Path) -> None:
+    """Kill the process that holds a lock file, if one does, and wait until it is gone."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            holds = any(os.path.realpath(fd) == str(lock) for fd in (process / "fd").iterdir())
+        except OSError:
+            continue
+        if holds and int(process.name) != os.getpid():
+            os.kill(int(process.name), signal.SIGKILL)
+            wait_until(lambda process=process: not process.exists() or _is_zombie(process))  # type: ignore[misc]
+
+
+def _is_zombie(process: Path) -> bool:
+    try:
+        return (process / "stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except OSError:
+        return True
