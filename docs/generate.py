@@ -223,8 +223,8 @@ COMMANDS_HEAD = """\
 `imutui --version` prints the version. Every command has `-h` and `--help`, with an example.
 
 Results go to stdout, messages and progress to stderr. With `--json` stdout is one JSON document and nothing else; its
-fields are in [Formats](formats.md#results-of-replay). No command overwrites a file unless `--force` is given. `NO_COLOR`
-is respected. Defaults of many options come from the [configuration](formats.md#configuration).
+fields are in [Formats](formats.md#results-of-replay). No command overwrites a file unless `--force` is given.
+`NO_COLOR` is respected. Defaults of many options come from the [configuration](formats.md#configuration).
 
 | exit code | meaning |
 |---|---|
