@@ -148,8 +148,10 @@ def _title(name: str, note: dict[str, str]) -> str:
 def _on(name: str) -> str:
     channels = tuple(simulation.EFFECTS[name].channels)
     words = {CHANNELS: "all channels", GYROS: "gyros", ACCELS: "accelerometers"}[channels]
-    together = getattr(simulation.EFFECTS[name], "everywhere", False) and catalogue.EFFECTS[name].kind == "motion"
-    return f"{words} together" if together else words
+    kind = simulation.EFFECTS[name]
+    if not getattr(kind, "everywhere", False) or catalogue.EFFECTS[name].kind != "motion":
+        return words
+    return f"{words} together" + (", or those named" if getattr(kind, "selectable", False) else "")
 
 
 def _hypotheses(name: str, channels: tuple[int, ...] = (0, 3)) -> list[Hypothesis]:
@@ -169,7 +171,9 @@ def _reported(name: str) -> str:
     for kind in dict.fromkeys(h.channels[0] < 3 for h in hypotheses):
         own = [h for h in hypotheses if (h.channels[0] < 3) == kind]
         widest = max(own, key=lambda h: len(h.parameters()))
-        said.append("; ".join(f"{p.name} in {p.unit}, plausible {p.prior:g}" for p in widest.parameters()))
+        units = ("" if p.unit == "1" else f" in {p.unit}" for p in widest.parameters())
+        pairs = zip(widest.parameters(), units, strict=True)
+        said.append("; ".join(f"{p.name}{unit}, plausible {p.prior:g}" for p, unit in pairs))
     if len(said) == 2:
         text = said[0] if said[0] == said[1] else f"gyros: {said[0]}. Accelerometers: {said[1]}"
     else:

@@ -202,8 +202,8 @@ def test_files_and_folders_named_in_the_pages_exist() -> None:
         for path in re.findall(rf"`((?:{'|'.join(TREES)})/[\w./]*)`", text):
             if "NAME" not in path and not path.endswith(".mcap") and path != "docs/":
                 assert (ROOT / path).exists(), f"{page}: {path}"
-        for path in re.findall(r"python ((?:benchmarks|docs)/\w+\.py)", text):
-            assert (ROOT / path).is_file(), f"{page}: {path}"
+        for path in re.findall(rf"(?<![\w/])((?:{'|'.join(TREES)})/[\w./]*\.(?:py|toml|json|md|yml))\b", text):
+            assert "NAME" in path or (ROOT / path).is_file(), f"{page}: {path}"
 
 
 def test_tables_to_register_in_are_where_the_pages_say() -> None:
