@@ -24,8 +24,8 @@ from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.tui import messages, palette, pictures
 from imutui.tui.background import in_thread
 from imutui.tui.connection.attempt import Attempt
-from imutui.tui.connection.model import Link
-from imutui.tui.connection.poller import Feed
+from imutui.tui.connection.model import ConnectionModel
+from imutui.tui.connection.poller import Poller
 from imutui.tui.pages import PAGES, SCREENS, ConnectPage, Page, RecordPage
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.dialogs.mark import MarkDialog
@@ -35,10 +35,10 @@ from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.pages.record import text as report
 from imutui.tui.pages.table.page import TablePage
 from imutui.tui.terminal import glyphs
-from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
-from imutui.tui.terminal.frames import Pulse
-from imutui.tui.terminal.pacing import Pace, is_remote
+from imutui.tui.terminal.frames import FrameMonitor
+from imutui.tui.terminal.pacing import PacingController, is_remote
 from imutui.tui.terminal.painter import Painter
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
@@ -62,7 +62,7 @@ class ImutuiApp(App[int]):
     defaults : Plan or None
         What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
         Its own `logs` counts.
-    look : Look or None
+    appearance : Appearance or None
         Theme, signs, speed and plots.
     """
 
@@ -99,12 +99,14 @@ class ImutuiApp(App[int]):
         plan: Plan | None = None,
         logs: str = "logs",
         defaults: Plan | None = None,
-        look: Look | None = None,
+        appearance: Appearance | None = None,
     ) -> None:
         super().__init__()
-        self.look = look or Look()
+        self.appearance = appearance or Appearance()
         self._painter = Painter()
-        self._pulse = Pulse(Pace(self.look.plot, self.look.fps, remote=is_remote(os.environ)))
+        self._frames = FrameMonitor(
+            PacingController(self.appearance.plot, self.appearance.fps, remote=is_remote(os.environ))
+        )
         if client is not None:
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         self.farewell: list[str] = []
@@ -113,15 +115,15 @@ class ImutuiApp(App[int]):
         self._first_plan = plan
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         self._defaults = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
-        self._link = Link()
-        self._link.pace(self._pulse.pacing)
+        self._link = ConnectionModel()
+        self._link.set_pacing(self._frames.pacing)
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
         self._exit_code = 0
         self._finished: list[tuple[str, str]] = []
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
-        self.theme = self.look.theme_for(os.environ.get("TERM", "")) or self.theme
+        self.theme = self.appearance.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
@@ -176,7 +178,7 @@ class ImutuiApp(App[int]):
 
     def action_plot_mode(self) -> None:
         """Let plots scroll, or sweep, or be away, or let that be chosen."""
-        self._link.pace(self._pulse.pace.cycle(), self._pulse.debug)
+        self._link.set_pacing(self._frames.controller.cycle(), self._frames.debug)
         self._redraw()
 
     def action_debug_line(self) -> None:
@@ -262,24 +264,24 @@ class ImutuiApp(App[int]):
 
     # what comes from the acquisition
 
-    def on_feed_arrived(self, message: Feed.Arrived) -> None:
+    def on_poller_arrived(self, message: Poller.Arrived) -> None:
         """A snapshot has come; only the page in front draws it."""
-        if self._link.owns(message.feed):
+        if self._link.owns(message.poller):
             recorded = self._recording() is not None
             self._link.take(message.snapshot)
             if recorded != (self._recording() is not None):
                 self.screen.refresh_bindings()  # r begins, or finishes
-            draws = self._pulse.beat(self._driver, message.snapshot, message.asked_at)
-            self._link.pace(self._pulse.pacing, self._pulse.debug)
+            draws = self._frames.admit(self._driver, message.snapshot, message.asked_at)
+            self._link.set_pacing(self._frames.pacing, self._frames.debug)
             if draws:
                 self._redraw()
             if message.snapshot["state"] in _OVER:
                 self._ended(None)
-        message.feed.taken()
+        message.poller.taken()
 
-    def on_feed_lost(self, message: Feed.Lost) -> None:
+    def on_poller_lost(self, message: Poller.Lost) -> None:
         """The acquisition does not answer."""
-        if self._link.owns(message.feed):
+        if self._link.owns(message.poller):
             self._ended(message.error)
 
     def _ended(self, error: str | None) -> None:
@@ -629,12 +631,12 @@ def run(
     plan: Plan | None = None,
     logs: str = "logs",
     defaults: Plan | None = None,
-    look: Look | None = None,
+    appearance: Appearance | None = None,
 ) -> int:
     """Run the UI in this terminal, as `ImutuiApp` says; returns the exit code."""
-    if look is not None:
-        os.environ[glyphs.ASKED] = look.glyphs  # every widget chooses its signs when it is made
-    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, look=look)
+    if appearance is not None:
+        os.environ[glyphs.ASKED] = appearance.glyphs  # every widget chooses its signs when it is made
+    app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, appearance=appearance)
     code = app.run()
     app.finish()
     for line in app.farewell:

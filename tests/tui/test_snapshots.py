@@ -23,7 +23,7 @@ from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.tui.app import ImutuiApp
-from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.appearance import Appearance
 
 PORTS = [("/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "FT232R USB UART"), ("/dev/ttyS0", "ttyS0")]
 PAGES = {
@@ -138,7 +138,7 @@ async def test_the_first_page_looks_as_it_did(look: str, place: Path, snapshot: 
 
 
 def application(client: FakeClient | None, look: str) -> ImutuiApp:
-    return ImutuiApp(client, look=Look(theme=LOOKS[look][2]))  # type: ignore[arg-type]
+    return ImutuiApp(client, appearance=Appearance(theme=LOOKS[look][2]))  # type: ignore[arg-type]
 
 
 def assert_as_before(pictures: dict[str, str], look: str, place: Path, snapshot: SnapshotAssertion) -> None:

@@ -9,15 +9,13 @@ import numpy as np
 from textual.message import Message
 
 from imutui.session.client import Client
-from imutui.tui.connection.history import History
-from imutui.tui.connection.poller import Feed
-from imutui.tui.connection.series import Series
-from imutui.tui.connection.verdict import Hold, Verdict, judge, stale, waiting_profile
+from imutui.tui.connection.history import BiasHistory
+from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
+from imutui.tui.connection.poller import Poller
+from imutui.tui.connection.verdict import Debounce, Verdict, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
 
 Snapshot = dict[str, Any]
-_CHANNELS = 7
-_TEMPERATURE = 6
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
 NOTHING = ("none", "")
@@ -33,9 +31,9 @@ class View:
         The newest snapshot: recording, link, alarms; never frozen.
     shown : dict or None
         The snapshot of tables and plots; an old one while the view is frozen.
-    series : Series
+    series : PacketSeries
         Packets of the plots.
-    biases : History
+    biases : BiasHistory
         Estimated biases and their certainty over the run.
     frozen : bool
         Whether the view stands still.
@@ -55,8 +53,8 @@ class View:
 
     now: Snapshot | None
     shown: Snapshot | None
-    series: Series
-    biases: History
+    series: PacketSeries
+    biases: BiasHistory
     frozen: bool
     notice: tuple[str, str]
     verdict: Verdict | None = None
@@ -66,12 +64,12 @@ class View:
     debug: str = ""
 
 
-class Link:
+class ConnectionModel:
     """Client, feed and past of one acquisition; without an acquisition it is empty."""
 
     def __init__(self) -> None:
         self.client: Client | None = None
-        self._feed: Feed | None = None
+        self._poller: Poller | None = None
         self._said, self._said_until = NOTHING, 0.0
         self._pacing, self._debug = Pacing(), ""
         self._clear()
@@ -79,9 +77,9 @@ class Link:
     def _clear(self) -> None:
         self.newest: Snapshot | None = None
         self._looked = False
-        self._series = Series(_CHANNELS)
-        self._biases = History(_BIASES)
-        self._hold = Hold()
+        self._series = PacketSeries(CHANNELS)
+        self._biases = BiasHistory(_BIASES)
+        self._debounce = Debounce()
         self._verdict: Verdict | None = None
         self._slope: float | None = None
         self._frozen: View | None = None
@@ -91,20 +89,20 @@ class Link:
         self.leave()
         self._clear()
         self.client = client
-        self._feed = Feed(client, post, self._pacing.fps)
-        self._feed.start()
+        self._poller = Poller(client, post, self._pacing.fps)
+        self._poller.start()
 
-    def pace(self, pacing: Pacing, debug: str = "") -> None:
+    def set_pacing(self, pacing: Pacing, debug: str = "") -> None:
         """Draw so much and so often from now on; `debug` says what it costs."""
         self._pacing, self._debug = pacing, debug
-        if self._feed is not None:
-            self._feed.rate_hz = pacing.fps
+        if self._poller is not None:
+            self._poller.rate_hz = pacing.fps
 
     def pause(self) -> None:
         """Poll no more, because the acquisition is being ended."""
-        if self._feed is not None:
-            self._feed.stop()
-            self._feed = None
+        if self._poller is not None:
+            self._poller.stop()
+            self._poller = None
 
     def leave(self) -> Client | None:
         """Let go, keeping what was seen; returns the client for whoever closes it, which may take a moment."""
@@ -117,9 +115,9 @@ class Link:
         if self.newest is not None:
             self.newest = {**self.newest, "state": "ended", "recording": None, "silent_s": None}
 
-    def owns(self, feed: Feed) -> bool:
+    def owns(self, poller: Poller) -> bool:
         """Whether a feed's message is about this acquisition, and not a late one of the last."""
-        return feed is self._feed
+        return poller is self._poller
 
     def take(self, snapshot: Snapshot) -> None:
         """A snapshot has come."""
@@ -127,11 +125,11 @@ class Link:
         series = snapshot["series"]
         if series["t"]:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
-        self._slope = self._series.slope_per_minute(_TEMPERATURE)
+        self._slope = self._series.slope_per_minute(TEMPERATURE)
         self._take_biases(snapshot)
         verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
-        self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
+        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 
     def _take_biases(self, snapshot: Snapshot) -> None:
         estimates = snapshot.get("filter") or {}
@@ -143,7 +141,7 @@ class Link:
             return
         t = float(estimates["t"])
         if t < self._biases.newest:
-            self._hold = Hold()  # another run
+            self._debounce = Debounce()  # another run
         self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
         if first:
             self._biases.attached_late = True
@@ -169,7 +167,7 @@ class Link:
             debug=self._debug,
         )
 
-    def _view(self, series: Series, biases: History, *, frozen: bool) -> View:
+    def _view(self, series: PacketSeries, biases: BiasHistory, *, frozen: bool) -> View:
         return View(
             self.newest,
             self.newest,

@@ -16,7 +16,7 @@ from imutui.tui import messages
 from imutui.tui.terminal.pacing import LOCAL_FPS
 
 
-class Feed:
+class Poller:
     """A polling thread.
 
     Parameters
@@ -32,18 +32,18 @@ class Feed:
     class Arrived(Message):
         """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
 
-        def __init__(self, feed: "Feed", snapshot: dict[str, Any], asked_at: float) -> None:
+        def __init__(self, poller: "Poller", snapshot: dict[str, Any], asked_at: float) -> None:
             super().__init__()
-            self.feed = feed
+            self.poller = poller
             self.snapshot = snapshot
             self.asked_at = asked_at
 
     class Lost(Message):
         """The acquisition does not answer any more; the feed has ended."""
 
-        def __init__(self, feed: "Feed", error: str) -> None:
+        def __init__(self, poller: "Poller", error: str) -> None:
             super().__init__()
-            self.feed = feed
+            self.poller = poller
             self.error = error
 
     def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float = LOCAL_FPS) -> None:
@@ -81,11 +81,11 @@ class Feed:
                 snapshot = self._client.snapshot(since)
             except (SessionError, OSError) as error:
                 if not self._stop.is_set():
-                    self._post(Feed.Lost(self, messages.fault(error)))
+                    self._post(Poller.Lost(self, messages.fault(error)))
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Feed.Arrived(self, dict(snapshot), asked_at)):
+            if self._stop.is_set() or not self._post(Poller.Arrived(self, dict(snapshot), asked_at)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))

@@ -29,6 +29,8 @@ MOVES_SD = 0.5
 WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
 SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–"}
 """Beside the word: state is said twice, and never by colour alone."""
+LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
+"""A check's level as a word."""
 _RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}
 
 Estimates = dict[str, Any]
@@ -347,7 +349,7 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
     return Check("wait", "motion", sentences[0], "motion", "")
 
 
-class Hold:
+class Debounce:
     """Keeps the badge from flickering: a word stands 2 s at least, and yields to a better one only after 2 s of it."""
 
     def __init__(self) -> None:

@@ -4,13 +4,13 @@ from textual.content import Content
 
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.notice import event_text
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 
-class Events(Lines):
+class EventList(TextLines):
     """As many events as there are lines."""
 
-    DEFAULT_CSS = "Events { height: 100%; padding: 0 1; }"
+    DEFAULT_CSS = "EventList { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and events."""

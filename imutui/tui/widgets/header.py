@@ -6,12 +6,12 @@ from imutui import __version__
 from imutui.tui import formatting
 from imutui.tui.connection.model import Snapshot, View
 from imutui.tui.terminal.glyphs import Glyphs
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 _PORT_ROOM = 14
 
 
-class StatusHeader(Lines):
+class StatusHeader(TextLines):
     """Two lines.
 
     Parameters

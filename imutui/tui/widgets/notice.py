@@ -4,10 +4,10 @@ from textual.content import Content
 
 from imutui.tui import formatting, messages
 from imutui.tui.connection.model import View
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 
-class Notice(Lines):
+class Notice(TextLines):
     """One line, more for a long message."""
 
     # docked: whatever else has to give way, what is said is seen

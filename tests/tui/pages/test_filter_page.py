@@ -9,7 +9,7 @@ from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
 from imutui.tui.app import ImutuiApp
-from imutui.tui.connection.model import Link
+from imutui.tui.connection.model import ConnectionModel
 
 FOOTER = "enter plot t trace e effects space freeze w why r finish m mark"
 
@@ -208,13 +208,13 @@ def snapshot(t: float | None, since_start: float, **changes: Any) -> dict[str, A
 
 def test_a_past_that_was_not_seen_is_said() -> None:
     """Attached late, the plots begin there; seen from the begin, they begin at zero."""
-    link = Link()
+    link = ConnectionModel()
     link.take(snapshot(700.0, 750.0))
     link.take(snapshot(701.5, 751.5))
     assert (link.view().biases.attached_late, link.view().biases.begin) == (True, 700.0)
     link.take(snapshot(0.5, 760.0))
     assert not link.view().biases.attached_late
-    fresh = Link()
+    fresh = ConnectionModel()
     fresh.take(snapshot(None, 1.0))
     fresh.take(snapshot(20.0, 21.0))
     assert (fresh.view().biases.attached_late, fresh.view().biases.begin) == (False, 0.0)
@@ -222,7 +222,7 @@ def test_a_past_that_was_not_seen_is_said() -> None:
 
 def test_the_past_keeps_estimate_and_certainty() -> None:
     """Figures 3 and 4 need both, and the instants."""
-    link = Link()
+    link = ConnectionModel()
     for k in range(5):
         link.take(snapshot(10.0 + k, 20.0 + k))
     past = link.view().biases
@@ -235,7 +235,7 @@ def test_the_past_keeps_estimate_and_certainty() -> None:
 
 def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:
     """A state that lasts less than two seconds is not taken back at once."""
-    link = Link()
+    link = ConnectionModel()
     converged = [bias(f"{axis} {kind}", 0.1, 0.02) for kind in ("gyro", "accel") for axis in "xyz"]
     good: dict[str, Any] = {"biases": converged, "remainder": []}
     words = []

@@ -24,7 +24,7 @@ from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.dialogs.quit import zero_dialog
-from imutui.tui.widgets.radio import OneOf
+from imutui.tui.widgets.radio import Radio
 
 _LOOK_EVERY_S = 2.0
 _ALIVE = ("connecting", "running", "stopping")
@@ -137,7 +137,7 @@ class ConnectPage(Page):
         for name, values in _CHOSEN.items():
             with Horizontal(classes="row"):
                 yield Label(name)
-                yield OneOf(values, id=name)
+                yield Radio(values, id=name)
         with Horizontal(classes="row"):
             yield Label("mode")
             yield Static(Content.styled(text.MODE, "dim"), id="mode")
@@ -168,7 +168,7 @@ class ConnectPage(Page):
             self.query_one("#port", Input).value = plan.port
         self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
         for name in _CHOSEN:
-            self.query_one(f"#{name}", OneOf).choose(getattr(plan, name), plan.reference_file[0])
+            self.query_one(f"#{name}", Radio).choose(getattr(plan, name), plan.reference_file[0])
 
     def waiting(self, target: str) -> None:
         """Say what is waited for."""
@@ -286,7 +286,7 @@ class ConnectPage(Page):
         return text.Choice("port", typed, typed) if typed else self._highlighted()
 
     def _value(self, name: str) -> str:
-        return self.query_one(f"#{name}", OneOf).value
+        return self.query_one(f"#{name}", Radio).value
 
     # asking who is there, only when told to
 
@@ -332,7 +332,7 @@ class ConnectPage(Page):
         """Enter on the list takes that line, whatever is typed below."""
         self._connect(self._highlighted())
 
-    def on_one_of_changed(self) -> None:
+    def on_radio_changed(self) -> None:
         """The summary follows the sampling."""
         self._say_summary()
 

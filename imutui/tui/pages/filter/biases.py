@@ -8,7 +8,7 @@ from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import MOVES_SD, moved_sd
 from imutui.tui.pages.filter.bias_bar import gauge
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
 _HEAD = (
@@ -31,7 +31,7 @@ def convergence(bias: dict[str, Any]) -> str:
     return f"{since:.1f} s" if since < 600.0 else formatting.clock(since)
 
 
-class BiasTable(Lines):
+class BiasTable(TextLines):
     """Seven lines: a head and six biases, one of them selected."""
 
     DEFAULT_CSS = "BiasTable { width: 80; height: 7; }"

@@ -10,7 +10,7 @@ from imutui.tui import formatting
 from imutui.tui.connection import verdict
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import NOTICED
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 _LABEL = 13
 
@@ -19,7 +19,7 @@ def _filter(view: View) -> dict[str, Any]:
     return (view.shown or {}).get("filter") or {}
 
 
-class NisLine(Lines):
+class NisLine(TextLines):
     """Normalised innovation squared, and updates that were left out."""
 
     DEFAULT_CSS = "NisLine { height: 1; }"
@@ -45,7 +45,7 @@ class NisLine(Lines):
         return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]
 
 
-class UnexplainedLine(Lines):
+class UnexplainedLine(TextLines):
     """What the model leaves unexplained, in units of what noise allows."""
 
     DEFAULT_CSS = "UnexplainedLine { height: 1; }"
@@ -66,7 +66,7 @@ class UnexplainedLine(Lines):
         return [self.spread(left, self.line((key, "dim")), width)]
 
 
-class NavigationLines(Lines):
+class NavigationLines(TextLines):
     """Velocity, attitude and position, each with three standard deviations."""
 
     DEFAULT_CSS = "NavigationLines { height: 4; }"
@@ -130,7 +130,7 @@ def side_by_side(said: list[str], width: int, rows: int) -> list[str]:
     return lines
 
 
-class GrowingLines(Lines):
+class GrowingLines(TextLines):
     """Lines that take no more room than they need, none if there are none; a tall terminal has room for more."""
 
     few, many = 1, 3

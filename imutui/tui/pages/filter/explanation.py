@@ -9,12 +9,12 @@ from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import (
     ACCEL_TOLERANCE_MG,
     GYRO_TOLERANCE_DPS,
+    LEVEL_MARKS,
     NOTICED,
     STEADY_K_PER_MIN,
     TOO_MUCH,
     Verdict,
 )
-from imutui.tui.pages.dialogs.why_lines import MARKS
 from imutui.tui.pages.filter.estimates import effect_text
 
 _WIDTH = 72
@@ -48,7 +48,7 @@ def _headline(found: Verdict) -> str:
 
 
 def _checks(found: Verdict) -> str:
-    return "\n".join(_wrapped(f"{MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
+    return "\n".join(_wrapped(f"{LEVEL_MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
 
 
 def _wrapped(said: str, indent: str = "") -> str:

@@ -12,9 +12,8 @@ from textual.widget import Widget
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.why import WhyDialog
-from imutui.tui.pages.dialogs.why_lines import Why
-from imutui.tui.pages.filter.badge import Badge
-from imutui.tui.pages.filter.bias_history import BandPlot, Wanted
+from imutui.tui.pages.filter.badge import FilterBadge
+from imutui.tui.pages.filter.bias_history import BiasPlot, BiasPlotSettings
 from imutui.tui.pages.filter.biases import NAMES, BiasTable
 from imutui.tui.pages.filter.estimates import (
     AlarmLines,
@@ -23,6 +22,7 @@ from imutui.tui.pages.filter.estimates import (
     NisLine,
     UnexplainedLine,
 )
+from imutui.tui.pages.filter.rule_lines import RuleLines
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
@@ -54,14 +54,14 @@ class FilterPage(Page):
     CSS = """
     FilterPage #numbers { height: auto; }
     FilterPage #left { width: 80; height: auto; }
-    FilterPage Why { display: none; width: 1fr; }
-    FilterPage.-wide Why { display: block; }
+    FilterPage RuleLines { display: none; width: 1fr; }
+    FilterPage.-wide RuleLines { display: block; }
     FilterPage #all { display: none; grid-size: 2 3; height: 1fr; }
     FilterPage.-tall #all { display: block; layout: grid; }
     FilterPage.-tall #one { display: none; }
     FilterPage.-plot #all { display: none; }
     FilterPage.-plot #one { display: block; }
-    FilterPage.-plot .details, FilterPage.-plot Why { display: none; }
+    FilterPage.-plot .details, FilterPage.-plot RuleLines { display: none; }
     FilterPage.-plot BiasTable { height: 2; }
     FilterPage Notice { dock: bottom; }
     """
@@ -84,7 +84,7 @@ class FilterPage(Page):
 
     def body(self) -> Iterable[Widget]:
         """From the badge down to the details; room adds plots below and the rules at the right."""
-        yield Badge()
+        yield FilterBadge()
         with Horizontal(id="numbers"):
             with Vertical(id="left"):
                 yield BiasTable()
@@ -95,29 +95,29 @@ class FilterPage(Page):
                     yield NavigationLines()
                     yield EffectLines()
                     yield AlarmLines()
-            yield Why()
-        yield BandPlot(id="one")
+            yield RuleLines()
+        yield BiasPlot(id="one")
         with Grid(id="all"):
             for index in _ORDER:
-                yield BandPlot(index)
+                yield BiasPlot(index)
 
     def show(self, view: View) -> None:
         """Show a view."""
         super().show(view)
-        for plot in self.query(BandPlot):
+        for plot in self.query(BiasPlot):
             if (plot.column is None) == self._alone:
-                plot.show(view.biases, self._wanted(view, self._chosen if plot.column is None else plot.column))
+                plot.show(view.biases, self._settings(view, self._chosen if plot.column is None else plot.column))
 
     @property
     def _alone(self) -> bool:
         """Whether there is only one plot."""
         return self.has_class("-plot") or not self.has_class("-tall")
 
-    def _wanted(self, view: View, index: int) -> Wanted:
+    def _settings(self, view: View, index: int) -> BiasPlotSettings:
         biases = ((view.shown or {}).get("filter") or {}).get("biases") or []
         bias: dict[str, Any] = biases[index] if len(biases) == len(NAMES) else {}
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
-        return Wanted(
+        return BiasPlotSettings(
             bias.get("name", NAMES[index]), bias.get("unit", _UNITS[index]), bias.get("limit", _LIMITS[index]), index,
             history_cells.SCALES[self._scale], hint, index == self._chosen, bias.get("observable", True),
         )  # fmt: skip

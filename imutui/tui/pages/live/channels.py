@@ -7,14 +7,14 @@ from textual.content import Content
 
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.pages.live.status import TEMPERATURE
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.connection.packet_series import TEMPERATURE
+from imutui.tui.widgets.text_lines import TextLines
 
 _NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
 
 
-class ChannelTable(Lines):
+class ChannelTable(TextLines):
     """Eight lines: a head and seven channels."""
 
     DEFAULT_CSS = "ChannelTable { width: 80; height: 8; }"

@@ -11,7 +11,7 @@ from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.live.channels import ChannelTable
 from imutui.tui.pages.live.status import LinkLine, RecordingLine, WarmLine
-from imutui.tui.widgets.event_list import Events
+from imutui.tui.widgets.event_list import EventList
 from imutui.tui.widgets.plot import Plot
 
 SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
@@ -56,7 +56,7 @@ class LivePage(Page):
 
     def body(self) -> Iterable[Widget]:
         """Table, plots, status."""
-        yield Horizontal(ChannelTable(), Events(), id="top")
+        yield Horizontal(ChannelTable(), EventList(), id="top")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
         yield WarmLine()

@@ -6,13 +6,13 @@ from textual.content import Content
 
 from imutui.tui import formatting, messages
 from imutui.tui.connection.model import Snapshot, View
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.connection.packet_series import TEMPERATURE
+from imutui.tui.widgets.text_lines import TextLines
 
-TEMPERATURE = 6
 _ROOM_FOR_MARKS = 90
 
 
-class WarmLine(Lines):
+class WarmLine(TextLines):
     """Whether the unit is warm: word, minutes on, slope of the temperature, what to wait for."""
 
     DEFAULT_CSS = "WarmLine { height: 1; }"
@@ -25,7 +25,7 @@ class WarmLine(Lines):
         return [self.line(" ", (word, "bold"), " ", rest)]
 
 
-class LinkLine(Lines):
+class LinkLine(TextLines):
     """Rates, and what was lost."""
 
     DEFAULT_CSS = "LinkLine { height: 1; }"
@@ -52,7 +52,7 @@ def _rates(now: Snapshot) -> str:
     return f"asked {asked} measured {formatting.NOTHING if measured is None else f'{measured:.2f}'} Hz"
 
 
-class RecordingLine(Lines):
+class RecordingLine(TextLines):
     """File, size and age of the last flush; or how to start."""
 
     DEFAULT_CSS = "RecordingLine { height: 1; }"

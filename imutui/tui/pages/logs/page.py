@@ -29,7 +29,7 @@ from imutui.tui.pages.logs.job_line import JobLine
 from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
-from imutui.tui.widgets.option_rows import Rows
+from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
@@ -88,7 +88,7 @@ class LogsPage(Page):
         yield Static(id="logs-lead")
         yield JobLine()
         yield Static(id="logs-columns")
-        yield Rows(id="recordings")
+        yield OptionRows(id="recordings")
         yield Static(id="logs-detail")
         yield Static(Content(_MORE), id="logs-more")
 
@@ -117,7 +117,7 @@ class LogsPage(Page):
 
     def as_text(self) -> str:
         """The recordings."""
-        rows = self.query_one("#recordings", Rows)
+        rows = self.query_one("#recordings", OptionRows)
         return f"{self.folder}\n{told.heading(self.app.size.width - 1)}\n{rows.as_text()}"
 
     def show(self, view: View) -> None:
@@ -156,7 +156,7 @@ class LogsPage(Page):
         glyphs = choose().text
         self.query_one("#logs-lead", Static).update(Content.styled(glyphs(line), "bold"))
         self.query_one("#logs-columns", Static).update(Content(glyphs(told.heading(width - 1))))
-        rows = self.query_one("#recordings", Rows)
+        rows = self.query_one("#recordings", OptionRows)
         briefs = self._briefs or []
         rows.fill([Content(glyphs(told.row(b, b.path in self._chosen, width - 1))) for b in briefs])
         number = next((n for n, b in enumerate(briefs) if b.path == cursor), None)
@@ -165,7 +165,7 @@ class LogsPage(Page):
         self._say_detail()
 
     def _brief(self) -> "Brief | None":
-        at, briefs = self.query_one("#recordings", Rows).cursor, self._briefs or []
+        at, briefs = self.query_one("#recordings", OptionRows).cursor, self._briefs or []
         return briefs[at] if at is not None and at < len(briefs) else None
 
     def _say_detail(self) -> None:
@@ -185,7 +185,7 @@ class LogsPage(Page):
         if here is not None:
             self._chosen ^= {here.path}
             self._list()
-            self.query_one("#recordings", Rows).action_cursor_down()
+            self.query_one("#recordings", OptionRows).action_cursor_down()
 
     # jobs
 

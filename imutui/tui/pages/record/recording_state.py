@@ -5,15 +5,15 @@ from textual.content import Content
 from imutui.tui import formatting
 from imutui.tui.connection.model import Snapshot, View
 from imutui.tui.pages.record import text
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 _NAME = 10
 
 
-class TakeState(Lines):
+class RecordingState(TextLines):
     """Whether it records, in big; hint; and every number of the file and the line."""
 
-    DEFAULT_CSS = "TakeState { height: 8; padding: 0 1; }"
+    DEFAULT_CSS = "RecordingState { height: 8; padding: 0 1; }"
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,10 +74,10 @@ class TakeState(Lines):
         ]
 
 
-class Marks(Lines):
+class MarkList(TextLines):
     """The last marks, newest at the bottom."""
 
-    DEFAULT_CSS = "Marks { height: 1fr; padding: 0 1; min-height: 3; }"
+    DEFAULT_CSS = "MarkList { height: 1fr; padding: 0 1; min-height: 3; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """A head and as many marks as there is room for."""

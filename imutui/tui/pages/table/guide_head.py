@@ -7,7 +7,7 @@ from textual.content import Content
 
 from imutui.tui.connection.model import View
 from imutui.tui.pages.table import text
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 _BAR = 30
 
@@ -17,7 +17,7 @@ def guided(profile: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
     return profile.get("align") == "marks" or now.get("filter") is None
 
 
-class GuideHead(Lines):
+class GuideHead(TextLines):
     """As high in one state as in another, so that the list below stays where it is."""
 
     DEFAULT_CSS = "GuideHead { height: 6; padding: 0 1; }"

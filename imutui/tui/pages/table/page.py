@@ -21,7 +21,7 @@ from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.table import text
 from imutui.tui.pages.table.guide_head import GuideHead, guided
 from imutui.tui.terminal.glyphs import choose
-from imutui.tui.widgets.option_rows import Rows
+from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
     from imutui.jobs.operator_steps import Offer, Step
@@ -84,7 +84,7 @@ class TablePage(Page):
         """The chooser, and the guided list; one of them is shown."""
         with Vertical(id="choose"):
             yield Static(id="choose-lead")
-            yield Rows(id="offers")
+            yield OptionRows(id="offers")
             with Horizontal(id="other-row"):
                 yield Label("other file")
                 yield Input(id="other", placeholder="path of a TOML or CSV file; o goes here", compact=True)
@@ -92,7 +92,7 @@ class TablePage(Page):
         with Vertical(id="follow"):
             yield GuideHead()
             yield Static(id="columns")
-            yield Rows(id="segments")
+            yield OptionRows(id="segments")
             yield Static(id="detail")
 
     def on_mount(self) -> None:
@@ -128,7 +128,7 @@ class TablePage(Page):
         self._list_offers()
 
     def _list_offers(self) -> None:
-        rows, before = self.query_one("#offers", Rows), self._level
+        rows, before = self.query_one("#offers", OptionRows), self._level
         self._level = self._looked and self._has_reference()
         name, place = self._widths()
         lines = [self._offer_line(offer, name, place) for offer in self._offers]
@@ -160,13 +160,13 @@ class TablePage(Page):
         return f" {formatting.shorten(offer.name, name):<{name}}  {what:<20} {formatting.shorten(offer.place, place)}"
 
     def _offer(self) -> "Offer | None":
-        at = self.query_one("#offers", Rows).cursor
+        at = self.query_one("#offers", OptionRows).cursor
         number = -1 if at is None else at - self._level
         return self._offers[number] if 0 <= number < len(self._offers) else None
 
     def _at_level(self) -> bool:
         """Whether the cursor is on the way back to level."""
-        return self._level and self.query_one("#offers", Rows).cursor == 0
+        return self._level and self.query_one("#offers", OptionRows).cursor == 0
 
     @work(exclusive=True, group="preview")
     async def _preview(self) -> None:
@@ -220,7 +220,7 @@ class TablePage(Page):
         """What is done and what is to be done; or the profiles there are."""
         follow = self._profile is not None and not self._choosing
         head = [super().as_text(), *self._columns()] if follow else []
-        return "\n".join([*head, self.query_one("#segments" if follow else "#offers", Rows).as_text()])
+        return "\n".join([*head, self.query_one("#segments" if follow else "#offers", OptionRows).as_text()])
 
     def _columns(self) -> list[str]:
         line = f"  #  {'what to do':<{self._room()}}    dwell  state      left    marked "
@@ -285,7 +285,7 @@ class TablePage(Page):
         if self._profile is None:
             return
         guide = now.get("guide") if now is not None else None
-        rows = self.query_one("#segments", Rows)
+        rows = self.query_one("#segments", OptionRows)
         rows.fill([self._segment_line(n, segment, guide) for n, segment in enumerate(self._profile["segments"])])
         at = min(int(guide["segment"]), len(self._profile["segments"]) - 1) if guide is not None else None
         if at is not None and at != self._at:
@@ -324,7 +324,7 @@ class TablePage(Page):
 
     def _say_detail(self) -> None:
         """The cursor's segment, in as many words as there is room for."""
-        at = self.query_one("#segments", Rows).cursor
+        at = self.query_one("#segments", OptionRows).cursor
         if at is None or self._profile is None or self._shows == []:
             return
         shows = None if self._shows is None else self._shows[at]
