@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 from textual import work
 from textual.app import App, SystemCommand
@@ -21,6 +21,7 @@ from textual.widgets import Input
 from imutui.session import client as session
 from imutui.session.client import Client, SessionError
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages, palette, pictures
 from imutui.tui.background import in_thread
 from imutui.tui.connection.attempt import Attempt
@@ -138,7 +139,8 @@ class ImutuiApp(App[int]):
     @property
     def logs_folder(self) -> str:
         """Folder of recordings: the acquisition's, else that of one that would be started."""
-        return str((self._link.newest or {}).get("logs") or self._defaults.logs)
+        newest = self._link.newest
+        return (newest["logs"] if newest is not None else "") or self._defaults.logs
 
     @property
     def page(self) -> Page | None:
@@ -431,7 +433,7 @@ class ImutuiApp(App[int]):
                 self._say(messages.recording_to(path, self._link.newest), "good")
             else:
                 self._say("finishing the file", "wait")
-                result = await in_thread(client.stop_recording)
+                result = cast("messages.RecordingResult", await in_thread(client.stop_recording))
                 self._tell_record_page(report.finished(recording, result))
                 shown = isinstance(self.page, RecordPage)
                 self._say("the file is finished" if shown else messages.finished(recording, result), "good")
@@ -471,9 +473,9 @@ class ImutuiApp(App[int]):
         if page is not None:
             page.finished(finished)
 
-    def _recording(self) -> dict[str, Any] | None:
+    def _recording(self) -> RecordingSnapshot | None:
         newest = self._link.newest
-        return newest.get("recording") if newest is not None else None
+        return newest["recording"] if newest is not None else None
 
     def _connected(self, purpose: str) -> bool:
         if self._link.client is None:
@@ -601,7 +603,7 @@ class ImutuiApp(App[int]):
         self._link.pause()
         self._say("stopping: finishing the file" if recording else "stopping the acquisition", "wait")
         try:
-            result = await in_thread(client.stop)
+            result = cast("messages.RecordingResult | None", await in_thread(client.stop))
         except FAULTS as error:
             return messages.fault(error)
         finally:

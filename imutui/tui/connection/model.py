@@ -3,19 +3,19 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from textual.message import Message
 
 from imutui.session.client import Client
+from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
 from imutui.tui.connection.history import BiasHistory
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
 from imutui.tui.connection.verdict import Debounce, Verdict, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
 
-Snapshot = dict[str, Any]
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
 NOTHING = ("none", "")
@@ -27,9 +27,9 @@ class View:
 
     Attributes
     ----------
-    now : dict or None
+    now : Snapshot or None
         The newest snapshot: recording, link, alarms; never frozen.
-    shown : dict or None
+    shown : Snapshot or None
         The snapshot of tables and plots; an old one while the view is frozen.
     series : PacketSeries
         Packets of the plots.
@@ -62,6 +62,16 @@ class View:
     slope_k_per_min: float | None = None
     pacing: Pacing = field(default_factory=Pacing)
     debug: str = ""
+
+    @property
+    def estimates(self) -> FilterSnapshot | None:
+        """What the filter of `shown` estimates; None without a filter."""
+        return self.shown["filter"] if self.shown is not None else None
+
+    @property
+    def recording(self) -> RecordingSnapshot | None:
+        """The file that is being written now, if one is."""
+        return self.now["recording"] if self.now is not None else None
 
 
 class ConnectionModel:
@@ -127,19 +137,16 @@ class ConnectionModel:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
         self._slope = self._series.slope_per_minute(TEMPERATURE)
         self._take_biases(snapshot)
-        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot), waiting_profile(snapshot))
+        verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 
     def _take_biases(self, snapshot: Snapshot) -> None:
-        estimates = snapshot.get("filter") or {}
-        biases = estimates.get("biases") or []
-        begun = estimates.get("t") is not None and not estimates.get("waiting") and len(biases) == _BIASES
-        first = not self._looked
+        estimates, first = snapshot["filter"], not self._looked
         self._looked = True
-        if not begun:
+        if estimates is None or estimates["t"] is None or estimates["waiting"] or len(estimates["biases"]) != _BIASES:
             return
-        t = float(estimates["t"])
+        t, biases = float(estimates["t"]), estimates["biases"]
         if t < self._biases.newest:
             self._debounce = Debounce()  # another run
         self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
@@ -193,5 +200,5 @@ class ConnectionModel:
         return self._said if time.monotonic() < self._said_until else NOTHING
 
 
-def _numbers(biases: list[dict[str, Any]], key: str) -> np.ndarray:
+def _numbers(biases: list[BiasSnapshot], key: Literal["value", "sd3"]) -> np.ndarray:
     return np.array([np.nan if bias[key] is None else bias[key] for bias in biases], float)

@@ -7,11 +7,11 @@ The next poll waits until the UI has taken the last one, so nothing piles up beh
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 from textual.message import Message
 
 from imutui.session.client import Client, SessionError
+from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.tui.terminal.pacing import LOCAL_FPS
 
@@ -32,7 +32,7 @@ class Poller:
     class Arrived(Message):
         """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
 
-        def __init__(self, poller: "Poller", snapshot: dict[str, Any], asked_at: float) -> None:
+        def __init__(self, poller: "Poller", snapshot: Snapshot, asked_at: float) -> None:
             super().__init__()
             self.poller = poller
             self.snapshot = snapshot
@@ -85,7 +85,7 @@ class Poller:
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Poller.Arrived(self, dict(snapshot), asked_at)):
+            if self._stop.is_set() or not self._post(Poller.Arrived(self, snapshot, asked_at)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))

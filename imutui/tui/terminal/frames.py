@@ -4,6 +4,7 @@ import time
 from collections import deque
 from typing import Any
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
 from imutui.tui.terminal.driver import Measured
 from imutui.tui.terminal.pacing import Load, Pacing, PacingController
@@ -38,7 +39,7 @@ class FrameMonitor:
         """What is drawn now."""
         return self.controller.pacing
 
-    def admit(self, driver: Any, snapshot: dict[str, Any], asked_at: float) -> bool:
+    def admit(self, driver: Any, snapshot: Snapshot, asked_at: float) -> bool:
         """A snapshot has come; returns whether it should be drawn.
 
         A terminal that still chews on the last frame gets none: drawing into a full queue would stop the UI, and
@@ -48,7 +49,7 @@ class FrameMonitor:
         ----------
         driver : Driver
             Of the terminal; one that does not measure is taken as one that keeps up.
-        snapshot : dict
+        snapshot : Snapshot
             The data.
         asked_at : float
             When it was asked for, monotonic, s.
@@ -61,7 +62,7 @@ class FrameMonitor:
         self.controller.judge(now, self.load)
         draws = self.load.queue <= _MOST_QUEUED and self.load.stuck_s < _REST_S
         if draws:
-            silent = snapshot.get("silent_s")
+            silent = snapshot["silent_s"]
             self._sampled_at = None if silent is None else asked_at - silent
             self._drawn_at = now
             self._count(now, driver)

@@ -14,7 +14,7 @@ class EventList(TextLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and events."""
-        events = ((view.now or {}).get("events") or [])[-max(self.content_size.height - 1, 1) :]
+        events = (view.now["events"] if view.now is not None else [])[-max(self.content_size.height - 1, 1) :]
         head = self.line(("events, UTC".ljust(width), "bold underline"))
         rows = [self.line(event_text(event)).truncate(width, ellipsis=True) for event in events]
         return [head, *(rows or [self.line(("none yet", "dim"))])]

@@ -2,6 +2,7 @@
 
 from textual.content import Content
 
+from imutui.session.snapshot import EventLine
 from imutui.tui import formatting, messages
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
@@ -33,17 +34,17 @@ def _chosen(view: View) -> tuple[str, str]:
     silent = messages.silence(now) if now is not None else None
     if silent is not None:
         return "bad", silent
-    if now is not None and now["state"] == "running" and now.get("error"):
-        return "bad", str(now["error"])
+    if now is not None and now["state"] == "running" and now["error"]:
+        return "bad", now["error"]
     if view.notice[1]:
         return view.notice
     if view.frozen:
         return "wait", "FROZEN view: the acquisition goes on. space follows it again."
-    events = (now or {}).get("events") or []
+    events = now["events"] if now is not None else []
     return "event", event_text(events[-1]) if events else ""
 
 
-def event_text(event: dict[str, str]) -> str:
+def event_text(event: EventLine) -> str:
     """Time, kind and text of an event."""
     kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
     return f"{formatting.utc_time(event['utc'])}  {kind}{event['text']}"

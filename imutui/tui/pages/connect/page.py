@@ -360,8 +360,7 @@ class ConnectPage(Page):
 
     def action_zero(self) -> None:
         """Have the rate sensors zeroed, after asking."""
-        now = self.view.now if self.view is not None else None
-        if now is not None and now.get("recording"):
+        if self.view is not None and self.view.recording:
             said = "not while recording: zeroing shifts all that is read after it. r finishes the file"
             self.post_message(self.Say(said, "wait"))
         else:

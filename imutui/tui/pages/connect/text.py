@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from textual.content import Content
 
 from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
-from imutui.session.snapshot import ProbeAnswer
+from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
-from imutui.tui.connection.model import Snapshot
 
 ABOUT = (
     "imutui records an IMU400CD on a turn table and estimates its biases while it\n"
@@ -133,13 +132,12 @@ def _demo(before: str) -> tuple[str | tuple[str, str], ...]:
 
 def connected(now: Snapshot) -> Content:
     """What is connected, and how it is read."""
-    reference = now.get("reference") or {}
-    filter_ = now.get("filter")
+    reference, filter_ = now["reference"], now["filter"]
     how = f"{now['rate_hz']:g} Hz, {now['sampling']}, scaled mode, {now['baud']} baud"
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
-    if reference.get("file"):
+    if reference["file"]:
         estimates += f" from {reference['file']}"
-    if now.get("effects"):
+    if now["effects"]:
         estimates += f", with {formatting.plural(len(now['effects']), 'effect')} found before"
     rows = [
         ("instrument", f"{now['instrument']} #{now['serial_number']}, firmware {now['firmware']}"),
@@ -147,7 +145,7 @@ def connected(now: Snapshot) -> Content:
         ("read at", how),
         ("filter", estimates),
         ("process", f'acquisition "{now["name"]}", pid {now["pid"]}; runs on without this screen'),
-        ("logs in", str(now.get("logs") or formatting.NOTHING)),
+        ("logs in", str(now["logs"] or formatting.NOTHING)),
     ]
     lines = [Content.assemble((f"{name:12}", "dim"), value) for name, value in rows]
     return Content("\n").join([Content.styled("Connected.", "bold"), *lines])
@@ -155,7 +153,7 @@ def connected(now: Snapshot) -> Content:
 
 def next_step(now: Snapshot) -> str:
     """What to do on from here."""
-    if now.get("recording"):
+    if now["recording"]:
         return (
             "It is recording. Next: 4 Filter shows how far the biases are;\n"
             "r finishes the file; 6 Logs opens and traces it."

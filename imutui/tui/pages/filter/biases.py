@@ -1,9 +1,8 @@
 """The table of biases: estimate, certainty, place within the data sheet's limit, drift, convergence."""
 
-from typing import Any
-
 from textual.content import Content
 
+from imutui.session.snapshot import BiasSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import MOVES_SD, moved_sd
@@ -21,7 +20,7 @@ _HEAD = (
 )
 
 
-def convergence(bias: dict[str, Any]) -> str:
+def convergence(bias: BiasSnapshot) -> str:
     """Since when a bias is converged, in words."""
     if not bias["observable"]:
         return "unobservable"
@@ -48,8 +47,7 @@ class BiasTable(TextLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and biases; dashes while nothing is known."""
-        estimates = (view.shown or {}).get("filter") or {}
-        biases = estimates.get("biases") or []
+        biases = view.estimates["biases"] if view.estimates is not None else []
         head = "".join(self._cell(title, cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
         rows = [self._row(i, bias) for i, bias in enumerate(biases)] or [self._empty(i) for i in range(len(NAMES))]
@@ -66,7 +64,7 @@ class BiasTable(TextLines):
     def _empty(self, index: int) -> Content:
         return self.line(self._label(index, NAMES[index]), f"{formatting.NOTHING:>9}")
 
-    def _row(self, index: int, bias: dict[str, Any]) -> Content:
+    def _row(self, index: int, bias: BiasSnapshot) -> Content:
         unit, limit, value, sd3 = bias["unit"], bias["limit"], bias["value"], bias["sd3"]
         decimals = formatting.BIAS_DECIMALS[unit]
         outside = value is not None and abs(value) > limit

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import PurePath
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Grid, Horizontal, Vertical
@@ -114,13 +114,14 @@ class FilterPage(Page):
         return self.has_class("-plot") or not self.has_class("-tall")
 
     def _settings(self, view: View, index: int) -> BiasPlotSettings:
-        biases = ((view.shown or {}).get("filter") or {}).get("biases") or []
-        bias: dict[str, Any] = biases[index] if len(biases) == len(NAMES) else {}
+        biases = view.estimates["biases"] if view.estimates is not None else []
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
-        return BiasPlotSettings(
-            bias.get("name", NAMES[index]), bias.get("unit", _UNITS[index]), bias.get("limit", _LIMITS[index]), index,
-            history_cells.SCALES[self._scale], hint, index == self._chosen, bias.get("observable", True),
-        )  # fmt: skip
+        name, unit, limit, observable = NAMES[index], _UNITS[index], _LIMITS[index], True
+        if len(biases) == len(NAMES):
+            bias = biases[index]
+            name, unit, limit, observable = bias["name"], bias["unit"], bias["limit"], bias["observable"]
+        scale = history_cells.SCALES[self._scale]
+        return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, observable)
 
     def _redraw(self) -> None:
         self.query_one(BiasTable).select(self._chosen, alone=self.has_class("-plot"))
@@ -156,7 +157,7 @@ class FilterPage(Page):
 
     def action_trace(self) -> None:
         """Have the present recording traced."""
-        recording = ((self.view.now if self.view is not None else None) or {}).get("recording")
+        recording = self.view.recording if self.view is not None else None
         if recording is None:
             self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
         elif not self._delegate("trace_recording"):

@@ -315,7 +315,7 @@ class LogsPage(Page):
         folders = list(dict.fromkeys([self.folder, Path()]))
         files = await in_thread(lambda: _effects_files(folders))
         now = self.view.now if self.view is not None else None
-        loaded = bool(now and now.get("effects"))
+        loaded = now is not None and bool(now["effects"])
         self.app.push_screen(EffectsDialog(files, loaded), self._effects_chosen)
 
     def _effects_chosen(self, file: "EffectsFile | str | None") -> None:
@@ -341,8 +341,7 @@ class LogsPage(Page):
 
     def load_effects(self, name: str, content: str) -> None:
         """Have the live filter take effects; it begins anew."""
-        now = self.view.now if self.view is not None else None
-        refused = told.refused((now or {}).get("recording"), "effects")
+        refused = told.refused(self.view.recording if self.view is not None else None, "effects")
         if refused is not None:
             self.post_message(self.Say(refused, "wait"))
             return

@@ -3,8 +3,9 @@
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
@@ -81,6 +82,6 @@ def detail(brief: "Brief | None") -> str:
     return " · ".join(part for part in told if part)
 
 
-def refused(recording: dict[str, Any] | None, what: str) -> str | None:
+def refused(recording: RecordingSnapshot | None, what: str) -> str | None:
     """Why the filter cannot take something now, if it can't."""
     return f"a recording runs: r finishes it, then {what} can be loaded" if recording is not None else None

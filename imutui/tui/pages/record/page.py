@@ -86,8 +86,8 @@ class RecordPage(Page):
                     self.query_one(f"#wish-{name}", Input).value = value
 
     def _say_form(self) -> None:
-        now = self.view.now if self.view is not None else None
-        title = "the recording after this gets" if (now or {}).get("recording") else "the next recording gets"
+        recording = self.view.recording if self.view is not None else None
+        title = "the recording after this gets" if recording else "the next recording gets"
         key = "Esc done" if isinstance(self.focused, Input) else "e edits"
         width = self.query_one("#wish").content_size.width or 78
         head = self.query_one(RecordingState).rule(title, width, key)
