@@ -9,7 +9,7 @@ from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pages import PAGES
+from imutui.tui.pages.base import PAGES
 from imutui.tui.terminal.pacing import Load
 from imutui.tui.widgets.plot import Plot
 

@@ -47,6 +47,7 @@ LOOKS: dict[str, tuple[tuple[int, int], dict[str, str], str]] = {
 }
 """Size, environment, theme."""
 _STEP_S, _STEPS = 5, 12
+pytestmark = pytest.mark.pictures
 _ALIKE = 3
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from textual.message import Message
 
 from imutui.session.client import Client
 from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
@@ -75,7 +74,7 @@ class View:
 
 
 class ConnectionModel:
-    """Client, feed and past of one acquisition; without an acquisition it is empty."""
+    """Client, poller and past of one acquisition; without an acquisition it is empty."""
 
     def __init__(self) -> None:
         self.client: Client | None = None
@@ -94,7 +93,7 @@ class ConnectionModel:
         self._slope: float | None = None
         self._frozen: View | None = None
 
-    def attach(self, client: Client, post: Callable[[Message], bool]) -> None:
+    def attach(self, client: Client, post: Callable[[Poller.Arrived | Poller.Lost], bool]) -> None:
         """Look at an acquisition."""
         self.leave()
         self._clear()
@@ -126,7 +125,7 @@ class ConnectionModel:
             self.newest = {**self.newest, "state": "ended", "recording": None, "silent_s": None}
 
     def owns(self, poller: Poller) -> bool:
-        """Whether a feed's message is about this acquisition, and not a late one of the last."""
+        """Whether what a poller posts is about this acquisition, and not a late one of the last."""
         return poller is self._poller
 
     def take(self, snapshot: Snapshot) -> None:

@@ -1,14 +1,13 @@
 """Polls an acquisition from a thread and hands the newest snapshot to the UI.
 
-Messages are posted, never `call_from_thread`: a frozen terminal blocks the event loop, and nothing else.
+What comes is posted, never handed over with `call_from_thread`: a frozen terminal blocks the event loop, nothing else.
 The next poll waits until the UI has taken the last one, so nothing piles up behind a slow link.
 """
 
 import threading
 import time
 from collections.abc import Callable
-
-from textual.message import Message
+from dataclasses import dataclass
 
 from imutui.session.client import Client, SessionError
 from imutui.session.snapshot import Snapshot
@@ -24,35 +23,33 @@ class Poller:
     client : Client
         Asked for snapshots.
     post : callable
-        Takes messages, from any thread; False if nobody listens any more.
+        Takes `Arrived` and `Lost`, from any thread; False if nobody listens any more.
     rate_hz : float
         Polls per second; may be changed at any time.
     """
 
-    class Arrived(Message):
-        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
+    @dataclass(frozen=True, slots=True)
+    class Arrived:
+        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `poller.taken()`."""
 
-        def __init__(self, poller: "Poller", snapshot: Snapshot, asked_at: float) -> None:
-            super().__init__()
-            self.poller = poller
-            self.snapshot = snapshot
-            self.asked_at = asked_at
+        poller: "Poller"
+        snapshot: Snapshot
+        asked_at: float
 
-    class Lost(Message):
-        """The acquisition does not answer any more; the feed has ended."""
+    @dataclass(frozen=True, slots=True)
+    class Lost:
+        """The acquisition does not answer any more; the poller has ended."""
 
-        def __init__(self, poller: "Poller", error: str) -> None:
-            super().__init__()
-            self.poller = poller
-            self.error = error
+        poller: "Poller"
+        error: str
 
-    def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float = LOCAL_FPS) -> None:
+    def __init__(self, client: Client, post: Callable[[Arrived | Lost], bool], rate_hz: float = LOCAL_FPS) -> None:
         self._client = client
         self._post = post
         self.rate_hz = rate_hz
         self._stop = threading.Event()
         self._taken = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="imutui-feed", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="imutui-poller", daemon=True)
 
     def start(self) -> None:
         """Begin to poll."""

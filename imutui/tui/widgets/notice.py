@@ -26,6 +26,7 @@ class Notice(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         """The most urgent message."""
         level, said = _chosen(view)
+        said = formatting.folded(said, width)
         return [self.line((said, "" if level == "event" else LEVEL_STYLES[level]))]
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.fake_client import FakeClient
-from textual.message import Message
 
 from imutui.session.client import SessionError
 from imutui.tui.connection.attempt import Attempt
@@ -17,13 +16,13 @@ from imutui.tui.terminal.pacing import Pacing
 
 
 class Inbox:
-    """Takes messages of a feed."""
+    """Takes what a poller posts."""
 
     def __init__(self) -> None:
-        self.messages: list[Message] = []
+        self.messages: list[Poller.Arrived | Poller.Lost] = []
         self.came = threading.Event()
 
-    def post(self, message: Message) -> bool:
+    def post(self, message: Poller.Arrived | Poller.Lost) -> bool:
         """Take one."""
         self.messages.append(message)
         self.came.set()

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.fake_client import FakeClient, bias, estimates
+from helpers.fake_client import PATH, FakeClient, bias, estimates
 from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel
 
@@ -112,17 +113,20 @@ async def test_t_and_e_say_where_that_is() -> None:
         await shows(pilot, "not recording: r starts a recording, then t traces it")
 
 
-async def test_what_is_wanted_is_handed_to_the_application(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An application that has the actions gets them, instead of the page's hints."""
-    done: list[str] = []
-    for action in ("trace_recording", "load_effects"):
-        monkeypatch.setattr(ImutuiApp, f"action_{action}", lambda _, a=action: done.append(a), raising=False)
+async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
+    """T traces the recording there, and e offers the effects that a trace has found."""
     client = client_with()
     client.recording = True
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+    app = ImutuiApp(client)
+    async with app.run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "t traces this recording")
-        await pilot.press("t", "e")
-        await until(pilot, lambda: done == ["trace_recording", "load_effects"])
+        await pilot.press("t")
+        await until(pilot, lambda: app.current_mode == "logs")
+        await shows(pilot, f"trace of {PATH.rsplit('/', 1)[1][:20]}")
+        await pilot.press("4")
+        await filter_page(pilot, "t traces this recording")
+        await pilot.press("e")
+        await shows(pilot, "6 Logs", "Load effects into the live filter")
 
 
 async def test_loaded_effects_are_listed() -> None:
@@ -201,7 +205,7 @@ async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
         await until(pilot, lambda: "no acquisition: 1 connects to one" in text_of(app))
 
 
-def snapshot(t: float | None, since_start: float, **changes: Any) -> dict[str, Any]:
+def snapshot(t: float | None, since_start: float, **changes: Any) -> Snapshot:
     """What the link takes."""
     return {**FakeClient().snapshot(), "since_start_s": since_start, "filter": estimates(t=t, **changes)}
 

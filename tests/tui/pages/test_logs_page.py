@@ -246,7 +246,9 @@ async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeC
     app = _app(client)
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "● REC")
-        await app.run_action("trace_recording")
+        await pilot.press("4")
+        await shows(pilot, "t traces this recording")
+        await pilot.press("t")
         await until(pilot, lambda: app.current_mode == "logs")
         await shows(pilot, "6 Logs", "imu400cd_9911750")
 

@@ -1,15 +1,15 @@
 """Filter: how far the biases are, how good, and whether the filter may be believed."""
 
 from collections.abc import Iterable
-from pathlib import PurePath
+from pathlib import Path
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Grid, Horizontal, Vertical
-from textual.message import Message
 from textual.widget import Widget
 
 from imutui.tui.connection.model import View
+from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.why import WhyDialog
 from imutui.tui.pages.filter.badge import FilterBadge
@@ -33,22 +33,6 @@ _ORDER = (0, 3, 1, 4, 2, 5)
 
 class FilterPage(Page):
     """Badge, biases, NIS, remainder, navigation, and the biases' past."""
-
-    class TraceWanted(Message):
-        """What the model does not explain shall be looked for in a recording.
-
-        Parameters
-        ----------
-        path : str
-            Of the recording.
-        """
-
-        def __init__(self, path: str) -> None:
-            super().__init__()
-            self.path = path
-
-    class EffectsWanted(Message):
-        """Found effects shall be loaded into the filter."""
 
     TITLE = "Filter"
     CSS = """
@@ -160,20 +144,9 @@ class FilterPage(Page):
         recording = self.view.recording if self.view is not None else None
         if recording is None:
             self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
-        elif not self._delegate("trace_recording"):
-            self.post_message(self.TraceWanted(recording["path"]))
-            name = PurePath(recording["path"]).name
-            self.post_message(self.Say(f"6 Logs traces {name}", "none"))
+        else:
+            self.post_message(requests.Trace(Path(recording["path"])))
 
     def action_effects(self) -> None:
         """Have found effects loaded."""
-        if not self._delegate("load_effects"):
-            self.post_message(self.EffectsWanted())
-            self.post_message(self.Say("6 Logs loads the effects that a trace has found", "none"))
-
-    def _delegate(self, action: str) -> bool:
-        """Run the application's action if it has one of this name."""
-        if not hasattr(self.app, f"action_{action}"):
-            return False
-        self.call_later(self.app.run_action, action)
-        return True
+        self.post_message(requests.ChooseEffects())

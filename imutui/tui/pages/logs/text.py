@@ -55,7 +55,7 @@ def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path
         count = f"{formatting.plural(len(briefs), 'recording')}, newest first"
     right = f"{len(chosen)} chosen for t" if chosen else ""
     room = max(width - len(count) - len(right) - 8, 10)
-    return f"{formatting.shorten(str(folder), room)}   {count}", right
+    return f"{formatting.shorten_path(str(folder), room)}   {count}", right
 
 
 def order(chosen: "Sequence[Brief]") -> list[Path]:

@@ -41,7 +41,7 @@ class RecordingState(TextLines):
         level, flushed = text.flush(recording)
         size = f"{formatting.size(recording['bytes'])}, {text.growth(recording)}; disk {full}"
         return [
-            self._row("file", formatting.shorten(recording["path"], width - _NAME)),
+            self._row("file", formatting.shorten_path(recording["path"], width - _NAME)),
             self._row("size", size),
             self._row("rotation", f"{text.part(recording, now)}; {formatting.plural(recording['samples'], 'sample')}"),
             self._row("disk", flushed, level),
@@ -51,11 +51,13 @@ class RecordingState(TextLines):
         free = now["free_bytes"]
         space = "" if free is None else f"; {formatting.size(free)} free"
         if self.finished:
-            rows = [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in self.finished]
+            (name, path), *others = self.finished
+            rows = [self._row(name, formatting.shorten_path(path, width - _NAME))]
+            rows += [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in others]
             rows += [self._row("next", "6 Logs opens it: info, check, replay, trace; r records again", "good")]
             return [*rows, *[Content("")] * (4 - len(rows))]
         return [
-            self._row("r writes", formatting.shorten(text.will_write(now), width - _NAME)),
+            self._row("r writes", formatting.shorten_path(text.will_write(now), width - _NAME)),
             self._row("", f"every packet, onto the disk each second{space}"),
             self._row("", "the filter begins anew with it, so that a replay gives the same"),
             Content(""),

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
-from textual.message import Message
 from textual.widget import Widget
 from textual.widgets import Input
 
 from imutui.session.client import Client
 from imutui.session.snapshot import ProfileDescription, Snapshot
 from imutui.tui.connection.model import View
+from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.table import text
 from imutui.tui.pages.table.chooser import ProfileChooser
@@ -59,9 +59,6 @@ class TablePage(Page):
         Binding("o", "other", "other file", tooltip="Type the path of a profile"),
         Binding("escape", "back", "back", show=False),
     ]
-
-    class BeginAsked(Message):
-        """Record as the Record page's form says, and guide through the profile."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -221,7 +218,7 @@ class TablePage(Page):
 
     def action_begin(self) -> None:
         """Record, as the Record page's form says, and be guided."""
-        self.post_message(self.BeginAsked())
+        self.post_message(requests.BeginGuide())
 
     def action_choose(self) -> None:
         """Another profile."""
