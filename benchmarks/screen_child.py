@@ -21,10 +21,10 @@ from imutui.session import client as session
 from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import View
-from imutui.tui.connection.poller import Feed
-from imutui.tui.connection.series import Series
+from imutui.tui.connection.packet_series import PacketSeries
+from imutui.tui.connection.poller import Poller
 from imutui.tui.pages import SCREENS, LivePage
-from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
 from imutui.tui.terminal.painter import Painter
 from imutui.tui.widgets.plot import Plot
@@ -79,7 +79,7 @@ class Panels(App[None]):
         self._mode, self._peer, self._seconds, self._result = mode, peer, seconds, result
         super().__init__()
         self._painter = Painter()
-        self._series = Series(7)
+        self._series = PacketSeries(7)
         self._noise = np.random.default_rng(1).standard_normal((8192, 7))
         self._born = time.monotonic() - SPAN_S
         self._sent = 0
@@ -121,7 +121,7 @@ def peer_panel(title: str, names: tuple[str, ...], columns: slice, marker: str) 
     from textual_plotext import PlotextPlot
 
     class Panel(PlotextPlot):
-        def replot_with(self, series: Series) -> None:
+        def replot_with(self, series: PacketSeries) -> None:
             t, values = series.last(SPAN_S)
             t, values = t[-POINTS:], values[-POINTS:, columns]
             self.plt.clear_data()
@@ -164,13 +164,13 @@ class Whole(ImutuiApp):
     CSS_PATH = Path(application.__file__).with_name("app.tcss")
     account: Account
 
-    def on_feed_arrived(self, message: Feed.Arrived) -> None:
+    def on_poller_arrived(self, message: Poller.Arrived) -> None:
         """Draw as the application does, and count."""
-        super().on_feed_arrived(message)
+        super().on_poller_arrived(message)
         message.prevent_default()  # Textual would call the application's own handler as well
         if isinstance(self.page, LivePage):
             self.page._span = SPAN_S
-        self.account.frame(self._pulse.take_age())
+        self.account.frame(self._frames.take_age())
 
 
 def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str) -> None:
@@ -178,7 +178,7 @@ def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str)
     if peer:
         PeerPage.marker, mode = mode, "scroll"
         Whole.MODES = dict(SCREENS) | {"live": PeerPage}
-    app = Whole(session.attach(name), look=Look(plot=mode, fps=FPS))
+    app = Whole(session.attach(name), appearance=Appearance(plot=mode, fps=FPS))
     app.account = Account(seconds, result, lambda: app.exit(0))
     if peer:  # its updates are Textual's own
         app._painter.exact = lambda update: update  # type: ignore[method-assign]

@@ -10,7 +10,7 @@ from imutui.cli.options import Name
 
 if TYPE_CHECKING:
     from imutui.session.client import Client
-    from imutui.tui.terminal.appearance import Look
+    from imutui.tui.terminal.appearance import Appearance
 
 
 def command(name: Name = None) -> None:
@@ -31,13 +31,13 @@ def open_ui() -> None:
     _show(client.attach(names[0]) if len(names) == 1 else None)
 
 
-def look() -> "Look":
+def appearance() -> "Appearance":
     """How the configuration wants the screen; ConfigError or ValueError if that cannot be."""
     from imutui import config
-    from imutui.tui.terminal.appearance import Look
+    from imutui.tui.terminal.appearance import Appearance
 
     settings = config.load()
-    return Look(
+    return Appearance(
         settings.text("screen.theme"),
         settings.text("screen.glyphs"),
         settings.number("screen.fps"),
@@ -59,8 +59,8 @@ def _show(connection: "Client | None") -> None:
         raise fail(
             USAGE, "the terminal UI needs a terminal. Without one: `imutui record`, `imutui status`, `imutui --help`."
         )
-    wanted = look()
+    wanted = appearance()
     from imutui.tui import app
 
     defaults = plan_from(config.load(), None, checked=False, port="virtual")
-    raise typer.Exit(app.run(connection, defaults=defaults, look=wanted))
+    raise typer.Exit(app.run(connection, defaults=defaults, appearance=wanted))

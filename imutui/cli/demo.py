@@ -75,13 +75,15 @@ def truth(seed: int) -> "StateFields":
 
 
 def _show(plan: Any) -> None:
-    from imutui.cli.attach import look
+    from imutui.cli.attach import appearance
     from imutui.session import client
 
-    wanted = look()
+    wanted = appearance()
     from imutui.tui import app
 
     running = plan.name in client.running()
     raise typer.Exit(
-        app.run(client.attach(plan.name) if running else None, None if running else plan, logs=plan.logs, look=wanted)
+        app.run(
+            client.attach(plan.name) if running else None, None if running else plan, logs=plan.logs, appearance=wanted
+        )
     )

@@ -1,6 +1,10 @@
 """Numbers and names as text of fixed width, so that digits do not dance. Pure functions."""
 
 import math
+import re
+
+StyledText = list[str | tuple[str, str]]
+"""Text in parts: plain ones, and ones with a style by its side. Widgets make of it what they draw."""
 
 NOTHING = "–"
 """Stands for a number that is not known."""
@@ -86,6 +90,49 @@ def shorten(text: str, width: int) -> str:
         return text[:width]
     head = (width - 1) // 2
     return text[:head] + "…" + text[len(text) - (width - 1 - head) :]
+
+
+def shorten_path(path: str, width: int) -> str:
+    """At most `width` characters, folders left out in the middle: the file's name is whole as long as it fits."""
+    if len(path) <= width:
+        return path
+    folder, separator, name = path.rpartition("/")
+    room = width - len(name) - len("…/")
+    if not separator:
+        return shorten(path, width)
+    if room < 0:
+        return shorten(name, width)
+    kept = ""
+    for part in folder.split("/"):
+        if len(kept) + len(part) + 1 > room:
+            break
+        kept += f"{part}/"
+    return f"{kept}…/{name}"
+
+
+def folded(text: str, width: int, indent: str = "") -> str:
+    """Lines of at most `width` characters where a word is longer than that: a path is broken behind a separator.
+
+    Lines without such a word stay as they are, for whoever shows them to wrap; what a longer line goes on with stands
+    behind `indent`.
+    """
+    return "\n".join(made for line in text.split("\n") for made in _folded(line, width, indent))
+
+
+def _folded(line: str, width: int, indent: str) -> list[str]:
+    room = width - len(indent)
+    if all(len(word) <= room for word in line.split(" ")):
+        return [line]
+    made = [""]
+    for number, word in enumerate(line.split(" ")):
+        parts = [word] if len(word) <= room else re.findall(r"[^/]*/|[^/]+", word)
+        for part in parts:
+            gap = " " if part is parts[0] and number else ""
+            if len(made[-1]) + len(gap) + len(part) <= width or not made[-1].strip():
+                made[-1] += gap + part
+            else:
+                made.append(indent + part)
+    return made
 
 
 def clipped(text: str, width: int) -> str:

@@ -1,13 +1,31 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypedDict
 
 from imutui.session.client import SessionError
+from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
 
 WARM_UP_S = 15 * 60.0
 SETTLED_K_PER_MIN = 0.1
+
+
+class FinalBiases(TypedDict, total=False):
+    """Three biases of each kind, in the units of their names; None where one is not observable."""
+
+    gyro_bias_dps: list[float | None]
+    accel_bias_mg: list[float | None]
+
+
+class RecordingResult(TypedDict, total=False):
+    """What the screen reads of the result document of a recording that is finished."""
+
+    log: str
+    samples: int
+    duration_s: float
+    converged: bool
+    final: FinalBiases
 
 
 def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
@@ -35,7 +53,7 @@ def silence_limit_s(rate_hz: float | None) -> float:
     return max(1.0, 3.0 / rate_hz) if rate_hz else 1.0
 
 
-def silence(snapshot: dict[str, Any]) -> str | None:
+def silence(snapshot: Snapshot) -> str | None:
     """Warning about a line that fell silent, or None."""
     silent, rate = snapshot.get("silent_s"), snapshot.get("rate_hz")
     # Streaming instruments send at their own, full rate whatever output rate was asked.
@@ -45,50 +63,51 @@ def silence(snapshot: dict[str, Any]) -> str | None:
     return f"NO DATA for {silent:.1f} s: check power and cable. The acquisition keeps listening."
 
 
-def ended(snapshot: dict[str, Any] | None, error: str | None) -> str:
+def ended(snapshot: Snapshot | None, error: str | None) -> str:
     """Why an acquisition is over, and what became of its file."""
-    said = error or (snapshot or {}).get("error") or "It ended by itself, without an error."
-    recording = (snapshot or {}).get("recording")
+    said = error or (snapshot["error"] if snapshot else None) or "It ended by itself, without an error."
+    recording = snapshot["recording"] if snapshot else None
     where = f"\n\nIt was recording to {recording['path']}: `imutui check` looks at that file." if recording else ""
     return f"{said}{where}"
 
 
-def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) -> str:
+def finished(recording: RecordingSnapshot | None, result: RecordingResult | None) -> str:
     """Which file is finished, how much is in it, and what the filter made of it."""
-    result, recording = result or {}, recording or {}
-    samples = result.get("samples", recording.get("samples"))
+    result = result or {}
+    samples = result.get("samples", recording["samples"] if recording else None)
     much = f", {formatting.plural(samples, 'sample')}" if isinstance(samples, int) else ""
-    lines = [f"finished {result.get('log') or recording.get('path') or 'the file'}{much}"]
+    path = result.get("log") or (recording["path"] if recording else None)
+    lines = [f"finished {path or 'the file'}{much}"]
     biases = ", ".join(f"{name} {values}" for name, values in final_biases(result))
     return "\n".join([*lines, *([biases] if biases else [])])
 
 
-def final_biases(result: dict[str, Any]) -> list[tuple[str, str]]:
+def final_biases(result: RecordingResult) -> list[tuple[str, str]]:
     """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
     final = result.get("final") or {}
-    return [(name, _triple(final[key], unit)) for key, (name, unit) in _FINAL_BIASES.items() if final.get(key)]
-
-
-_FINAL_BIASES = {"gyro_bias_dps": ("gyro bias", "deg/s"), "accel_bias_mg": ("accel bias", "mg")}
+    found = (
+        ("gyro bias", final.get("gyro_bias_dps"), "deg/s"),
+        ("accel bias", final.get("accel_bias_mg"), "mg"),
+    )
+    return [(name, _triple(values, unit)) for name, values, unit in found if values]
 
 
 def _triple(values: list[float | None], unit: str) -> str:
     return f"{' '.join(formatting.number(value, 0, formatting.BIAS_DECIMALS[unit]) for value in values)} {unit}"
 
 
-def recording_to(path: str, snapshot: dict[str, Any] | None) -> str:
+def recording_to(path: str, snapshot: Snapshot | None) -> str:
     """Which file is begun, and that the filter goes by a profile in it, if it does."""
-    reference = (snapshot or {}).get("reference") or {}
-    if not reference.get("profile"):
+    reference = snapshot["reference"] if snapshot else None
+    if reference is None or not reference["profile"]:
         return f"recording to {path}"
     return f"recording to {path}; reference: profile {formatting.profile_name(reference['file'])}, 5 Table guides"
 
 
-def left(snapshot: dict[str, Any] | None) -> list[str]:
+def left(snapshot: Snapshot | None) -> list[str]:
     """What goes on after the UI has gone, and how to come back."""
-    snapshot = snapshot or {}
-    name = snapshot.get("name", "default")
-    recording = snapshot.get("recording")
+    name = snapshot["name"] if snapshot else "default"
+    recording = snapshot["recording"] if snapshot else None
     goes_on = f" and records to {recording['path']}" if recording else ""
     option = "" if name == "default" else f" --name {name}"
     return [f"The acquisition goes on{goes_on}.", f"Come back: imutui attach{option}   End it: imutui stop{option}"]

@@ -6,7 +6,8 @@ from typing import Any
 from textual.app import App, SystemCommand
 from textual.binding import Binding
 
-from imutui.tui.pages import PAGES, SCREENS, Page
+from imutui.tui.pages.base import PAGES, Page
+from imutui.tui.pages.registry import SCREENS
 
 
 def commands(app: App[Any], page: Page | None, go: Callable[[str], None]) -> Iterable[SystemCommand]:

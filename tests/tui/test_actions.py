@@ -7,7 +7,7 @@ from helpers.fake_client import FakeClient
 from helpers.pilot import SMALLEST, shows, until
 
 from imutui.tui.app import ImutuiApp
-from imutui.tui.terminal.appearance import Look
+from imutui.tui.terminal.appearance import Appearance
 
 
 def _app(client: FakeClient) -> ImutuiApp:
@@ -53,12 +53,12 @@ async def test_a_picture_gets_a_name_of_its_own(tmp_path: Path, monkeypatch: pyt
 async def test_a_theme_of_the_configuration_takes_effect() -> None:
     """By its own name, or as light and dark; a name that is none is refused with those there are."""
     for asked, name in (("ansi-light", "ansi-light"), ("light", "textual-light"), ("dark", "textual-dark")):
-        app = ImutuiApp(FakeClient(), look=Look(theme=asked))  # type: ignore[arg-type]
+        app = ImutuiApp(FakeClient(), appearance=Appearance(theme=asked))  # type: ignore[arg-type]
         async with app.run_test(size=SMALLEST) as pilot:
             await shows(pilot, "SIMULATED")
             assert app.theme == name
     with pytest.raises(ValueError, match=r'`screen.theme` is "sunset"; there are: dark, light.*ansi-dark'):
-        Look(theme="sunset")
+        Appearance(theme="sunset")
 
 
 async def test_quitting_asks_about_jobs_that_would_be_lost() -> None:

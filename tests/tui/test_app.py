@@ -9,7 +9,7 @@ from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pages import PAGES
+from imutui.tui.pages.base import PAGES
 from imutui.tui.terminal.pacing import Load
 from imutui.tui.widgets.plot import Plot
 
@@ -108,7 +108,7 @@ async def test_a_slow_link_is_said_in_words() -> None:
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "scroll, autoscale")
         for second in range(0, 12, 3):
-            app._pulse.pace.judge(time.monotonic() + second, Load(stuck_s=2.0))
+            app._frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
             if second == 0:
                 await shows(pilot, "last 30 s, sweep: link is slow, autoscale")
         await shows(pilot, "no plot: link is slow", "1000.981")

@@ -67,3 +67,25 @@ def test_glyphs_fit_the_terminal(environ: dict[str, str], name: str) -> None:
 def test_ascii_means_ascii() -> None:
     """Every sign that widgets use has a stand-in."""
     assert glyphs.GLYPHS["ascii"].text("● ± Δ ° ▕··│██▏ – ┤─ ▲ … − ² ≥ ×").isascii()
+
+
+def test_a_shortened_path_keeps_the_files_name() -> None:
+    """Folders give way first, whole ones; a name that is too long itself loses its middle."""
+    path = "/tmp/pytest-of-ana/a_long_name_for_a_folder/logs/imu400cd_9911750_20261121T104307Z.mcap"
+    for width in range(40, 90):
+        shown = formatting.shorten_path(path, width)
+        assert len(shown) <= width
+        assert shown.endswith("/imu400cd_9911750_20261121T104307Z.mcap")
+    assert formatting.shorten_path(path, 60) == "/tmp/pytest-of-ana/…/imu400cd_9911750_20261121T104307Z.mcap"
+    assert formatting.shorten_path(path, 20) == formatting.shorten(path.rpartition("/")[2], 20)
+    assert formatting.shorten_path("a.mcap", 20) == "a.mcap"
+
+
+def test_a_long_path_is_broken_behind_separators() -> None:
+    """No name is cut that fits a line; what has no such word is left to whoever wraps it."""
+    path = "/tmp/" + "/".join(["a_folder_of_some_length"] * 5) + "/cut_recovered.mcap"
+    said = formatting.folded(f"recovered: {path} and more", 40)
+    assert max(map(len, said.split("\n"))) <= 40
+    assert "cut_recovered.mcap and more" in said
+    assert said.replace("\n", "") == f"recovered: {path} and more"
+    assert formatting.folded("many short words, " * 9, 40) == "many short words, " * 9

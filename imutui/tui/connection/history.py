@@ -9,7 +9,7 @@ _SECOND = 1.0
 _LOW, _HIGH, _BOTTOM, _TOP = range(4)
 
 
-class History:
+class BiasHistory:
     """Extremes of estimates and of their bands, in rows of a second; the older half is thinned when it is full.
 
     Thinning joins pairs of the old rows whose spans are shortest, keeping minimum and maximum: a run of any length
@@ -91,9 +91,9 @@ class History:
         """Lowest lower and highest upper end of the band of 3 sd, (N,)."""
         return self._rows[: self._count, _BOTTOM, column], self._rows[: self._count, _TOP, column]
 
-    def frozen(self) -> "History":
+    def frozen(self) -> "BiasHistory":
         """A copy that stays as it is now."""
-        copy = History(self._rows.shape[2], max(self._count, 1))
+        copy = BiasHistory(self._rows.shape[2], max(self._count, 1))
         copy._count, copy._newest, copy.attached_late = self._count, self._newest, self.attached_late
         kept = slice(len(copy._t))
         copy._t[:], copy._width[:], copy._rows[:] = self._t[kept], self._width[kept], self._rows[kept]

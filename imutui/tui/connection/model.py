@@ -3,21 +3,18 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from textual.message import Message
 
 from imutui.session.client import Client
-from imutui.tui.connection.history import History
-from imutui.tui.connection.poller import Feed
-from imutui.tui.connection.series import Series
-from imutui.tui.connection.verdict import Hold, Verdict, judge, stale, waiting_profile
+from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
+from imutui.tui.connection.history import BiasHistory
+from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
+from imutui.tui.connection.poller import Poller
+from imutui.tui.connection.verdict import Debounce, Verdict, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
 
-Snapshot = dict[str, Any]
-_CHANNELS = 7
-_TEMPERATURE = 6
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
 NOTHING = ("none", "")
@@ -29,13 +26,13 @@ class View:
 
     Attributes
     ----------
-    now : dict or None
+    now : Snapshot or None
         The newest snapshot: recording, link, alarms; never frozen.
-    shown : dict or None
+    shown : Snapshot or None
         The snapshot of tables and plots; an old one while the view is frozen.
-    series : Series
+    series : PacketSeries
         Packets of the plots.
-    biases : History
+    biases : BiasHistory
         Estimated biases and their certainty over the run.
     frozen : bool
         Whether the view stands still.
@@ -55,8 +52,8 @@ class View:
 
     now: Snapshot | None
     shown: Snapshot | None
-    series: Series
-    biases: History
+    series: PacketSeries
+    biases: BiasHistory
     frozen: bool
     notice: tuple[str, str]
     verdict: Verdict | None = None
@@ -65,13 +62,23 @@ class View:
     pacing: Pacing = field(default_factory=Pacing)
     debug: str = ""
 
+    @property
+    def estimates(self) -> FilterSnapshot | None:
+        """What the filter of `shown` estimates; None without a filter."""
+        return self.shown["filter"] if self.shown is not None else None
 
-class Link:
-    """Client, feed and past of one acquisition; without an acquisition it is empty."""
+    @property
+    def recording(self) -> RecordingSnapshot | None:
+        """The file that is being written now, if one is."""
+        return self.now["recording"] if self.now is not None else None
+
+
+class ConnectionModel:
+    """Client, poller and past of one acquisition; without an acquisition it is empty."""
 
     def __init__(self) -> None:
         self.client: Client | None = None
-        self._feed: Feed | None = None
+        self._poller: Poller | None = None
         self._said, self._said_until = NOTHING, 0.0
         self._pacing, self._debug = Pacing(), ""
         self._clear()
@@ -79,32 +86,32 @@ class Link:
     def _clear(self) -> None:
         self.newest: Snapshot | None = None
         self._looked = False
-        self._series = Series(_CHANNELS)
-        self._biases = History(_BIASES)
-        self._hold = Hold()
+        self._series = PacketSeries(CHANNELS)
+        self._biases = BiasHistory(_BIASES)
+        self._debounce = Debounce()
         self._verdict: Verdict | None = None
         self._slope: float | None = None
         self._frozen: View | None = None
 
-    def attach(self, client: Client, post: Callable[[Message], bool]) -> None:
+    def attach(self, client: Client, post: Callable[[Poller.Arrived | Poller.Lost], bool]) -> None:
         """Look at an acquisition."""
         self.leave()
         self._clear()
         self.client = client
-        self._feed = Feed(client, post, self._pacing.fps)
-        self._feed.start()
+        self._poller = Poller(client, post, self._pacing.fps)
+        self._poller.start()
 
-    def pace(self, pacing: Pacing, debug: str = "") -> None:
+    def set_pacing(self, pacing: Pacing, debug: str = "") -> None:
         """Draw so much and so often from now on; `debug` says what it costs."""
         self._pacing, self._debug = pacing, debug
-        if self._feed is not None:
-            self._feed.rate_hz = pacing.fps
+        if self._poller is not None:
+            self._poller.rate_hz = pacing.fps
 
     def pause(self) -> None:
         """Poll no more, because the acquisition is being ended."""
-        if self._feed is not None:
-            self._feed.stop()
-            self._feed = None
+        if self._poller is not None:
+            self._poller.stop()
+            self._poller = None
 
     def leave(self) -> Client | None:
         """Let go, keeping what was seen; returns the client for whoever closes it, which may take a moment."""
@@ -117,9 +124,9 @@ class Link:
         if self.newest is not None:
             self.newest = {**self.newest, "state": "ended", "recording": None, "silent_s": None}
 
-    def owns(self, feed: Feed) -> bool:
-        """Whether a feed's message is about this acquisition, and not a late one of the last."""
-        return feed is self._feed
+    def owns(self, poller: Poller) -> bool:
+        """Whether what a poller posts is about this acquisition, and not a late one of the last."""
+        return poller is self._poller
 
     def take(self, snapshot: Snapshot) -> None:
         """A snapshot has come."""
@@ -127,23 +134,20 @@ class Link:
         series = snapshot["series"]
         if series["t"]:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
-        self._slope = self._series.slope_per_minute(_TEMPERATURE)
+        self._slope = self._series.slope_per_minute(TEMPERATURE)
         self._take_biases(snapshot)
-        verdict = judge(snapshot.get("filter"), self._slope, stale(snapshot), waiting_profile(snapshot))
+        verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
-        self._verdict = self._hold.take(float(snapshot["since_start_s"]), verdict)
+        self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 
     def _take_biases(self, snapshot: Snapshot) -> None:
-        estimates = snapshot.get("filter") or {}
-        biases = estimates.get("biases") or []
-        begun = estimates.get("t") is not None and not estimates.get("waiting") and len(biases) == _BIASES
-        first = not self._looked
+        estimates, first = snapshot["filter"], not self._looked
         self._looked = True
-        if not begun:
+        if estimates is None or estimates["t"] is None or estimates["waiting"] or len(estimates["biases"]) != _BIASES:
             return
-        t = float(estimates["t"])
+        t, biases = float(estimates["t"]), estimates["biases"]
         if t < self._biases.newest:
-            self._hold = Hold()  # another run
+            self._debounce = Debounce()  # another run
         self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
         if first:
             self._biases.attached_late = True
@@ -169,7 +173,7 @@ class Link:
             debug=self._debug,
         )
 
-    def _view(self, series: Series, biases: History, *, frozen: bool) -> View:
+    def _view(self, series: PacketSeries, biases: BiasHistory, *, frozen: bool) -> View:
         return View(
             self.newest,
             self.newest,
@@ -195,5 +199,5 @@ class Link:
         return self._said if time.monotonic() < self._said_until else NOTHING
 
 
-def _numbers(biases: list[dict[str, Any]], key: str) -> np.ndarray:
+def _numbers(biases: list[BiasSnapshot], key: Literal["value", "sd3"]) -> np.ndarray:
     return np.array([np.nan if bias[key] is None else bias[key] for bias in biases], float)

@@ -1,22 +1,21 @@
 """Polls an acquisition from a thread and hands the newest snapshot to the UI.
 
-Messages are posted, never `call_from_thread`: a frozen terminal blocks the event loop, and nothing else.
+What comes is posted, never handed over with `call_from_thread`: a frozen terminal blocks the event loop, nothing else.
 The next poll waits until the UI has taken the last one, so nothing piles up behind a slow link.
 """
 
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
-
-from textual.message import Message
+from dataclasses import dataclass
 
 from imutui.session.client import Client, SessionError
+from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.tui.terminal.pacing import LOCAL_FPS
 
 
-class Feed:
+class Poller:
     """A polling thread.
 
     Parameters
@@ -24,35 +23,33 @@ class Feed:
     client : Client
         Asked for snapshots.
     post : callable
-        Takes messages, from any thread; False if nobody listens any more.
+        Takes `Arrived` and `Lost`, from any thread; False if nobody listens any more.
     rate_hz : float
         Polls per second; may be changed at any time.
     """
 
-    class Arrived(Message):
-        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `feed.taken()`."""
+    @dataclass(frozen=True, slots=True)
+    class Arrived:
+        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `poller.taken()`."""
 
-        def __init__(self, feed: "Feed", snapshot: dict[str, Any], asked_at: float) -> None:
-            super().__init__()
-            self.feed = feed
-            self.snapshot = snapshot
-            self.asked_at = asked_at
+        poller: "Poller"
+        snapshot: Snapshot
+        asked_at: float
 
-    class Lost(Message):
-        """The acquisition does not answer any more; the feed has ended."""
+    @dataclass(frozen=True, slots=True)
+    class Lost:
+        """The acquisition does not answer any more; the poller has ended."""
 
-        def __init__(self, feed: "Feed", error: str) -> None:
-            super().__init__()
-            self.feed = feed
-            self.error = error
+        poller: "Poller"
+        error: str
 
-    def __init__(self, client: Client, post: Callable[[Message], bool], rate_hz: float = LOCAL_FPS) -> None:
+    def __init__(self, client: Client, post: Callable[[Arrived | Lost], bool], rate_hz: float = LOCAL_FPS) -> None:
         self._client = client
         self._post = post
         self.rate_hz = rate_hz
         self._stop = threading.Event()
         self._taken = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="imutui-feed", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="imutui-poller", daemon=True)
 
     def start(self) -> None:
         """Begin to poll."""
@@ -81,11 +78,11 @@ class Feed:
                 snapshot = self._client.snapshot(since)
             except (SessionError, OSError) as error:
                 if not self._stop.is_set():
-                    self._post(Feed.Lost(self, messages.fault(error)))
+                    self._post(Poller.Lost(self, messages.fault(error)))
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Feed.Arrived(self, dict(snapshot), asked_at)):
+            if self._stop.is_set() or not self._post(Poller.Arrived(self, snapshot, asked_at)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))

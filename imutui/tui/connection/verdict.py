@@ -9,8 +9,8 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
+from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, NisSnapshot, RemainderSnapshot, Snapshot
 from imutui.tui import formatting, messages
 
 GYRO_TOLERANCE_DPS = 0.05
@@ -29,10 +29,9 @@ MOVES_SD = 0.5
 WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
 SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–"}
 """Beside the word: state is said twice, and never by colour alone."""
+LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
+"""A check's level as a word."""
 _RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}
-
-Estimates = dict[str, Any]
-Bias = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,23 +98,23 @@ class Verdict:
         return f"filter {self.badge} {self.brief}".rstrip()
 
 
-def stale(snapshot: dict[str, Any]) -> str | None:
+def stale(snapshot: Snapshot) -> str | None:
     """That the line has been silent for long enough to make the estimates old, in words; None if it is not."""
-    said = messages.silence(snapshot)
-    return said if said is not None and snapshot["silent_s"] > STALE_S else None
+    said, silent_s = messages.silence(snapshot), snapshot["silent_s"]
+    return said if silent_s is not None and silent_s > STALE_S else None
 
 
-def waiting_profile(snapshot: dict[str, Any]) -> str | None:
+def waiting_profile(snapshot: Snapshot) -> str | None:
     """That the reference is a profile whose guide has not begun or is cancelled, in words; None if it is not."""
-    guide = snapshot.get("guide")
-    if not (snapshot.get("reference") or {}).get("profile") or (guide is not None and guide["state"] != "cancelled"):
+    guide = snapshot["guide"]
+    if not snapshot["reference"]["profile"] or (guide is not None and guide["state"] != "cancelled"):
         return None
-    does = "begins" if guide is None or snapshot.get("recording") is None else "resumes"
+    does = "begins" if guide is None or snapshot["recording"] is None else "resumes"
     return f"the table profile waits: 5 Table, b {does} it"
 
 
 def judge(
-    estimates: Estimates | None,
+    estimates: FilterSnapshot | None,
     slope_k_per_min: float | None = None,
     silent: str | None = None,
     waiting_profile: str | None = None,
@@ -124,7 +123,7 @@ def judge(
 
     Parameters
     ----------
-    estimates : dict or None
+    estimates : FilterSnapshot or None
         The snapshot's `filter`.
     slope_k_per_min : float or None
         Of the temperature; None while it is not known.
@@ -141,8 +140,8 @@ def judge(
     )
     if checks[0].level == "bad":
         return replace(_of(checks), sudden=True)
-    if estimates.get("waiting") or estimates.get("t") is None:
-        reason = str(estimates.get("waiting") or "waiting for the first sample")
+    if estimates["waiting"] or estimates["t"] is None:
+        reason = estimates["waiting"] or "waiting for the first sample"
         return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
     return _of(checks)
 
@@ -170,21 +169,21 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
     return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)
 
 
-def _rules(estimates: Estimates, slope: float | None, waiting_profile: str | None) -> list[Check | None]:
+def _rules(estimates: FilterSnapshot, slope: float | None, waiting_profile: str | None) -> list[Check | None]:
     return [
-        _alarms(estimates.get("alarms") or [], estimates.get("failure")),
+        _alarms(estimates["alarms"], estimates["failure"]),
         _limits(estimates["biases"]),
         _nis(estimates["nis"]),
         _converged(estimates["biases"], slope, waiting_profile),
-        _unexplained(estimates.get("remainder") or []),
+        _unexplained(estimates["remainder"]),
         _temperature(slope),
-        _confounded(estimates.get("confounded") or []),
+        _confounded(estimates["confounded"]),
     ]
 
 
-def _running(estimates: Estimates, silent: str | None) -> Check:
-    if estimates.get("failure"):
-        return Check("bad", "running", str(estimates["failure"]), "stopped", "check mounting and rate; r starts anew")
+def _running(estimates: FilterSnapshot, silent: str | None) -> Check:
+    if estimates["failure"]:
+        return Check("bad", "running", estimates["failure"], "stopped", "check mounting and rate; r starts anew")
     if silent is not None:
         return Check("wait", "running", "no new data: the estimates are old", "no data", "check power and cable")
     return Check("good", "running", "data come")
@@ -198,12 +197,12 @@ def _alarms(alarms: Sequence[str], failure: str | None) -> Check:
     return Check("bad", "alarms", f"{count}: {alarms[0]}", count, "put that right first")
 
 
-def _limits(biases: Sequence[Bias]) -> Check:
-    known = [bias for bias in biases if bias["observable"] and bias["value"] is not None]
+def _limits(biases: Sequence[BiasSnapshot]) -> Check:
+    known = [(abs(bias["value"]), bias) for bias in biases if bias["observable"] and bias["value"] is not None]
     if not known:
         return Check("none", "limit", "no estimate yet")
-    worst = max(known, key=lambda bias: abs(bias["value"]) / bias["limit"])
-    size, limit, sd3, unit = abs(worst["value"]), worst["limit"], worst["sd3"] or 0.0, worst["unit"]
+    size, worst = max(known, key=lambda one: one[0] / one[1]["limit"])
+    limit, sd3, unit = worst["limit"], worst["sd3"] or 0.0, worst["unit"]
     bias = f"{worst['name']} bias {bias_text(worst)} {unit}"
     allowed = f"Table 1's ±{limit:g} {unit}"
     if size <= limit:
@@ -215,34 +214,41 @@ def _limits(biases: Sequence[Bias]) -> Check:
     return Check("bad", "limit", f"{bias} is outside {allowed}", brief, todo)
 
 
-def bias_text(bias: Bias) -> str:
+def bias_text(bias: BiasSnapshot) -> str:
     """Estimate ± 3 sd, without the unit."""
     decimals = formatting.BIAS_DECIMALS[bias["unit"]]
     sd3 = formatting.number(bias["sd3"], 0, decimals)
     return f"{formatting.number(bias['value'], 0, decimals)} ±{sd3}"
 
 
-def _nis(nis: dict[str, Any]) -> Check:
-    meaning, mean, band = nis_meaning(nis), nis["mean"], nis["band95"]
-    if not nis["is_test"] or mean is None or not band or band[0] is None:
+def _nis(nis: NisSnapshot) -> Check:
+    meaning, mean, band = nis_meaning(nis), nis["mean"], _band(nis)
+    if not nis["is_test"] or mean is None or band is None:
         return Check("none", "NIS", meaning)
-    if band[0] <= mean <= band[1]:
+    low, high = band
+    if low <= mean <= high:
         return Check("good", "NIS", meaning)
     # one good filter in twenty is outside a 95 % band; hardly one in ten thousand is as far again
-    middle, half = 0.5 * (band[0] + band[1]), 0.5 * (band[1] - band[0])
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     level = "bad" if abs(mean - middle) > 2.0 * half else "wait"
-    todo = "t traces this recording" if mean > band[1] else "set the filter's noise from this unit's own"
+    todo = "t traces this recording" if mean > high else "set the filter's noise from this unit's own"
     return Check(level, "NIS", f"NIS {mean:.3g} is {meaning}", f"NIS {mean:.3g}", todo)
 
 
-def nis_meaning(nis: dict[str, Any], *, whole: bool = False) -> str:
+def _band(nis: NisSnapshot) -> tuple[float, float] | None:
+    low, high = nis["band95"] or (None, None)
+    return None if low is None or high is None else (low, high)
+
+
+def nis_meaning(nis: NisSnapshot, *, whole: bool = False) -> str:
     """What the normalised innovation squared says; `whole` with the reason in full."""
     if not nis["is_test"]:
         short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
         return f"no test: {nis['why'] if whole else short}"
-    mean, (low, high) = nis["mean"], nis["band95"] or (None, None)
-    if mean is None or low is None:
+    mean, limits = nis["mean"], _band(nis)
+    if mean is None or limits is None:
         return "no samples yet"
+    low, high = limits
     band = f"its 95 % band {low:.3g} to {high:.3g}"
     if mean > high:
         return f"above {band}: the model lacks something"
@@ -256,7 +262,7 @@ def tolerance(unit: str) -> float:
     return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
 
 
-def moved_sd(bias: Bias) -> float | None:
+def moved_sd(bias: BiasSnapshot) -> float | None:
     """Change over 10 s in standard deviations; None while one of them is not known."""
     if bias["change_10s"] is None or not bias["sd3"]:
         return None
@@ -269,7 +275,7 @@ def channel(name: str) -> str:
     return f"{kind[:1]}{axis}"
 
 
-def _converged(biases: Sequence[Bias], slope: float | None, waiting_profile: str | None) -> Check:
+def _converged(biases: Sequence[BiasSnapshot], slope: float | None, waiting_profile: str | None) -> Check:
     seen = [bias for bias in biases if bias["observable"]]
     pending = [bias for bias in seen if bias["converged_s"] is None]
     hidden = [bias["name"] for bias in biases if not bias["observable"]]
@@ -289,7 +295,7 @@ def _converged(biases: Sequence[Bias], slope: float | None, waiting_profile: str
     return Check("wait", "converged", f"{brief} {kind} converged; {waited}", brief, todo)
 
 
-def _waited(pending: Sequence[Bias], slope: float | None) -> tuple[str, str]:
+def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, str]:
     """What the slowest bias lacks, and what helps."""
     worst = max(pending, key=_lack)
     name, unit, need, moved = worst["name"], worst["unit"], 3.0 * tolerance(worst["unit"]), moved_sd(worst)
@@ -309,26 +315,26 @@ def _waited(pending: Sequence[Bias], slope: float | None) -> tuple[str, str]:
     return f"{name} has to agree with its readings for 10 s", "keep the unit undisturbed"
 
 
-def _lack(bias: Bias) -> tuple[float, float]:
+def _lack(bias: BiasSnapshot) -> tuple[float, float]:
     sd = math.inf if bias["sd3"] is None else bias["sd3"] / 3.0 / tolerance(bias["unit"])
     return max(sd, 1.0), abs(moved_sd(bias) or 0.0)
 
 
-def worst_remainder(remainder: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """The channel whose 10 s means are farthest beyond noise; None while there are too few of them."""
-    known = [r for r in remainder if r["ratio"] is not None and r["windows"] >= FEWEST_WINDOWS]
-    return max(known, key=lambda r: float(r["ratio"]), default=None)
+def worst_remainder(remainder: Sequence[RemainderSnapshot]) -> tuple[str, float] | None:
+    """Channel whose 10 s means are farthest beyond noise, and how many times; None while there are too few of them."""
+    known = [(r["channel"], r["ratio"]) for r in remainder if r["ratio"] is not None and r["windows"] >= FEWEST_WINDOWS]
+    return max(known, key=lambda one: one[1], default=None)
 
 
-def _unexplained(remainder: Sequence[dict[str, Any]]) -> Check:
+def _unexplained(remainder: Sequence[RemainderSnapshot]) -> Check:
     worst = worst_remainder(remainder)
     if worst is None:
         return Check("none", "unexplained", "known after 30 s")
-    ratio = worst["ratio"]
+    name, ratio = worst
     level = "bad" if ratio > TOO_MUCH else "wait" if ratio > NOTICED else "good"
-    said = f"{worst['channel']} 10 s means {ratio:.1f} × what noise allows"
+    said = f"{name} 10 s means {ratio:.1f} × what noise allows"
     limit = f" (limit {NOTICED:g})" if level == "good" else f" (AMBER above {NOTICED:g}, RED above {TOO_MUCH:g})"
-    return Check(level, "unexplained", said + limit, f"{worst['channel']} {ratio:.1f} ×", "t traces this recording")
+    return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", "t traces this recording")
 
 
 def _temperature(slope: float | None) -> Check:
@@ -347,7 +353,7 @@ def _confounded(sentences: Sequence[str]) -> Check | None:
     return Check("wait", "motion", sentences[0], "motion", "")
 
 
-class Hold:
+class Debounce:
     """Keeps the badge from flickering: a word stands 2 s at least, and yields to a better one only after 2 s of it."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from imutui.tui.connection.model import View
 from imutui.tui.widgets.debug_line import DebugLine
 from imutui.tui.widgets.header import StatusHeader
 from imutui.tui.widgets.notice import Notice
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 from imutui.tui.widgets.too_small import NEEDED, TooSmall
 
 PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
@@ -85,7 +85,7 @@ class Page(Screen[None]):
     def show(self, view: View) -> None:
         """Show a view; subclasses add what is not lines of text."""
         self.view = view
-        for widget in self.query(Lines):
+        for widget in self.query(TextLines):
             widget.show(view)
 
     def busy(self) -> Sequence[str]:
@@ -101,7 +101,7 @@ class Page(Screen[None]):
 
     def as_text(self) -> str:
         """The page's numbers, to be copied: its lines of text, as shown."""
-        widgets = [w for w in self.query(Lines) if w.display and not isinstance(w, (StatusHeader, Notice))]
+        widgets = [w for w in self.query(TextLines) if w.display and not isinstance(w, (StatusHeader, Notice))]
         shown = [w.render().plain for w in widgets if all(node.display for node in w.ancestors_with_self)]
         return "\n".join(line.rstrip() for text in shown for line in text.splitlines() if line.strip())
 

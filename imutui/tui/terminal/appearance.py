@@ -12,7 +12,7 @@ _PLOTS = ("auto", "scroll", "sweep", "numbers")
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Appearance:
     """What the configuration says about the screen.
 
     Attributes

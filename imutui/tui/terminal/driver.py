@@ -7,14 +7,16 @@ import signal
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
 
 from textual import messages
 from textual.driver import Driver
-from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
+from imutui.tui.terminal import textual_private
 from imutui.tui.terminal.pacing import Load
+from imutui.tui.terminal.textual_private import LinuxDriver
 
 if TYPE_CHECKING:
     from textual.app import App
@@ -150,19 +152,27 @@ class Terminal(LinuxDriver, Measured):
     def __init__(self, app: "App[Any]", **arguments: Any) -> None:
         super().__init__(app, **arguments)
         self.meter = Meter()
-        self._file: Any = Output(self._file, self.meter)
+        self._application = app
+        self._measured = textual_private.replace_output(self, lambda file: Output(file, self.meter))
         self._gone = threading.Event()
         self._closed = threading.Event()
 
     @property
     def queue(self) -> int:
         """Writes that wait."""
-        return self._writer_thread._queue.qsize() if self._writer_thread is not None else 0
+        return textual_private.queued(self)
 
     def probe(self) -> None:
         """Ask the terminal for a sign of life, now and then; one that does not know the question is never late."""
         if self.meter.ask():
             self.write(_PROBE)
+
+    def write(self, data: str) -> None:
+        """Write; counted here only if the file behind is not."""
+        if self._measured:
+            super().write(data)
+        else:
+            _counted(self.meter, super().write, data)
 
     def process_message(self, message: Message) -> None:
         """Pass on what comes from the terminal; answers to `probe` are for the meter."""
@@ -174,7 +184,7 @@ class Terminal(LinuxDriver, Measured):
         """Begin, and watch for the end of the terminal."""
         super().start_application_mode()  # type: ignore[no-untyped-call]
         signal.signal(signal.SIGHUP, lambda *_: self._hang_up())
-        if self.input_tty:
+        if textual_private.is_watchable(self) and self.input_tty:
             threading.Thread(target=self._watch, name="imutui-hangup", daemon=True).start()
 
     def run_input_thread(self) -> None:
@@ -206,13 +216,19 @@ class Terminal(LinuxDriver, Measured):
         if self._gone.is_set():
             return
         self._gone.set()
-        self.exit_event.set()  # the end of file is not read again
+        textual_private.stop_reading(self)  # the end of file is not read again
         threading.Thread(target=self._leave, name="imutui-leave", daemon=True).start()
-        self._app.post_message(messages.ExitApp())
+        self._application.post_message(messages.ExitApp())
 
     def _leave(self) -> None:
         if not self._closed.wait(_LEAVE_S):
             os._exit(_HANGUP)
+
+
+def _counted(meter: Meter, write: Callable[[str], None], data: str) -> None:
+    meter.begin()
+    write(data)
+    meter.end(len(data.encode("utf-8", "replace")))
 
 
 def measured(base: type[Driver]) -> type[Driver]:
@@ -229,8 +245,6 @@ def measured(base: type[Driver]) -> type[Driver]:
 
         def write(self, data: str) -> None:
             """Write."""
-            self.meter.begin()
-            super().write(data)  # type: ignore[safe-super]
-            self.meter.end(len(data.encode("utf-8", "replace")))
+            _counted(self.meter, super().write, data)  # type: ignore[safe-super]
 
     return Counted

@@ -4,26 +4,27 @@ import time
 from collections import deque
 from typing import Any
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
 from imutui.tui.terminal.driver import Measured
-from imutui.tui.terminal.pacing import Load, Pace, Pacing
+from imutui.tui.terminal.pacing import Load, Pacing, PacingController
 
 _WINDOW_S = 2.0
 _MOST_QUEUED = 2
 _REST_S = 0.1
 
 
-class Pulse:
-    """Asks the terminal's driver, and tells the pace.
+class FrameMonitor:
+    """Asks the terminal's driver, and tells what it takes to the pacing controller.
 
     Parameters
     ----------
-    pace : Pace
+    controller : PacingController
         Decides what is drawn.
     """
 
-    def __init__(self, pace: Pace) -> None:
-        self.pace = pace
+    def __init__(self, controller: PacingController) -> None:
+        self.controller = controller
         self.load = Load()
         self.debug = ""
         """What the debug line says."""
@@ -36,9 +37,9 @@ class Pulse:
     @property
     def pacing(self) -> Pacing:
         """What is drawn now."""
-        return self.pace.pacing
+        return self.controller.pacing
 
-    def beat(self, driver: Any, snapshot: dict[str, Any], asked_at: float) -> bool:
+    def admit(self, driver: Any, snapshot: Snapshot, asked_at: float) -> bool:
         """A snapshot has come; returns whether it should be drawn.
 
         A terminal that still chews on the last frame gets none: drawing into a full queue would stop the UI, and
@@ -48,7 +49,7 @@ class Pulse:
         ----------
         driver : Driver
             Of the terminal; one that does not measure is taken as one that keeps up.
-        snapshot : dict
+        snapshot : Snapshot
             The data.
         asked_at : float
             When it was asked for, monotonic, s.
@@ -58,10 +59,10 @@ class Pulse:
             self._finish(driver)
             driver.probe()
             self.load = driver.meter.load(driver.queue)
-        self.pace.judge(now, self.load)
+        self.controller.judge(now, self.load)
         draws = self.load.queue <= _MOST_QUEUED and self.load.stuck_s < _REST_S
         if draws:
-            silent = snapshot.get("silent_s")
+            silent = snapshot["silent_s"]
             self._sampled_at = None if silent is None else asked_at - silent
             self._drawn_at = now
             self._count(now, driver)
@@ -100,7 +101,7 @@ class Pulse:
             f"CPU {100 * (cpu1 - cpu0) / lasted:3.0f} %",
             f"sample {formatting.number(age, 4, 0)} ms old",
             f"queue {self.load.queue:2d}",
-            f"auto {self.pacing.mode}" if self.pace.wish == "auto" else self.pacing.mode,
+            f"auto {self.pacing.mode}" if self.controller.wish == "auto" else self.pacing.mode,
             *([f"answers in {1e3 * trip:4.0f} ms"] if trip is not None else []),
         ]
         return "  ".join(parts)

@@ -80,7 +80,7 @@ def is_remote(environ: Mapping[str, str]) -> bool:
     return bool(environ.get("SSH_CONNECTION"))
 
 
-class Pace:
+class PacingController:
     """Wish and what becomes of it.
 
     Steps down at once where the terminal falls behind, and up again only after it has kept up for a while: longer each

@@ -11,8 +11,9 @@ from rich.color import ColorSystem
 from rich.console import Console
 from rich.control import Control
 from rich.style import Style
-from textual._compositor import ChopsUpdate, CompositorUpdate, LayoutUpdate
 from textual.strip import Strip
+
+from imutui.tui.terminal.textual_private import ChopsUpdate, CompositorUpdate, LayoutUpdate, color_system
 
 Cells = tuple[str, list[Style | None]]
 """Characters of a strip and the style of each; all are one cell wide."""
@@ -98,7 +99,7 @@ class _Changes(CompositorUpdate):
         self._update = update
 
     def render_segments(self, console: Console) -> str:
-        return written(self._painter.changes(self._update), console._color_system or ColorSystem.TRUECOLOR)
+        return written(self._painter.changes(self._update), color_system(console))
 
 
 def differing(before: Strip | None, after: Strip) -> list[tuple[int, Cells]]:

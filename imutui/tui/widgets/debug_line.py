@@ -3,10 +3,10 @@
 from textual.content import Content
 
 from imutui.tui.connection.model import View
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 
-class DebugLine(Lines):
+class DebugLine(TextLines):
     """Frames and bytes a second, processor, age of the newest sample, queue."""
 
     DEFAULT_CSS = "DebugLine { height: 1; display: none; color: $foreground 60%; }"

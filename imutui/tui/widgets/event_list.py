@@ -4,17 +4,17 @@ from textual.content import Content
 
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.notice import event_text
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 
-class Events(Lines):
+class EventList(TextLines):
     """As many events as there are lines."""
 
-    DEFAULT_CSS = "Events { height: 100%; padding: 0 1; }"
+    DEFAULT_CSS = "EventList { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and events."""
-        events = ((view.now or {}).get("events") or [])[-max(self.content_size.height - 1, 1) :]
+        events = (view.now["events"] if view.now is not None else [])[-max(self.content_size.height - 1, 1) :]
         head = self.line(("events, UTC".ljust(width), "bold underline"))
         rows = [self.line(event_text(event)).truncate(width, ellipsis=True) for event in events]
         return [head, *(rows or [self.line(("none yet", "dim"))])]

@@ -3,15 +3,16 @@
 from textual.content import Content
 
 from imutui import __version__
+from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
-from imutui.tui.connection.model import Snapshot, View
+from imutui.tui.connection.model import View
 from imutui.tui.terminal.glyphs import Glyphs
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 _PORT_ROOM = 14
 
 
-class StatusHeader(Lines):
+class StatusHeader(TextLines):
     """Two lines.
 
     Parameters
@@ -40,7 +41,7 @@ class StatusHeader(Lines):
         left = self._identity(now)
         if now is not None:
             room = width - left.cell_length - right.cell_length
-            port = formatting.port_name(now.get("port"), max(room, 0))
+            port = formatting.port_name(now["port"], max(room, 0))
             # a name without its middle is no name when little is left of it
             left = left.append(self.glyphs.text(port if room >= _PORT_ROOM or "…" not in port else ""))
         return self.spread(left, right, width)
@@ -48,7 +49,7 @@ class StatusHeader(Lines):
     def _identity(self, now: Snapshot | None) -> Content:
         if now is None:
             return self.line(" ", ("imutui", "bold"), f" {__version__}  not connected")
-        simulated = now.get("kind") == "simulated"
+        simulated = now["kind"] == "simulated"
         return self.line(
             " ",
             ("imutui", "bold"),
@@ -81,7 +82,7 @@ class StatusHeader(Lines):
     def _recording(self, now: Snapshot | None) -> tuple[str | tuple[str, str], ...]:
         if now is None:
             return ()
-        recording = now.get("recording")
+        recording = now["recording"]
         if recording is None:
             return ("not recording" if now["state"] == "running" else "",)
         return ((f"● REC {formatting.clock(recording['seconds'])}", "bold $text-error"),)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from imutui.tui.connection.history import History
+from imutui.tui.connection.history import BiasHistory
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
 from imutui.tui.widgets.raster import Bits, Envelope
@@ -29,7 +29,7 @@ EMPTY, LINE, BAND, ESTIMATE = 0, 1, 2, 3
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class BiasEnvelope:
     """An estimate and its band in dot columns from the run's begin on."""
 
     estimate: Envelope
@@ -45,12 +45,12 @@ def span_s(seconds: float) -> float:
     return float(next(step for step in _STEPS if step * power * unit >= seconds) * power * unit)
 
 
-def curve(history: History, column: int, span: float, columns: int) -> Curve:
+def envelope(history: BiasHistory, column: int, span: float, columns: int) -> BiasEnvelope:
     """Extremes of each dot column.
 
     Parameters
     ----------
-    history : History
+    history : BiasHistory
         With at least one row.
     column : int
         Which estimate.
@@ -67,19 +67,19 @@ def curve(history: History, column: int, span: float, columns: int) -> Curve:
         bottom = raster.envelope(t[known], low[known], end, span, columns).low
         return Envelope(bottom, raster.envelope(t[known], high[known], end, span, columns).high)
 
-    return Curve(extremes(*history.estimate(column)), extremes(*history.band(column)))
+    return BiasEnvelope(extremes(*history.estimate(column)), extremes(*history.band(column)))
 
 
-def extent(curve: Curve, scale: str, limit: float) -> Limits | None:
+def extent(envelope: BiasEnvelope, scale: str, limit: float) -> Limits | None:
     """What the axis has to contain; None without an estimate."""
     if scale == "Table 1":
         return -_ROOM * limit, _ROOM * limit
-    filled = np.flatnonzero(~np.isnan(curve.estimate.low))
+    filled = np.flatnonzero(~np.isnan(envelope.estimate.low))
     if not filled.size:
         return None
     # the first estimates are as uncertain as the bias was before: they would hide all that comes later
     settled = filled[int(_UNSETTLED * filled.size) :] if scale == "auto" else filled
-    parts = [Envelope(e.low[settled], e.high[settled]).limits() for e in (curve.estimate, curve.band)]
+    parts = [Envelope(e.low[settled], e.high[settled]).limits() for e in (envelope.estimate, envelope.band)]
     known = [part for part in parts if part is not None]
     return min(low for low, _ in known), max(high for _, high in known)
 
@@ -104,13 +104,13 @@ def level_line(level: float, limits: Limits, rows: int, columns: int) -> Bits:
 
 
 def cells(
-    curve: Curve, limits: Limits, levels: list[float], rows: int, glyphs: Glyphs
+    envelope: BiasEnvelope, limits: Limits, levels: list[float], rows: int, glyphs: Glyphs
 ) -> tuple[list[str], npt.NDArray[np.int64]]:
     """Lines of characters, and what each cell shows.
 
     Parameters
     ----------
-    curve : Curve
+    envelope : BiasEnvelope
         In dot columns.
     limits : tuple of float
         Of the axis.
@@ -121,9 +121,9 @@ def cells(
     glyphs : Glyphs
         Signs of the terminal.
     """
-    dots, columns = rows * glyphs.rows, curve.estimate.low.size
-    estimate = raster.dots(curve.estimate, limits, dots)
-    area = raster.dots(curve.band, limits, dots)
+    dots, columns = rows * glyphs.rows, envelope.estimate.low.size
+    estimate = raster.dots(envelope.estimate, limits, dots)
+    area = raster.dots(envelope.band, limits, dots)
     line = np.any([level_line(level, limits, dots, columns) for level in levels], axis=0) if levels else area & False
     shows = np.full((rows, columns // glyphs.columns), EMPTY)
     for kind, bits in ((LINE, line), (BAND, area), (ESTIMATE, estimate)):

@@ -2,12 +2,13 @@
 
 from textual.content import Content
 
+from imutui.session.snapshot import EventLine
 from imutui.tui import formatting, messages
 from imutui.tui.connection.model import View
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 
-class Notice(Lines):
+class Notice(TextLines):
     """One line, more for a long message."""
 
     # docked: whatever else has to give way, what is said is seen
@@ -25,6 +26,7 @@ class Notice(Lines):
     def lines(self, view: View, width: int) -> list[Content]:
         """The most urgent message."""
         level, said = _chosen(view)
+        said = formatting.folded(said, width)
         return [self.line((said, "" if level == "event" else LEVEL_STYLES[level]))]
 
 
@@ -33,17 +35,17 @@ def _chosen(view: View) -> tuple[str, str]:
     silent = messages.silence(now) if now is not None else None
     if silent is not None:
         return "bad", silent
-    if now is not None and now["state"] == "running" and now.get("error"):
-        return "bad", str(now["error"])
+    if now is not None and now["state"] == "running" and now["error"]:
+        return "bad", now["error"]
     if view.notice[1]:
         return view.notice
     if view.frozen:
         return "wait", "FROZEN view: the acquisition goes on. space follows it again."
-    events = (now or {}).get("events") or []
+    events = now["events"] if now is not None else []
     return "event", event_text(events[-1]) if events else ""
 
 
-def event_text(event: dict[str, str]) -> str:
+def event_text(event: EventLine) -> str:
     """Time, kind and text of an event."""
     kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
     return f"{formatting.utc_time(event['utc'])}  {kind}{event['text']}"

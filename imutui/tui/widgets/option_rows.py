@@ -8,15 +8,15 @@ from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
 
-class Rows(OptionList, inherit_bindings=False):
+class OptionRows(OptionList, inherit_bindings=False):
     """Lines that change in place."""
 
     DEFAULT_CSS = """
-    Rows {
+    OptionRows {
         height: 1fr; border: none; padding: 0; background: $background; scrollbar-size-vertical: 1;
         text-wrap: nowrap; text-overflow: ellipsis;
     }
-    Rows:focus { border: none; background-tint: $foreground 0%; }
+    OptionRows:focus { border: none; background-tint: $foreground 0%; }
     Rows > .option-list--option { padding: 0; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [

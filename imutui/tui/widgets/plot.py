@@ -9,17 +9,17 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from imutui.tui import formatting
-from imutui.tui.connection.series import Series
+from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.terminal.glyphs import Glyphs, choose
+from imutui.tui.terminal.pacing import NUMBERS, SCROLL, SWEEP
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.plot_lanes import Frame, Lanes, Range
+from imutui.tui.widgets.plot_lanes import Frame, PlotLanes, Range
 
 _NUMBER = 7
 _GUTTER = _NUMBER + 4
 _AXIS = "plot--axis"
 _TITLE = "plot--title"
 _LANE_STYLES = ("plot--first", "plot--second", "plot--third")
-SCROLL, SWEEP, NUMBERS = "scroll", "sweep", "numbers"
 
 
 class _Line(NamedTuple):
@@ -66,8 +66,8 @@ class Plot(Widget):
         self._title = title
         self._names = names
         self._glyphs = glyphs or choose()
-        self._lanes = Lanes(columns, len(names), self._glyphs)
-        self._series: Series | None = None
+        self._lanes = PlotLanes(columns, len(names), self._glyphs)
+        self._series: PacketSeries | None = None
         self._span = 30.0
         self._mode, self._note = SCROLL, ""
         self._locked = False
@@ -78,7 +78,7 @@ class Plot(Widget):
 
     def show(
         self,
-        series: Series,
+        series: PacketSeries,
         span: float,
         *,
         mode: str = SCROLL,
@@ -90,7 +90,7 @@ class Plot(Widget):
 
         Parameters
         ----------
-        series : Series
+        series : PacketSeries
             The data.
         span : float
             s.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imutui.tui.connection.series import Series
+from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
 from imutui.tui.widgets.raster import Codes, Envelope, Floats
@@ -34,7 +34,7 @@ class Frame:
     rows: int
 
 
-class Lanes:
+class PlotLanes:
     """Cells of some columns of a series.
 
     Parameters
@@ -56,19 +56,19 @@ class Lanes:
         self.outside: list[bool] = [False] * count
         """Whether a locked scale leaves something out."""
         self._frame: Frame | None = None
-        self._source: Series | None = None
+        self._source: PacketSeries | None = None
         self._newest = 0
 
     def follow_scales(self) -> None:
         """Forget the scales, so that the next update finds new ones."""
         self.ranges = [None] * self._count
 
-    def update(self, series: Series, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:
+    def update(self, series: PacketSeries, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:
         """Take what is new; returns the lines of each lane.
 
         Parameters
         ----------
-        series : Series
+        series : PacketSeries
             The data.
         frame : Frame
             Size and span.
@@ -90,7 +90,7 @@ class Lanes:
         self._draw(frame, first, sweep=sweep, locked=locked)
         return [raster.lines(self._arranged(lane, frame.cells, sweep=sweep)) for lane in self._codes]
 
-    def _first(self, series: Series, frame: Frame, newest: int) -> int:
+    def _first(self, series: PacketSeries, frame: Frame, newest: int) -> int:
         """Number of the first dot column to work out: the last one drawn, or all if anything else has changed."""
         columns = frame.cells * self._glyphs.columns
         whole = (newest // self._glyphs.columns + 1 - frame.cells) * self._glyphs.columns

@@ -10,7 +10,7 @@ from textual.reactive import reactive
 from textual.widget import Widget
 
 
-class OneOf(Widget, can_focus=True):
+class Radio(Widget, can_focus=True):
     """One line: all values, the chosen one crossed, and what that one means: "(x) stream  ( ) polled   …".
 
     Parameters
@@ -20,8 +20,8 @@ class OneOf(Widget, can_focus=True):
     """
 
     DEFAULT_CSS = """
-    OneOf { width: 1fr; height: 1; background: $surface; text-wrap: nowrap; text-overflow: ellipsis; }
-    OneOf:focus { background: $block-cursor-blurred-background; text-style: bold; }
+    Radio { width: 1fr; height: 1; background: $surface; text-wrap: nowrap; text-overflow: ellipsis; }
+    Radio:focus { background: $block-cursor-blurred-background; text-style: bold; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "app.focus_previous", show=False),
@@ -37,7 +37,7 @@ class OneOf(Widget, can_focus=True):
     def __init__(self, values: dict[str, str], *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
         self._values = dict(values)
-        self.set_reactive(OneOf.value, next(iter(values)))
+        self.set_reactive(Radio.value, next(iter(values)))
 
     def render(self) -> Content:
         """All values, the chosen one crossed and explained."""

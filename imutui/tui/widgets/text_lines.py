@@ -11,10 +11,10 @@ Part = str | Content | tuple[str, str]
 LEVEL_STYLES = {"good": "bold $text-success", "wait": "bold $text-warning", "bad": "bold $text-error", "none": "bold"}
 
 
-class Lines(Widget):
+class TextLines(Widget):
     """Lines of text that fill the width; subclasses say which, in `lines`."""
 
-    DEFAULT_CSS = "Lines { width: 1fr; height: auto; }"
+    DEFAULT_CSS = "TextLines { width: 1fr; height: auto; }"
 
     def __init__(self, glyphs: Glyphs | None = None, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)

@@ -3,12 +3,20 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from imutui.session.client import SessionError
 from imutui.session.plan import RecordingWish
+from imutui.session.snapshot import (
+    BiasSnapshot,
+    FilterSnapshot,
+    MarkLine,
+    ProfileDescription,
+    RecordingSnapshot,
+    Snapshot,
+)
 
 RATE_HZ = 133.0
 MEANS = np.array([0.3461, -0.4702, -0.2688, -6.112, -0.402, 1000.981, 24.96])
@@ -18,17 +26,17 @@ NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
 PATH = "/data/logs/imu400cd_9911750_20261121T104307Z.mcap"
 
 
-def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> dict[str, Any]:
+def bias(name: str, value: float | None, sd3: float | None, **changes: Any) -> BiasSnapshot:
     """One row of the filter's biases."""
     gyro = name.endswith("gyro")
-    row = {
+    row: BiasSnapshot = {
         "name": name, "value": value, "sd3": sd3, "unit": "deg/s" if gyro else "mg", "limit": 1.0 if gyro else 12.0,
         "change_10s": 0.0004 if gyro else -0.02, "converged_s": 9.8, "observable": True,
     }  # fmt: skip
-    return {**row, **changes}
+    return cast("BiasSnapshot", {**row, **changes})
 
 
-def estimates(**changes: Any) -> dict[str, Any]:
+def estimates(**changes: Any) -> FilterSnapshot:
     """A filter that waits for one bias only."""
     biases = [
         bias("x gyro", 0.3461, 0.0291),
@@ -38,7 +46,7 @@ def estimates(**changes: Any) -> dict[str, Any]:
         bias("y accel", -0.40, 0.67, change_10s=0.01),
         bias("z accel", 3.05, 0.67),
     ]
-    found: dict[str, Any] = {
+    found: FilterSnapshot = {
         "name": "spkf", "reference": "level", "t": 12.3, "samples": 246, "waiting": None, "converged": False,
         "biases": biases,
         "nis": {"mean": 0.24, "first": 0.001, "dof": 9, "band95": [8.9, 9.1], "is_test": False,
@@ -48,11 +56,11 @@ def estimates(**changes: Any) -> dict[str, Any]:
                   "rpy_deg": [0.002, -0.001, 0.003]},
         "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
                      "rpy_deg": [0.0057, 0.0057, 0.0127]},
-        "alarms": [], "effects": [],
+        "alarms": [], "failure": None, "rejected": 0, "confounded": [], "effects": [],
         "remainder": [{"channel": c, "ratio": r, "windows": 6} for c, r in
                       (("gx", 0.9), ("gy", 1.1), ("gz", 2.1), ("ax", 1.0), ("ay", 0.8), ("az", 1.2))],
     }  # fmt: skip
-    return {**found, **changes}
+    return cast("FilterSnapshot", {**found, **changes})
 
 
 class FakeClient:
@@ -84,24 +92,24 @@ class FakeClient:
         self.changes: dict[str, Any] = {"kind": kind}
         """Fields of the snapshot that a test wants otherwise."""
         self.gone: str | None = None
-        self.marks: list[dict[str, Any]] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
+        self.marks: list[MarkLine] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
         self.wish: RecordingWish | None = None
-        self.table_profile: dict[str, Any] | None = None
+        self.table_profile: ProfileDescription | None = None
         self._clock = clock
         self._born = clock() - history_s
         self._sent = 0
         self._noise = np.random.default_rng(1).standard_normal((4096, 7))
         self._lock = threading.Lock()
 
-    def snapshot(self, since: int = 0) -> dict[str, Any]:
+    def snapshot(self, since: int = 0) -> Snapshot:
         """The state now."""
         with self._lock:
             if self.gone is not None:
                 raise SessionError(self.gone)
             self.polls += 1
-            return {**self._snapshot(since), **self.changes}
+            return cast("Snapshot", {**self._snapshot(since), **self.changes})
 
-    def _snapshot(self, since: int) -> dict[str, Any]:
+    def _snapshot(self, since: int) -> Snapshot:
         seconds = self._clock() - self._born
         count = int(seconds * RATE_HZ)
         numbers = np.arange(max(since, count - 4000, 0), count)
@@ -130,7 +138,7 @@ class FakeClient:
             "series": {"next": count, "t": (numbers / RATE_HZ).tolist(), "values": values.tolist()},
         }  # fmt: skip
 
-    def _recording(self, seconds: float) -> dict[str, Any]:
+    def _recording(self, seconds: float) -> RecordingSnapshot:
         return {
             "path": PATH,
             "bytes": 123456,
@@ -163,7 +171,7 @@ class FakeClient:
         self.asked.append(f"zero {argument}")
         return "rate sensors zeroed"
 
-    def profile(self) -> dict[str, Any] | None:
+    def profile(self) -> ProfileDescription | None:
         """The profile that a test put there."""
         return self.table_profile
 

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.tui.connection.history import History
+from imutui.tui.connection.history import BiasHistory
 
 
-def filled(t: np.ndarray, values: np.ndarray, capacity: int = 64) -> History:
+def filled(t: np.ndarray, values: np.ndarray, capacity: int = 64) -> BiasHistory:
     """One estimate at each instant, 3 sd of a tenth."""
-    history = History(1, capacity)
+    history = BiasHistory(1, capacity)
     for at, value in zip(t, values, strict=True):
         history.add(float(at), np.array([value]), np.array([0.1]))
     return history
@@ -72,4 +72,4 @@ def test_a_frozen_past_stays() -> None:
     history.add(10.0, np.array([9.0]), np.array([0.1]))
     assert (len(copy), len(history), copy.newest) == (10, 11, 9.0)
     assert copy.estimate(0)[1].max() == 1.0
-    assert len(History(6).frozen()) == 0
+    assert len(BiasHistory(6).frozen()) == 0

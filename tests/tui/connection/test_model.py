@@ -6,24 +6,23 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.fake_client import FakeClient
-from textual.message import Message
 
 from imutui.session.client import SessionError
 from imutui.tui.connection.attempt import Attempt
-from imutui.tui.connection.model import Link
-from imutui.tui.connection.poller import Feed
-from imutui.tui.connection.series import Series
+from imutui.tui.connection.model import ConnectionModel
+from imutui.tui.connection.packet_series import PacketSeries
+from imutui.tui.connection.poller import Poller
 from imutui.tui.terminal.pacing import Pacing
 
 
 class Inbox:
-    """Takes messages of a feed."""
+    """Takes what a poller posts."""
 
     def __init__(self) -> None:
-        self.messages: list[Message] = []
+        self.messages: list[Poller.Arrived | Poller.Lost] = []
         self.came = threading.Event()
 
-    def post(self, message: Message) -> bool:
+    def post(self, message: Poller.Arrived | Poller.Lost) -> bool:
         """Take one."""
         self.messages.append(message)
         self.came.set()
@@ -32,7 +31,7 @@ class Inbox:
 
 def test_series_keep_their_capacity_in_order() -> None:
     """Whatever the sizes of the pieces, the last rows are there, in order."""
-    series = Series(2, 100)
+    series = PacketSeries(2, 100)
     numbers = np.arange(1234.0)
     for piece in np.array_split(numbers, 97):
         series.extend(piece, np.stack([piece, -piece], axis=1))
@@ -44,7 +43,7 @@ def test_series_keep_their_capacity_in_order() -> None:
 
 def test_a_frozen_series_stays() -> None:
     """What is taken later does not reach the copy."""
-    series = Series(1)
+    series = PacketSeries(1)
     series.extend(np.arange(5.0), np.ones((5, 1)))
     still = series.frozen()
     series.extend(np.arange(5.0, 10.0), np.ones((5, 1)))
@@ -53,7 +52,7 @@ def test_a_frozen_series_stays() -> None:
 
 def test_a_new_run_starts_the_series_anew() -> None:
     """Time that jumps back is another run, not a knot in the plot."""
-    series = Series(1)
+    series = PacketSeries(1)
     series.extend(np.arange(50.0), np.ones((50, 1)))
     series.extend(np.arange(3.0), np.ones((3, 1)))
     assert len(series) == 3
@@ -61,7 +60,7 @@ def test_a_new_run_starts_the_series_anew() -> None:
 
 def test_slopes_are_per_minute() -> None:
     """A ramp of 0.01 K/s is 0.6 K/min; too short a series has no slope."""
-    series = Series(1)
+    series = PacketSeries(1)
     t = np.arange(0.0, 60.0, 0.1)
     series.extend(t[:50], (0.01 * t[:50])[:, None])
     assert series.slope_per_minute(0) is None
@@ -72,29 +71,29 @@ def test_slopes_are_per_minute() -> None:
 def test_the_feed_waits_until_its_snapshot_is_taken() -> None:
     """With a frozen terminal, one snapshot is under way and no more."""
     client, inbox = FakeClient(), Inbox()
-    feed = Feed(client, inbox.post, 1000.0)  # type: ignore[arg-type]
-    feed.start()
+    poller = Poller(client, inbox.post, 1000.0)  # type: ignore[arg-type]
+    poller.start()
     assert inbox.came.wait(5.0)
     polls = client.polls
     inbox.came.clear()
     assert not inbox.came.wait(0.1)
     assert client.polls == polls == 1
-    feed.taken()
+    poller.taken()
     assert inbox.came.wait(5.0)
-    feed.stop()
+    poller.stop()
 
 
 def test_the_feed_asks_only_for_what_is_new() -> None:
     """The second snapshot's series goes on where the first one ended."""
     client, inbox = FakeClient(), Inbox()
-    feed = Feed(client, inbox.post, 20.0)  # type: ignore[arg-type]
-    feed.start()
+    poller = Poller(client, inbox.post, 20.0)  # type: ignore[arg-type]
+    poller.start()
     for _ in range(2):
         assert inbox.came.wait(5.0)
         inbox.came.clear()
-        feed.taken()
-    feed.stop()
-    first, second = (m.snapshot["series"] for m in inbox.messages[:2] if isinstance(m, Feed.Arrived))
+        poller.taken()
+    poller.stop()
+    first, second = (m.snapshot["series"] for m in inbox.messages[:2] if isinstance(m, Poller.Arrived))
     assert len(second["t"]) == second["next"] - first["next"] < 100
 
 
@@ -102,28 +101,28 @@ def test_a_lost_acquisition_is_told_once() -> None:
     """The error is the message, and the feed ends."""
     client, inbox = FakeClient(), Inbox()
     client.gone = "the acquisition has ended"
-    Feed(client, inbox.post).start()  # type: ignore[arg-type]
+    Poller(client, inbox.post).start()  # type: ignore[arg-type]
     assert inbox.came.wait(5.0)
-    assert [m.error for m in inbox.messages if isinstance(m, Feed.Lost)] == ["the acquisition has ended"]
+    assert [m.error for m in inbox.messages if isinstance(m, Poller.Lost)] == ["the acquisition has ended"]
 
 
 def test_the_pace_reaches_the_feed_and_the_view() -> None:
     """What is decided about drawing holds for an acquisition that is looked at now or later."""
-    link = Link()
-    link.pace(Pacing("sweep", 4.0), "4 fps")
+    link = ConnectionModel()
+    link.set_pacing(Pacing("sweep", 4.0), "4 fps")
     client, inbox = FakeClient(), Inbox()
     link.attach(client, inbox.post)  # type: ignore[arg-type]
-    assert link._feed is not None
-    assert link._feed.rate_hz == 4.0
-    link.pace(Pacing("numbers", 2.0, note="link is slow"))
-    assert link._feed.rate_hz == 2.0
+    assert link._poller is not None
+    assert link._poller.rate_hz == 4.0
+    link.set_pacing(Pacing("numbers", 2.0, note="link is slow"))
+    assert link._poller.rate_hz == 2.0
     assert (link.view().pacing.mode, link.view().debug) == ("numbers", "")
     link.leave()
 
 
 def test_freezing_keeps_the_view_and_not_the_data() -> None:
     """Tables stand still, the recording's state does not, and nothing is missing afterwards."""
-    client, link = FakeClient(), Link()
+    client, link = FakeClient(), ConnectionModel()
     link.take(client.snapshot())
     link.freeze(True)
     before = len(link.view().series)

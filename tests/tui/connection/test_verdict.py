@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imutui.tui.connection import verdict
-from imutui.tui.connection.verdict import HOLD_S, Hold, Verdict, judge
+from imutui.tui.connection.verdict import HOLD_S, Debounce, Verdict, judge
 from imutui.tui.pages.filter.badge import two_lines
 
 AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
@@ -205,7 +205,7 @@ STATES = st.lists(st.tuples(st.floats(0.02, 3.0), st.sampled_from(["good", "wait
 
 
 def _shown(steps: list[tuple[float, str]]) -> list[tuple[float, Verdict]]:
-    hold, t, out = Hold(), 0.0, []
+    hold, t, out = Debounce(), 0.0, []
     for step, level in steps:
         t += step
         out.append((t, hold.take(t, Verdict(level, verdict.WORDS[level], level))))
@@ -241,7 +241,7 @@ def test_a_better_word_is_earned(steps: list[tuple[float, str]]) -> None:
 
 def test_a_filter_that_stops_is_said_at_once() -> None:
     """Its clock may stand still: nothing is waited for."""
-    hold = Hold()
+    hold = Debounce()
     hold.take(1.0, judge(settled(), 0.0))
     assert hold.take(1.1, judge(settled(failure="broke down"), 0.0)).word == "RED"
     assert hold.take(1.2, judge(None)).word == "OFF"

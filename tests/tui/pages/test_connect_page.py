@@ -6,9 +6,9 @@ import pytest
 from helpers.fake_client import PATH, FakeClient
 from helpers.pilot import SMALLEST, shows, text_of, until
 
+from imutui.session import client as session
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, demo
-from imutui.tui import app as application
 from imutui.tui.app import ImutuiApp
 
 FILE = PATH.rsplit("/", 1)[1]
@@ -27,9 +27,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
         plans.append(plan)
         return FakeClient()
 
-    monkeypatch.setattr(application.session, "running", list)
-    monkeypatch.setattr(application.session, "ports", list)
-    monkeypatch.setattr(application.session, "start", start)
+    monkeypatch.setattr(session, "running", list)
+    monkeypatch.setattr(session, "ports", list)
+    monkeypatch.setattr(session, "start", start)
     return plans
 
 
@@ -79,8 +79,8 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
 
 async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     """A second v starts nothing."""
-    monkeypatch.setattr(application.session, "running", lambda: ["demo"])
-    monkeypatch.setattr(application.session, "attach", FakeClient)
+    monkeypatch.setattr(session, "running", lambda: ["demo"])
+    monkeypatch.setattr(session, "attach", FakeClient)
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "An acquisition is running")
         await pilot.press("v")
@@ -107,8 +107,8 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
         return {"port": port, "answers": False, "error": f"{port}: in use by picocom (pid 12)"}
 
     ports = [("/dev/ttyUSB0", "FT232R"), ("/dev/ttyUSB1", "FT232R"), ("/dev/ttyS0", "n/a")]
-    monkeypatch.setattr(application.session, "ports", lambda: ports)
-    monkeypatch.setattr(application.session, "probe", probe)
+    monkeypatch.setattr(session, "ports", lambda: ports)
+    monkeypatch.setattr(session, "probe", probe)
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "ttyUSB1", "Choose a port; Enter connects", "p probe")
         assert asked == []
@@ -173,7 +173,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
     def fail(plan: Plan) -> FakeClient:
         raise SessionError(reason, 4)
 
-    monkeypatch.setattr(application.session, "start", fail)
+    monkeypatch.setattr(session, "start", fail)
     app = ImutuiApp(plan=Plan("/dev/ttyUSB7", 20.0))
     async with app.run_test(size=SMALLEST) as pilot:
         screen = await shows(pilot, "Could not connect.", "press Enter.")
@@ -186,8 +186,8 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
 
 async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     """Enter looks at it again and starts nothing."""
-    monkeypatch.setattr(application.session, "running", lambda: ["default"])
-    monkeypatch.setattr(application.session, "attach", FakeClient)
+    monkeypatch.setattr(session, "running", lambda: ["default"])
+    monkeypatch.setattr(session, "attach", FakeClient)
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, 'running acquisition "default"')
         await pilot.press("enter")

@@ -4,7 +4,12 @@ from helpers.fake_client import FakeClient
 
 from filters.kalman.settings import FILTERS
 from imutui.session.plan import SAMPLINGS
+from imutui.tui.formatting import StyledText
 from imutui.tui.pages.connect import text
+
+
+def _plain(parts: StyledText) -> str:
+    return "".join(part if isinstance(part, str) else part[0] for part in parts)
 
 
 def test_every_filter_and_sampling_is_offered() -> None:
@@ -40,14 +45,14 @@ def test_what_a_probe_found_is_short() -> None:
 
 def test_several_acquisitions_are_to_be_chosen_from() -> None:
     """None of them is taken unasked."""
-    assert "choose one" in text.lead(text.choices(["a", "b"], [])).plain
-    assert "choose" not in text.lead(text.choices(["a"], [])).plain
+    assert "choose one" in _plain(text.lead(text.choices(["a", "b"], [])))
+    assert "choose" not in _plain(text.lead(text.choices(["a"], [])))
 
 
 def test_what_is_connected_is_said_with_its_reference_file() -> None:
     """Filter, reference and effects that were loaded are in the lines."""
     now = FakeClient().snapshot()
     now = {**now, "reference": {"name": "profile", "file": "tumble.toml", "profile": True}, "effects": ["gy tone"]}
-    said = text.connected(now).plain
+    said = _plain(text.connected(now))
     assert "from tumble.toml, with 1 effect found before" in said
     assert "r records them" in text.next_step(now)

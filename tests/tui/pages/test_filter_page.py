@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.fake_client import FakeClient, bias, estimates
+from helpers.fake_client import PATH, FakeClient, bias, estimates
 from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
-from imutui.tui.connection.model import Link
+from imutui.tui.connection.model import ConnectionModel
 
 FOOTER = "enter plot t trace e effects space freeze w why r finish m mark"
 
@@ -112,17 +113,20 @@ async def test_t_and_e_say_where_that_is() -> None:
         await shows(pilot, "not recording: r starts a recording, then t traces it")
 
 
-async def test_what_is_wanted_is_handed_to_the_application(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An application that has the actions gets them, instead of the page's hints."""
-    done: list[str] = []
-    for action in ("trace_recording", "load_effects"):
-        monkeypatch.setattr(ImutuiApp, f"action_{action}", lambda _, a=action: done.append(a), raising=False)
+async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
+    """T traces the recording there, and e offers the effects that a trace has found."""
     client = client_with()
     client.recording = True
-    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+    app = ImutuiApp(client)
+    async with app.run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "t traces this recording")
-        await pilot.press("t", "e")
-        await until(pilot, lambda: done == ["trace_recording", "load_effects"])
+        await pilot.press("t")
+        await until(pilot, lambda: app.current_mode == "logs")
+        await shows(pilot, f"trace of {PATH.rsplit('/', 1)[1][:20]}")
+        await pilot.press("4")
+        await filter_page(pilot, "t traces this recording")
+        await pilot.press("e")
+        await shows(pilot, "6 Logs", "Load effects into the live filter")
 
 
 async def test_loaded_effects_are_listed() -> None:
@@ -201,20 +205,20 @@ async def test_no_filter_and_no_acquisition_say_what_to_do() -> None:
         await until(pilot, lambda: "no acquisition: 1 connects to one" in text_of(app))
 
 
-def snapshot(t: float | None, since_start: float, **changes: Any) -> dict[str, Any]:
+def snapshot(t: float | None, since_start: float, **changes: Any) -> Snapshot:
     """What the link takes."""
     return {**FakeClient().snapshot(), "since_start_s": since_start, "filter": estimates(t=t, **changes)}
 
 
 def test_a_past_that_was_not_seen_is_said() -> None:
     """Attached late, the plots begin there; seen from the begin, they begin at zero."""
-    link = Link()
+    link = ConnectionModel()
     link.take(snapshot(700.0, 750.0))
     link.take(snapshot(701.5, 751.5))
     assert (link.view().biases.attached_late, link.view().biases.begin) == (True, 700.0)
     link.take(snapshot(0.5, 760.0))
     assert not link.view().biases.attached_late
-    fresh = Link()
+    fresh = ConnectionModel()
     fresh.take(snapshot(None, 1.0))
     fresh.take(snapshot(20.0, 21.0))
     assert (fresh.view().biases.attached_late, fresh.view().biases.begin) == (False, 0.0)
@@ -222,7 +226,7 @@ def test_a_past_that_was_not_seen_is_said() -> None:
 
 def test_the_past_keeps_estimate_and_certainty() -> None:
     """Figures 3 and 4 need both, and the instants."""
-    link = Link()
+    link = ConnectionModel()
     for k in range(5):
         link.take(snapshot(10.0 + k, 20.0 + k))
     past = link.view().biases
@@ -235,7 +239,7 @@ def test_the_past_keeps_estimate_and_certainty() -> None:
 
 def test_the_link_holds_the_badge_by_the_acquisitions_clock() -> None:
     """A state that lasts less than two seconds is not taken back at once."""
-    link = Link()
+    link = ConnectionModel()
     converged = [bias(f"{axis} {kind}", 0.1, 0.02) for kind in ("gyro", "accel") for axis in "xyz"]
     good: dict[str, Any] = {"biases": converged, "remainder": []}
     words = []

@@ -21,7 +21,7 @@ from imutui.tui.pages.logs import result_text
 from imutui.tui.pages.logs.page import LogsPage
 from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.pages.logs.result_text import Outcome
-from imutui.tui.widgets.option_rows import Rows
+from imutui.tui.widgets.option_rows import OptionRows
 
 SIZES = [SMALLEST, (120, 40)]
 _PATIENCE = 6000
@@ -51,8 +51,8 @@ async def to_logs(pilot: Pilot[Any], name: str = "whole") -> LogsPage:
     await shows(pilot, name)
     page = pilot.app.screen
     assert isinstance(page, LogsPage)
-    names = [line.split()[0] for line in page.query_one("#recordings", Rows).as_text().splitlines()]
-    page.query_one("#recordings", Rows).highlighted = names.index(name)
+    names = [line.split()[0] for line in page.query_one("#recordings", OptionRows).as_text().splitlines()]
+    page.query_one("#recordings", OptionRows).highlighted = names.index(name)
     await shows(pilot, f"{name}.mcap")
     return page
 
@@ -80,7 +80,7 @@ async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
         await shows(pilot, "2 chosen for t")
         await pilot.press("k", "x")
         await shows(pilot, "1 chosen for t")
-        assert page.query_one("#recordings", Rows).as_text().count(" x ") == 1
+        assert page.query_one("#recordings", OptionRows).as_text().count(" x ") == 1
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -246,7 +246,9 @@ async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeC
     app = _app(client)
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "● REC")
-        await app.run_action("trace_recording")
+        await pilot.press("4")
+        await shows(pilot, "t traces this recording")
+        await pilot.press("t")
         await until(pilot, lambda: app.current_mode == "logs")
         await shows(pilot, "6 Logs", "imu400cd_9911750")
 

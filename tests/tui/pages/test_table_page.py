@@ -10,7 +10,7 @@ from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pages.table import page
+from imutui.tui.pages.table import profiles
 
 SIZES = [SMALLEST, (120, 40)]
 ANGLES = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0))
@@ -274,13 +274,13 @@ async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first look loads much; an empty list would read as if there were none."""
-    may_look, look = threading.Event(), page._offers
+    may_look, look = threading.Event(), profiles.found
 
     def patient(folders: list[Path]) -> Any:
         may_look.wait()
         return look(folders)
 
-    monkeypatch.setattr(page, "_offers", patient)
+    monkeypatch.setattr(profiles, "found", patient)
     async with _app(Acquisition(folder / "logs")).run_test(size=SMALLEST) as pilot:
         try:
             await shows(pilot, "SIMULATED")

@@ -23,12 +23,16 @@ from helpers.fake_client import FakeClient
 from imutui.tui.app import run
 sys.exit(run(FakeClient()))
 """
+_PLAIN = """
+from imutui.tui.terminal import textual_private
+textual_private.HIDDEN |= {*textual_private.DRAWING, *textual_private.MEASURING, "_color_system"}
+"""
 
 
 class Terminal:
     """A program in an 80×24 terminal."""
 
-    def __init__(self, **environ: str) -> None:
+    def __init__(self, before: str = "", **environ: str) -> None:
         self._screen = pyte.Screen(80, 24)
         self._stream = pyte.ByteStream(self._screen)
         self.raw = b""
@@ -38,7 +42,7 @@ class Terminal:
         self._slave = slave
         env = {**os.environ, "TERM": "xterm-256color", **environ}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM],
+            [sys.executable, "-c", before + _PROGRAM],
             cwd=ROOT / "tests" / "support", env=env, stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
         )  # fmt: skip
 
@@ -87,6 +91,23 @@ def test_the_terminal_is_as_before_after_detaching() -> None:
         terminal.read_until("Come back: imutui attach")
         assert terminal.process.wait(10.0) == 0
         assert terminal.raw.rindex(b"\x1b[?1049l") < terminal.raw.rindex(b"Come back")
+        assert terminal.modes_now() == terminal.modes
+    finally:
+        terminal.close()
+
+
+def test_without_textuals_private_names_the_screen_is_drawn_plainly() -> None:
+    """Another page, the next data and the end of it: all as Textual itself sends it."""
+    terminal = Terminal(_PLAIN)
+    try:
+        terminal.read_until("asked 20 measured")
+        terminal.press(b"4")
+        terminal.read_until("x gyro")
+        terminal.press(b"2")
+        terminal.read_until("gyro, deg/s")
+        terminal.press(b"d")
+        terminal.read_until("Come back: imutui attach")
+        assert terminal.process.wait(10.0) == 0
         assert terminal.modes_now() == terminal.modes
     finally:
         terminal.close()

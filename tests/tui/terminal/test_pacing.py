@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import pytest
 
-from imutui.tui.terminal.pacing import AUTO, NUMBERS, SCROLL, SWEEP, Load, Pace, Pacing, is_remote
+from imutui.tui.terminal.pacing import AUTO, NUMBERS, SCROLL, SWEEP, Load, Pacing, PacingController, is_remote
 
 STUCK = Load(busy=1.0, stuck_s=2.0, queue=9)
 IDLE = Load()
 
 
-def _run(pace: Pace, load: Load, start: float, seconds: float) -> list[Pacing]:
+def _run(pace: PacingController, load: Load, start: float, seconds: float) -> list[Pacing]:
     """What held, frame after frame at 5 Hz."""
     held = []
     for i in range(int(seconds * 5)):
@@ -26,7 +26,7 @@ def _modes(held: list[Pacing]) -> list[str]:
 @pytest.mark.parametrize(("remote", "mode", "fps"), [(False, SCROLL, 10.0), (True, SWEEP, 5.0)])
 def test_by_itself_a_local_terminal_scrolls_and_a_remote_one_sweeps(remote: bool, mode: str, fps: float) -> None:
     """Ten frames a second, five over SSH; nothing is said, as nothing is less than wished."""
-    pacing = Pace(remote=remote).pacing
+    pacing = PacingController(remote=remote).pacing
     assert (pacing.mode, pacing.fps, pacing.note) == (mode, fps, "")
     assert is_remote({"SSH_CONNECTION": "1.2.3.4 5 6.7.8.9 22"}) is True
     assert is_remote({}) is False
@@ -34,7 +34,7 @@ def test_by_itself_a_local_terminal_scrolls_and_a_remote_one_sweeps(remote: bool
 
 def test_a_terminal_that_falls_behind_gets_less_and_is_told_why() -> None:
     """From scrolling to a sweep, to fewer frames, to numbers; each step is given a moment."""
-    held = _run(Pace(), STUCK, 0.0, 10.0)
+    held = _run(PacingController(), STUCK, 0.0, 10.0)
     assert _modes(held) == [SWEEP, NUMBERS]
     assert held[0].note == "link is slow"
     assert held[-1].fps == 2.0
@@ -44,7 +44,7 @@ def test_a_terminal_that_falls_behind_gets_less_and_is_told_why() -> None:
 
 def test_it_goes_up_again_only_after_it_has_kept_up_for_a_while() -> None:
     """Nothing for twenty seconds, then one step at a time."""
-    pace = Pace()
+    pace = PacingController()
     _run(pace, STUCK, 0.0, 10.0)
     assert {p.mode for p in _run(pace, IDLE, 10.0, 19.0)} == {NUMBERS}
     assert _modes(_run(pace, IDLE, 29.0, 80.0)) == [NUMBERS, SWEEP, SCROLL]
@@ -53,7 +53,7 @@ def test_it_goes_up_again_only_after_it_has_kept_up_for_a_while() -> None:
 
 def test_what_turned_out_too_much_is_tried_less_and_less_often() -> None:
     """A link that only carries a sweep is not tried with more every twenty seconds for ever."""
-    pace, tries, at = Pace(), 0, 0.0
+    pace, tries, at = PacingController(), 0, 0.0
     for _ in range(5 * 3600):
         before = pace.pacing
         pace.judge(at, STUCK if before.mode == SCROLL else IDLE)
@@ -64,7 +64,7 @@ def test_what_turned_out_too_much_is_tried_less_and_less_often() -> None:
 
 def test_a_moment_of_trouble_forgets_the_time_kept_up() -> None:
     """Neither behind nor idle is no reason to go up."""
-    pace = Pace()
+    pace = PacingController()
     _run(pace, STUCK, 0.0, 10.0)
     for start in range(10, 100, 10):
         _run(pace, IDLE, start, 9.0)
@@ -82,7 +82,7 @@ def test_a_slow_answer_counts_as_behind() -> None:
 
 def test_a_wish_is_kept_and_only_its_speed_gives_way() -> None:
     """Who wants it to scroll gets that, more slowly where it must be."""
-    pace = Pace(SCROLL, 8.0, remote=True)
+    pace = PacingController(SCROLL, 8.0, remote=True)
     assert pace.pacing == Pacing(SCROLL, 8.0, 2.5)
     assert _modes(_run(pace, STUCK, 0.0, 20.0)) == [SCROLL]
     assert pace.pacing.fps == 2.0
@@ -90,7 +90,7 @@ def test_a_wish_is_kept_and_only_its_speed_gives_way() -> None:
 
 def test_a_slow_wish_is_not_made_faster() -> None:
     """One frame a second stays one, whatever the terminal does."""
-    pace = Pace(AUTO, 1.0)
+    pace = PacingController(AUTO, 1.0)
     _run(pace, STUCK, 0.0, 20.0)
     assert pace.pacing.fps == 1.0
 
@@ -98,7 +98,7 @@ def test_a_slow_wish_is_not_made_faster() -> None:
 @pytest.mark.parametrize(("remote", "seen"), [(False, [SWEEP, NUMBERS, SCROLL]), (True, [SCROLL, SWEEP, NUMBERS])])
 def test_the_key_always_shows_a_difference(remote: bool, seen: list[str]) -> None:
     """Pressed again and again it goes through all three, and back to what is chosen by itself."""
-    pace = Pace(remote=remote)
+    pace = PacingController(remote=remote)
     modes = [pace.pacing.mode]
     wishes = []
     for _ in range(4):
@@ -111,4 +111,4 @@ def test_the_key_always_shows_a_difference(remote: bool, seen: list[str]) -> Non
 
 def test_an_unknown_wish_is_none() -> None:
     """The configuration is checked where it is read; here anything else is chosen by itself."""
-    assert Pace("braille").wish == AUTO
+    assert PacingController("braille").wish == AUTO

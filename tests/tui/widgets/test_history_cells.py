@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imutui.tui.connection.history import History
+from imutui.tui.connection.history import BiasHistory
 from imutui.tui.pages.filter.bias_bar import gauge
 from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
 from imutui.tui.widgets import history_cells
 
 
-def ramp(seconds: float, noise: float = 0.0) -> History:
+def ramp(seconds: float, noise: float = 0.0) -> BiasHistory:
     """A bias of 0.5 that was uncertain at first."""
-    history = History(1)
+    history = BiasHistory(1)
     t = np.arange(0.0, seconds, 0.5)
     values = 0.5 + noise * np.sin(t) + 2.0 * np.exp(-t)
     for at, value in zip(t, values, strict=True):
@@ -62,7 +62,7 @@ def test_ticks_are_round_and_few(begin: float, span: float, most: int) -> None:
 def test_a_settled_scale_shows_what_came_later() -> None:
     """The first estimates are cut off, not the scale stretched to them; the whole run is there on request."""
     history = ramp(600.0)
-    curve = history_cells.curve(history, 0, history_cells.span_s(600.0), 120)
+    curve = history_cells.envelope(history, 0, history_cells.span_s(600.0), 120)
     settled, whole = (history_cells.extent(curve, scale, 1.0) for scale in ("auto", "whole run"))
     assert settled is not None
     assert whole is not None
@@ -77,7 +77,7 @@ def test_a_settled_scale_shows_what_came_later() -> None:
 def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None:
     """In every set of signs, cells of the estimate and of the band look different."""
     history = ramp(600.0)
-    curve = history_cells.curve(history, 0, 600.0, 60 * glyphs.columns)
+    curve = history_cells.envelope(history, 0, 600.0, 60 * glyphs.columns)
     lines, shows = history_cells.cells(curve, (0.2, 0.8), [0.0, 0.5], 6, glyphs)
     assert {len(line) for line in lines} == {60}
     signs = np.array([list(line) for line in lines])
@@ -93,7 +93,7 @@ def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None
 
 def test_the_band_is_where_it_belongs() -> None:
     """The estimate's cells lie between the band's, in every column."""
-    curve = history_cells.curve(ramp(600.0), 0, 600.0, 120)
+    curve = history_cells.envelope(ramp(600.0), 0, 600.0, 120)
     _, shows = history_cells.cells(curve, (-0.5, 1.5), [], 20, GLYPHS["braille"])
     for column in shows[:, 5:55].T:
         rows = np.flatnonzero(column == history_cells.ESTIMATE)

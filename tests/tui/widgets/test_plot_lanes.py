@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.tui.connection.series import Series
+from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
-from imutui.tui.widgets.plot_lanes import Frame, Lanes
+from imutui.tui.widgets.plot_lanes import Frame, PlotLanes
 
 RATE_HZ = 133.0
 BRAILLE = GLYPHS["braille"]
@@ -20,10 +20,10 @@ def _made(seed: int, seconds: float, rate: float = RATE_HZ) -> tuple[np.ndarray,
 
 def _fed(
     pieces: list[int], frame: Frame, *, sweep: bool, glyphs: Glyphs = BRAILLE, rate: float = RATE_HZ
-) -> tuple[Lanes, Series, list[list[str]]]:
+) -> tuple[PlotLanes, PacketSeries, list[list[str]]]:
     """Lanes after each piece of a series was drawn."""
     t, values = _made(1, (sum(pieces) + 1) / rate, rate)
-    series, lanes = Series(3), Lanes(slice(0, 3), 3, glyphs)
+    series, lanes = PacketSeries(3), PlotLanes(slice(0, 3), 3, glyphs)
     at, lines = 0, []
     for piece in pieces:
         series.extend(t[at : at + piece], values[at : at + piece])
@@ -47,7 +47,7 @@ def test_piece_by_piece_is_as_at_once(
     """However the data come in, the picture is the one that a fresh plot with the same scales draws."""
     frame = Frame(10.0, cells, rows)
     lanes, series, lines = _fed(pieces, frame, sweep=sweep, glyphs=glyphs, rate=rate)
-    fresh = Lanes(slice(0, 3), 3, glyphs)
+    fresh = PlotLanes(slice(0, 3), 3, glyphs)
     fresh.ranges = list(lanes.ranges)
     assert lines == fresh.update(series, frame, sweep=sweep, locked=True)
 
@@ -58,7 +58,7 @@ def test_sweep_and_scroll_show_the_same_data(pieces: list[int], cells: int) -> N
     """The sweep is the scrolling plot, turned; only what the erase bar covers, the oldest cells, is missing."""
     frame = Frame(8.0, cells, 2)
     lanes, series, swept = _fed(pieces, frame, sweep=True)
-    other = Lanes(slice(0, 3), 3, BRAILLE)
+    other = PlotLanes(slice(0, 3), 3, BRAILLE)
     other.ranges = list(lanes.ranges)
     scrolled = other.update(series, frame, sweep=False, locked=True)
     newest = int(np.floor(series.last(0.0)[0][-1] / (frame.span / (2 * cells)))) // 2
@@ -79,7 +79,7 @@ def test_no_spike_is_hidden(sweep: bool, glyphs: Glyphs, spike: int, seed: int) 
     t, values = _made(seed, 30.0)
     values = 0.01 * values
     values[spike, 1] = 5.0
-    series, lanes, frame = Series(3), Lanes(slice(0, 3), 3, glyphs), Frame(30.0, 60, 3)
+    series, lanes, frame = PacketSeries(3), PlotLanes(slice(0, 3), 3, glyphs), Frame(30.0, 60, 3)
     bar_s = lanes._bar(frame.cells) * frame.span / frame.cells if sweep else 0.0
     for start in range(0, t.size, 133):
         series.extend(t[start : start + 133], values[start : start + 133])
@@ -96,7 +96,7 @@ def test_a_sweep_changes_few_cells() -> None:
     """Between two frames only the newest cells and the erase bar differ."""
     frame = Frame(30.0, 100, 3)
     _, series, before = _fed([4000], frame, sweep=True)
-    lanes = Lanes(slice(0, 3), 3, BRAILLE)
+    lanes = PlotLanes(slice(0, 3), 3, BRAILLE)
     before = lanes.update(series, frame, sweep=True, locked=False)
     t = series.last(0.0)[0][-1] + np.arange(1, 14) / RATE_HZ
     series.extend(t, np.zeros((13, 3)))
@@ -109,7 +109,7 @@ def test_a_sweep_changes_few_cells() -> None:
 def test_scales_change_rarely() -> None:
     """In ten minutes of noise a lane's scale is chosen anew a few times, mostly in the first seconds."""
     t, values = _made(5, 600.0)
-    series, lanes, seen = Series(3), Lanes(slice(0, 3), 3, BRAILLE), []
+    series, lanes, seen = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), []
     for start in range(0, t.size, 133):
         series.extend(t[start : start + 133], values[start : start + 133])
         lanes.update(series, Frame(30.0, 60, 2), sweep=True, locked=False)
@@ -120,7 +120,7 @@ def test_scales_change_rarely() -> None:
 
 def test_a_locked_scale_says_what_it_leaves_out() -> None:
     """Locked limits stay, and a lane that leaves them is named."""
-    series, lanes, frame = Series(3), Lanes(slice(0, 3), 3, BRAILLE), Frame(10.0, 40, 2)
+    series, lanes, frame = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), Frame(10.0, 40, 2)
     t, values = _made(2, 5.0)
     series.extend(t, values)
     lanes.update(series, frame, sweep=False, locked=False)
@@ -133,7 +133,7 @@ def test_a_locked_scale_says_what_it_leaves_out() -> None:
 
 def test_a_gap_stays_open_and_old_data_never_come_back() -> None:
     """After a minute's silence the cells between are empty, and another run starts with an empty plot."""
-    series, lanes, frame = Series(3), Lanes(slice(0, 3), 3, BRAILLE), Frame(60.0, 60, 1)
+    series, lanes, frame = PacketSeries(3), PlotLanes(slice(0, 3), 3, BRAILLE), Frame(60.0, 60, 1)
     t, values = _made(3, 20.0)
     series.extend(t, values)
     lanes.update(series, frame, sweep=False, locked=False)
@@ -149,7 +149,7 @@ def test_a_gap_stays_open_and_old_data_never_come_back() -> None:
 
 def test_without_data_there_is_an_empty_plot() -> None:
     """No sample yet, or a series of unknowns: blank lanes without a scale."""
-    lanes, series = Lanes(slice(0, 3), 3, BRAILLE), Series(3)
+    lanes, series = PlotLanes(slice(0, 3), 3, BRAILLE), PacketSeries(3)
     assert lanes.update(series, Frame(10.0, 8, 2), sweep=True, locked=False) == [[" " * 8] * 2] * 3
     series.extend(np.array([1.0, 2.0]), np.full((2, 3), np.nan))
     assert lanes.update(series, Frame(10.0, 8, 2), sweep=True, locked=False) == [[" " * 8] * 2] * 3

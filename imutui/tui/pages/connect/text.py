@@ -3,12 +3,10 @@
 import re
 from dataclasses import dataclass
 
-from textual.content import Content
-
 from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
-from imutui.session.snapshot import ProbeAnswer
+from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
-from imutui.tui.connection.model import Snapshot
+from imutui.tui.formatting import StyledText
 
 ABOUT = (
     "imutui records an IMU400CD on a turn table and estimates its biases while it\n"
@@ -36,6 +34,7 @@ the mean as its new zero: command z with argument 30.
 What is stored is in the instrument, perhaps for good, and every later
 reading is shifted by it. No data come meanwhile; the filter begins anew."""
 _NAME = 36
+_LABEL, _VALUE = 12, 66
 _ANSWER = 38
 
 
@@ -113,33 +112,32 @@ def likely(found: list[Choice]) -> Choice:
     return next((c for c in found if c.kind == "attach" or "ttyS" not in c.value), found[-1])
 
 
-def lead(found: list[Choice]) -> Content:
+def lead(found: list[Choice]) -> StyledText:
     """What this is, and what the next step is."""
     best = likely(found)
     if best.kind == "attach":
         several = sum(c.kind == "attach" for c in found) > 1
         which = "Several acquisitions are running: choose one" if several else "An acquisition is running"
-        return Content.assemble((f"{which}. Enter looks at it.", "bold"))
+        return [(f"{which}. Enter looks at it.", "bold")]
     if best.value != VIRTUAL_PORT:
-        return Content.assemble(ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:"))
+        return [ABOUT, "\n\n", ("Choose a port; Enter connects.", "bold"), *_demo("  No unit at hand:")]
     built_in = "only built-in ports" if len(found) > 1 else "no serial port"
     nothing = f"Nothing is connected: this machine has {built_in}.\nPlug an adapter in and it appears below."
-    return Content.assemble(ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:"))
+    return [ABOUT, "\n\n", nothing, "\n", *_demo("To see the whole job now:")]
 
 
-def _demo(before: str) -> tuple[str | tuple[str, str], ...]:
-    return (f"{before} ", (" press v for the DEMO ", "bold reverse"), " on a simulated instrument")
+def _demo(before: str) -> StyledText:
+    return [f"{before} ", (" press v for the DEMO ", "bold reverse"), " on a simulated instrument"]
 
 
-def connected(now: Snapshot) -> Content:
+def connected(now: Snapshot) -> StyledText:
     """What is connected, and how it is read."""
-    reference = now.get("reference") or {}
-    filter_ = now.get("filter")
+    reference, filter_ = now["reference"], now["filter"]
     how = f"{now['rate_hz']:g} Hz, {now['sampling']}, scaled mode, {now['baud']} baud"
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
-    if reference.get("file"):
+    if reference["file"]:
         estimates += f" from {reference['file']}"
-    if now.get("effects"):
+    if now["effects"]:
         estimates += f", with {formatting.plural(len(now['effects']), 'effect')} found before"
     rows = [
         ("instrument", f"{now['instrument']} #{now['serial_number']}, firmware {now['firmware']}"),
@@ -147,15 +145,17 @@ def connected(now: Snapshot) -> Content:
         ("read at", how),
         ("filter", estimates),
         ("process", f'acquisition "{now["name"]}", pid {now["pid"]}; runs on without this screen'),
-        ("logs in", str(now.get("logs") or formatting.NOTHING)),
+        ("logs in", str(now["logs"] or formatting.NOTHING)),
     ]
-    lines = [Content.assemble((f"{name:12}", "dim"), value) for name, value in rows]
-    return Content("\n").join([Content.styled("Connected.", "bold"), *lines])
+    made: StyledText = [("Connected.", "bold")]
+    for name, value in rows:
+        made += ["\n", (f"{name:{_LABEL}}", "dim"), formatting.folded(value, _VALUE).replace("\n", "\n" + " " * _LABEL)]
+    return made
 
 
 def next_step(now: Snapshot) -> str:
     """What to do on from here."""
-    if now.get("recording"):
+    if now["recording"]:
         return (
             "It is recording. Next: 4 Filter shows how far the biases are;\n"
             "r finishes the file; 6 Logs opens and traces it."

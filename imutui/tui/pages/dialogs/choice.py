@@ -12,6 +12,11 @@ from textual.screen import ModalScreen
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
+from imutui.tui import formatting
+
+_ROOM = 66
+"""Characters of a line in a dialog."""
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -50,7 +55,7 @@ class ChoiceDialog(ModalScreen[str | None]):
         """Title, text, answers."""
         with Vertical(classes="dialog"):
             yield Static(Content.styled(self._title, "bold"), classes="title")
-            yield Static(Content(self._body), classes="text")
+            yield Static(Content(formatting.folded(self._body, _ROOM)), classes="text")
             options = [Option(Content(f" {a.key}  {a.label}"), id=a.name) for a in self._answers]
             yield OptionList(*options, Option(Content(" Esc  cancel"), id="cancel"), compact=True, markup=False)
 

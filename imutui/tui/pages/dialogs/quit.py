@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from pathlib import PurePath
 
-from imutui.tui.connection.model import Snapshot
+from imutui.session.snapshot import Snapshot
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 
 
 def _recording(snapshot: Snapshot | None) -> str | None:
-    recording = (snapshot or {}).get("recording")
+    recording = snapshot["recording"] if snapshot else None
     return PurePath(recording["path"]).name if recording else None
 
 

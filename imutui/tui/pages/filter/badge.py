@@ -4,17 +4,17 @@ from textual.content import Content
 
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import Verdict
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 _STYLES = {"good": "$success", "wait": "$warning", "bad": "$error", "none": "$foreground"}
 _LEAST = 16
 _WHY = "  w why "
 
 
-class Badge(Lines):
+class FilterBadge(TextLines):
     """Two lines at the top of the page."""
 
-    DEFAULT_CSS = "Badge { height: 2; }"
+    DEFAULT_CSS = "FilterBadge { height: 2; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Word, reason, what to do; what does not fit is behind a key."""

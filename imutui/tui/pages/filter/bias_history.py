@@ -8,9 +8,10 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from imutui.tui import formatting
-from imutui.tui.connection.history import History
+from imutui.tui.connection.history import BiasHistory
 from imutui.tui.terminal.glyphs import Glyphs, choose
 from imutui.tui.widgets import history_cells, raster
+from imutui.tui.widgets.history_cells import BiasEnvelope, Limits
 
 _GUTTER = 10
 _STYLES = {
@@ -24,7 +25,7 @@ _TICK = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class BiasPlotSettings:
     """What is to be drawn, apart from the past itself; equal ones are drawn alike."""
 
     name: str
@@ -37,7 +38,7 @@ class Wanted:
     observable: bool
 
 
-class BandPlot(Widget):
+class BiasPlot(Widget):
     """One plot: estimate as a line, band shaded, broken lines at zero and at the data sheet's limits.
 
     Parameters
@@ -47,15 +48,15 @@ class BandPlot(Widget):
     """
 
     COMPONENT_CLASSES = {  # noqa: RUF012 - Textual's way
-        "bandplot--title", "bandplot--chosen", "bandplot--axis", "bandplot--band", "bandplot--estimate",
+        "biasplot--title", "biasplot--chosen", "biasplot--axis", "biasplot--band", "biasplot--estimate",
     }  # fmt: skip
     DEFAULT_CSS = """
-    BandPlot { height: 1fr; width: 1fr; min-height: 3; }
-    BandPlot > .bandplot--title { color: $foreground 80%; }
-    BandPlot > .bandplot--chosen { text-style: bold; }
-    BandPlot > .bandplot--axis { color: $foreground 60%; }
-    BandPlot > .bandplot--band { color: $text-accent; }
-    BandPlot > .bandplot--estimate { color: $text-primary; text-style: bold; }
+    BiasPlot { height: 1fr; width: 1fr; min-height: 3; }
+    BiasPlot > .biasplot--title { color: $foreground 80%; }
+    BiasPlot > .biasplot--chosen { text-style: bold; }
+    BiasPlot > .biasplot--axis { color: $foreground 60%; }
+    BiasPlot > .biasplot--band { color: $text-accent; }
+    BiasPlot > .biasplot--estimate { color: $text-primary; text-style: bold; }
     """
 
     def __init__(
@@ -69,17 +70,17 @@ class BandPlot(Widget):
         self.column = column
         self._glyphs = glyphs or choose()
         self._range: tuple[float, float] | None = None
-        self._history: History | None = None
-        self._wanted: Wanted | None = None
+        self._history: BiasHistory | None = None
+        self._settings: BiasPlotSettings | None = None
         self._drawn: tuple[Any, ...] | None = None
         self._strips: list[Strip] = []
 
-    def show(self, history: History, wanted: Wanted) -> None:
+    def show(self, history: BiasHistory, settings: BiasPlotSettings) -> None:
         """Draw the past of a bias; nothing is sent to the terminal as long as it looks the same."""
-        before = self._wanted
-        if before is None or (before.column, before.scale) != (wanted.column, wanted.scale):
+        before = self._settings
+        if before is None or (before.column, before.scale) != (settings.column, settings.scale):
             self._range = None
-        self._history, self._wanted = history, wanted
+        self._history, self._settings = history, settings
         if self._draw():
             self.refresh()
 
@@ -95,37 +96,39 @@ class BandPlot(Widget):
 
     def _draw(self) -> bool:
         """Make the lines anew if anything has changed since; whether they look different."""
-        history, wanted, size = self._history, self._wanted, self.size
-        if history is None or wanted is None:
+        history, settings, size = self._history, self._settings, self.size
+        if history is None or settings is None:
             return False
         # a row a second: what comes within it is drawn with it
-        stamp = (wanted, size, id(history), len(history), history.attached_late)
+        stamp = (settings, size, id(history), len(history), history.attached_late)
         if stamp == self._drawn:
             return False
         self._drawn, before = stamp, self._strips
-        self._strips = self._lines(history, wanted, size.width, size.height)
+        self._strips = self._lines(history, settings, size.width, size.height)
         return before != self._strips
 
-    def _lines(self, history: History, wanted: Wanted, width: int, height: int) -> list[Strip]:
+    def _lines(self, history: BiasHistory, settings: BiasPlotSettings, width: int, height: int) -> list[Strip]:
         axis = int(height >= _ROWS_FOR_AXIS)
         rows, columns = height - 1 - axis, width - _GUTTER
         if rows < 1 or columns < 4:
             return []
         seconds = float(history.newest - history.begin) if len(history) else 0.0
         span = history_cells.span_s(seconds)
-        curve = (
-            history_cells.curve(history, wanted.column, span, columns * self._glyphs.columns) if len(history) else None
+        envelope = (
+            history_cells.envelope(history, settings.column, span, columns * self._glyphs.columns)
+            if len(history)
+            else None
         )
-        extent = history_cells.extent(curve, wanted.scale, wanted.limit) if curve is not None else None
-        head = self._head(wanted, history, None if axis else span, width)
+        extent = history_cells.extent(envelope, settings.scale, settings.limit) if envelope is not None else None
+        head = self._head(settings, history, None if axis else span, width)
         tail = [self._time_axis(history, span, width)] if axis else []
-        if curve is None or extent is None:
-            return [head, *self._empty(wanted, rows, width), *tail]
+        if envelope is None or extent is None:
+            return [head, *self._empty(settings, rows, width), *tail]
         limits = self._range = raster.keep_range(self._range, *extent)
-        return [head, *self._plot(curve, limits, wanted.limit, rows), *tail]
+        return [head, *self._plot(envelope, limits, settings.limit, rows), *tail]
 
-    def _plot(self, curve: history_cells.Curve, limits: history_cells.Limits, limit: float, rows: int) -> list[Strip]:
-        lines, shows = history_cells.cells(curve, limits, [0.0, limit, -limit], rows, self._glyphs)
+    def _plot(self, envelope: BiasEnvelope, limits: Limits, limit: float, rows: int) -> list[Strip]:
+        lines, shows = history_cells.cells(envelope, limits, [0.0, limit, -limit], rows, self._glyphs)
         labels = _labels(limits, limit, rows)
         return [
             self._strip(label, line, kinds) for label, line, kinds in zip(labels, lines, shows.tolist(), strict=True)
@@ -142,20 +145,20 @@ class BandPlot(Widget):
         return Strip(segments, _GUTTER + len(line))
 
     def _segment(self, said: str, style: str) -> Segment:
-        return Segment(said, self.get_component_rich_style(f"bandplot--{style}"))
+        return Segment(said, self.get_component_rich_style(f"biasplot--{style}"))
 
-    def _head(self, wanted: Wanted, history: History, span: float | None, width: int) -> Strip:
+    def _head(self, settings: BiasPlotSettings, history: BiasHistory, span: float | None, width: int) -> Strip:
         axis = (
             ""
             if span is None
             else f"{history_cells.duration(history.begin)} to {history_cells.duration(history.begin + span)}"
         )
         since = "since attached" if history.attached_late else ""
-        scale = {"auto": "", "whole run": "scale: whole run", "Table 1": "scale: Table 1"}[wanted.scale]
-        left = f"{'─>' if wanted.chosen else '──'} {wanted.name}, {wanted.unit} "
+        scale = {"auto": "", "whole run": "scale: whole run", "Table 1": "scale: Table 1"}[settings.scale]
+        left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
         rights = (
-            (wanted.hint, "± 3 sd shaded", scale, since, axis),
-            (wanted.hint, scale, since, axis),
+            (settings.hint, "± 3 sd shaded", scale, since, axis),
+            (settings.hint, scale, since, axis),
             (scale, since, axis),
         )
         for right in (*rights, (since, axis), (axis,)):
@@ -166,15 +169,15 @@ class BandPlot(Widget):
             said = ""
         left = self._glyphs.text(left)
         middle = self._glyphs.text("─") * max(width - len(left) - len(said), 0)
-        style = "chosen" if wanted.chosen else "title"
+        style = "chosen" if settings.chosen else "title"
         return Strip([self._segment((left + middle + said)[:width].ljust(width), style)], width)
 
-    def _empty(self, wanted: Wanted, rows: int, width: int) -> list[Strip]:
-        why = "no estimate yet" if wanted.observable else "unobservable in this setup: there is no estimate"
+    def _empty(self, settings: BiasPlotSettings, rows: int, width: int) -> list[Strip]:
+        why = "no estimate yet" if settings.observable else "unobservable in this setup: there is no estimate"
         said = [f"{' ' * (_GUTTER - 1)}│ {why if row == rows // 2 else ''}" for row in range(rows)]
         return [Strip([self._segment(self._glyphs.text(line)[:width].ljust(width), "axis")], width) for line in said]
 
-    def _time_axis(self, history: History, span: float, width: int) -> Strip:
+    def _time_axis(self, history: BiasHistory, span: float, width: int) -> Strip:
         """Round times since the run's first sample."""
         room, line, free = width - _GUTTER, [" "] * width, 0
         for t in history_cells.ticks(history.begin, span, room // _TICK):
@@ -187,7 +190,7 @@ class BandPlot(Widget):
         return Strip([self._segment("".join(line), "axis")], width)
 
 
-def _labels(limits: history_cells.Limits, limit: float, rows: int) -> list[str]:
+def _labels(limits: Limits, limit: float, rows: int) -> list[str]:
     """Gutter: both ends of the axis, and the level lines between them."""
     room, (low, high) = _GUTTER - 2, limits
     decimals = raster.label_decimals(limits)

@@ -1,14 +1,13 @@
 """The table of biases: estimate, certainty, place within the data sheet's limit, drift, convergence."""
 
-from typing import Any
-
 from textual.content import Content
 
+from imutui.session.snapshot import BiasSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import MOVES_SD, moved_sd
 from imutui.tui.pages.filter.bias_bar import gauge
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.widgets.text_lines import TextLines
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
 _HEAD = (
@@ -21,7 +20,7 @@ _HEAD = (
 )
 
 
-def convergence(bias: dict[str, Any]) -> str:
+def convergence(bias: BiasSnapshot) -> str:
     """Since when a bias is converged, in words."""
     if not bias["observable"]:
         return "unobservable"
@@ -31,7 +30,7 @@ def convergence(bias: dict[str, Any]) -> str:
     return f"{since:.1f} s" if since < 600.0 else formatting.clock(since)
 
 
-class BiasTable(Lines):
+class BiasTable(TextLines):
     """Seven lines: a head and six biases, one of them selected."""
 
     DEFAULT_CSS = "BiasTable { width: 80; height: 7; }"
@@ -48,8 +47,7 @@ class BiasTable(Lines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and biases; dashes while nothing is known."""
-        estimates = (view.shown or {}).get("filter") or {}
-        biases = estimates.get("biases") or []
+        biases = view.estimates["biases"] if view.estimates is not None else []
         head = "".join(self._cell(title, cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
         rows = [self._row(i, bias) for i, bias in enumerate(biases)] or [self._empty(i) for i in range(len(NAMES))]
@@ -66,7 +64,7 @@ class BiasTable(Lines):
     def _empty(self, index: int) -> Content:
         return self.line(self._label(index, NAMES[index]), f"{formatting.NOTHING:>9}")
 
-    def _row(self, index: int, bias: dict[str, Any]) -> Content:
+    def _row(self, index: int, bias: BiasSnapshot) -> Content:
         unit, limit, value, sd3 = bias["unit"], bias["limit"], bias["value"], bias["sd3"]
         decimals = formatting.BIAS_DECIMALS[unit]
         outside = value is not None and abs(value) > limit

@@ -1,33 +1,29 @@
 """The filter in lines: NIS and its meaning, what is unexplained, navigation states, loaded effects, alarms."""
 
-import math
 import textwrap
-from typing import Any
 
 from textual.content import Content
 
+from imutui.session.snapshot import FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection import verdict
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import NOTICED
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.pages.filter.explanation import effect_text
+from imutui.tui.widgets.text_lines import TextLines
 
 _LABEL = 13
 
 
-def _filter(view: View) -> dict[str, Any]:
-    return (view.shown or {}).get("filter") or {}
-
-
-class NisLine(Lines):
+class NisLine(TextLines):
     """Normalised innovation squared, and updates that were left out."""
 
     DEFAULT_CSS = "NisLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Mean, meaning, the first one, and how many updates the gates left out."""
-        estimates = _filter(view)
-        if not estimates:
+        estimates = view.estimates
+        if estimates is None:
             return []
         nis = estimates["nis"]
         # the band only means something for a test: shown otherwise, it invites the wrong conclusion
@@ -37,54 +33,52 @@ class NisLine(Lines):
             (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
         )
         first = nis["first"]
-        first = (
-            f"  first {formatting.number(first, 0, 2) if first is None or first < 1e3 else formatting.plain(first, 3)}"
-        )
+        small = first is None or first < 1e3
+        begun = f"  first {formatting.number(first, 0, 2) if small else formatting.plain(first, 3)}"
         rejected = estimates.get("rejected")
         gates = "" if rejected is None else f"  gates {rejected}"
-        return [self.spread(left, self.line(first, (gates, "bold $text-warning" if rejected else ""), " "), width)]
+        return [self.spread(left, self.line(begun, (gates, "bold $text-warning" if rejected else ""), " "), width)]
 
 
-class UnexplainedLine(Lines):
+class UnexplainedLine(TextLines):
     """What the model leaves unexplained, in units of what noise allows."""
 
     DEFAULT_CSS = "UnexplainedLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """The worst channel, and the key that looks for the cause."""
-        estimates = _filter(view)
-        if not estimates:
+        estimates = view.estimates
+        if estimates is None:
             return []
-        worst = verdict.worst_remainder(estimates.get("remainder") or [])
+        worst = verdict.worst_remainder(estimates["remainder"])
         said, loud = "known after 30 s of estimates", False
         if worst is not None:
-            said = f"{worst['channel']} 10 s means {worst['ratio']:.1f} × what noise allows"
-            loud = worst["ratio"] > NOTICED
+            channel, ratio = worst
+            said, loud = f"{channel} 10 s means {ratio:.1f} × what noise allows", ratio > NOTICED
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
-        recording = (view.now or {}).get("recording") is not None
-        key = "t traces this recording " if recording else "r records, then t traces "
+        key = "t traces this recording " if view.recording is not None else "r records, then t traces "
         return [self.spread(left, self.line((key, "dim")), width)]
 
 
-class NavigationLines(Lines):
+class NavigationLines(TextLines):
     """Velocity, attitude and position, each with three standard deviations."""
 
     DEFAULT_CSS = "NavigationLines { height: 4; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """A head and three rows."""
-        estimates = _filter(view)
+        estimates = view.estimates
         head = self.rule(self._title(estimates), width, "± is 3 sd")
-        state, sd = estimates.get("state"), estimates.get("state_sd")
+        state, sd = (estimates["state"], estimates["state_sd"]) if estimates is not None else (None, None)
         return [head, *(self._row(i, state, sd) for i in range(3))] if state and sd else [head]
 
-    def _title(self, estimates: dict[str, Any]) -> str:
-        if not estimates:
+    def _title(self, estimates: FilterSnapshot | None) -> str:
+        if estimates is None:
             return "navigation"
         samples = formatting.plural(estimates["samples"], "sample")
         return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
 
-    def _row(self, i: int, state: dict[str, Any], sd: dict[str, Any]) -> Content:
+    def _row(self, i: int, state: NavigationSnapshot, sd: NavigationSdSnapshot) -> Content:
         degree = self.glyphs.text("°")
         decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
@@ -104,15 +98,6 @@ class NavigationLines(Lines):
         return self.glyphs.text(f" ±{fitted}").ljust(width + 2)
 
 
-def effect_text(effect: dict[str, Any]) -> str:
-    """Label, value ± 3 sd, unit; as many decimals as the certainty is worth."""
-    value, sd, unit = effect["value"], effect["sd"], effect["unit"]
-    if value is None or not sd:
-        return f"{effect['label']} {formatting.plain(value)} {unit}".rstrip()
-    decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
-    return f"{effect['label']} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()
-
-
 def side_by_side(said: list[str], width: int, rows: int) -> list[str]:
     """Entries beside each other in at most `rows` lines; the last line says how many have no room."""
     lines: list[str] = []
@@ -130,7 +115,7 @@ def side_by_side(said: list[str], width: int, rows: int) -> list[str]:
     return lines
 
 
-class GrowingLines(Lines):
+class GrowingLines(TextLines):
     """Lines that take no more room than they need, none if there are none; a tall terminal has room for more."""
 
     few, many = 1, 3
@@ -156,7 +141,8 @@ class EffectLines(GrowingLines):
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Values with certainty, side by side."""
-        said = [self.glyphs.text(effect_text(effect)) for effect in _filter(view).get("effects") or []]
+        effects = view.estimates["effects"] if view.estimates is not None else []
+        said = [self.glyphs.text(effect_text(effect)) for effect in effects]
         heads = [" effects", *[""] * self.rows]
         rows = side_by_side(said, width - _LABEL - 1, self.rows)
         return [self.line((f"{head:<{_LABEL}}", "bold"), row) for head, row in zip(heads, rows, strict=False)]
@@ -173,9 +159,9 @@ class AlarmLines(GrowingLines):
         said = view.shown_verdict.reason if view.shown_verdict is not None else ""
         wrapped = [
             line
-            for alarm in _filter(view).get("alarms") or []
-            if str(alarm) not in said
-            for line in textwrap.wrap(str(alarm), width, initial_indent=" ! ", subsequent_indent="   ")
+            for alarm in (view.estimates["alarms"] if view.estimates is not None else [])
+            if alarm not in said
+            for line in textwrap.wrap(alarm, width, initial_indent=" ! ", subsequent_indent="   ")
         ]
         if len(wrapped) > self.rows:
             wrapped = [*wrapped[: self.rows - 1], f"{wrapped[self.rows - 1][: width - 14]} … w: more"]

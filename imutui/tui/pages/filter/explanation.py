@@ -1,21 +1,21 @@
 """The filter's state at length, as text. A pure function of a view."""
 
+import math
 import textwrap
-from typing import Any
 
+from imutui.session.snapshot import EffectSnapshot, FilterSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection import verdict
 from imutui.tui.connection.model import View
 from imutui.tui.connection.verdict import (
     ACCEL_TOLERANCE_MG,
     GYRO_TOLERANCE_DPS,
+    LEVEL_MARKS,
     NOTICED,
     STEADY_K_PER_MIN,
     TOO_MUCH,
     Verdict,
 )
-from imutui.tui.pages.dialogs.why_lines import MARKS
-from imutui.tui.pages.filter.estimates import effect_text
 
 _WIDTH = 72
 _RULES = f"""\
@@ -35,9 +35,9 @@ def explanation(view: View) -> str:
     found = view.shown_verdict
     if found is None:
         return "No acquisition: 1 connects to one."
-    estimates = (view.shown or {}).get("filter") or {}
+    estimates = view.estimates
     parts = [_headline(found), _checks(found)]
-    if estimates:
+    if estimates is not None:
         parts += [_alarms(estimates), _effects(estimates), _more(estimates)]
     return "\n\n".join(part for part in [*parts, _RULES] if part) + "\n"
 
@@ -48,7 +48,7 @@ def _headline(found: Verdict) -> str:
 
 
 def _checks(found: Verdict) -> str:
-    return "\n".join(_wrapped(f"{MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
+    return "\n".join(_wrapped(f"{LEVEL_MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
 
 
 def _wrapped(said: str, indent: str = "") -> str:
@@ -59,21 +59,28 @@ def _listed(title: str, entries: list[str]) -> str:
     return "\n".join([title, *(_wrapped(f"  {entry}", "    ") for entry in entries)]) if entries else ""
 
 
-def _alarms(estimates: dict[str, Any]) -> str:
-    return _listed("ALARMS", [*map(str, estimates.get("alarms") or []), *map(str, estimates.get("confounded") or [])])
+def _alarms(estimates: FilterSnapshot) -> str:
+    return _listed("ALARMS", [*estimates["alarms"], *estimates["confounded"]])
 
 
-def _effects(estimates: dict[str, Any]) -> str:
-    return _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates.get("effects") or []])
+def _effects(estimates: FilterSnapshot) -> str:
+    return _listed("LOADED EFFECTS, ± 3 sd", [effect_text(effect) for effect in estimates["effects"]])
 
 
-def _more(estimates: dict[str, Any]) -> str:
+def _more(estimates: FilterSnapshot) -> str:
     nis = estimates["nis"]
-    ratios = [f"{r['channel']} {formatting.number(r['ratio'], 0, 1)}" for r in estimates.get("remainder") or []]
-    rejected = estimates.get("rejected")
+    ratios = [f"{r['channel']} {formatting.number(r['ratio'], 0, 1)}" for r in estimates["remainder"]]
     out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {verdict.nis_meaning(nis, whole=True)}"]
     if ratios:
         out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
-    if rejected is not None:
-        out.append(f"{formatting.plural(rejected, 'update')} left out as outliers")
+    out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")
     return _listed("NUMBERS", out)
+
+
+def effect_text(effect: EffectSnapshot) -> str:
+    """Label, value ± 3 sd, unit; as many decimals as the certainty is worth."""
+    value, sd, unit = effect["value"], effect["sd"], effect["unit"]
+    if value is None or not sd:
+        return f"{effect['label']} {formatting.plain(value)} {unit}".rstrip()
+    decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
+    return f"{effect['label']} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()

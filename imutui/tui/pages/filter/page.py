@@ -1,20 +1,19 @@
 """Filter: how far the biases are, how good, and whether the filter may be believed."""
 
 from collections.abc import Iterable
-from pathlib import PurePath
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Grid, Horizontal, Vertical
-from textual.message import Message
 from textual.widget import Widget
 
 from imutui.tui.connection.model import View
+from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.why import WhyDialog
-from imutui.tui.pages.dialogs.why_lines import Why
-from imutui.tui.pages.filter.badge import Badge
-from imutui.tui.pages.filter.bias_history import BandPlot, Wanted
+from imutui.tui.pages.filter.badge import FilterBadge
+from imutui.tui.pages.filter.bias_history import BiasPlot, BiasPlotSettings
 from imutui.tui.pages.filter.biases import NAMES, BiasTable
 from imutui.tui.pages.filter.estimates import (
     AlarmLines,
@@ -23,6 +22,7 @@ from imutui.tui.pages.filter.estimates import (
     NisLine,
     UnexplainedLine,
 )
+from imutui.tui.pages.filter.rule_lines import RuleLines
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
@@ -34,34 +34,18 @@ _ORDER = (0, 3, 1, 4, 2, 5)
 class FilterPage(Page):
     """Badge, biases, NIS, remainder, navigation, and the biases' past."""
 
-    class TraceWanted(Message):
-        """What the model does not explain shall be looked for in a recording.
-
-        Parameters
-        ----------
-        path : str
-            Of the recording.
-        """
-
-        def __init__(self, path: str) -> None:
-            super().__init__()
-            self.path = path
-
-    class EffectsWanted(Message):
-        """Found effects shall be loaded into the filter."""
-
     TITLE = "Filter"
     CSS = """
     FilterPage #numbers { height: auto; }
     FilterPage #left { width: 80; height: auto; }
-    FilterPage Why { display: none; width: 1fr; }
-    FilterPage.-wide Why { display: block; }
+    FilterPage RuleLines { display: none; width: 1fr; }
+    FilterPage.-wide RuleLines { display: block; }
     FilterPage #all { display: none; grid-size: 2 3; height: 1fr; }
     FilterPage.-tall #all { display: block; layout: grid; }
     FilterPage.-tall #one { display: none; }
     FilterPage.-plot #all { display: none; }
     FilterPage.-plot #one { display: block; }
-    FilterPage.-plot .details, FilterPage.-plot Why { display: none; }
+    FilterPage.-plot .details, FilterPage.-plot RuleLines { display: none; }
     FilterPage.-plot BiasTable { height: 2; }
     FilterPage Notice { dock: bottom; }
     """
@@ -84,7 +68,7 @@ class FilterPage(Page):
 
     def body(self) -> Iterable[Widget]:
         """From the badge down to the details; room adds plots below and the rules at the right."""
-        yield Badge()
+        yield FilterBadge()
         with Horizontal(id="numbers"):
             with Vertical(id="left"):
                 yield BiasTable()
@@ -95,32 +79,33 @@ class FilterPage(Page):
                     yield NavigationLines()
                     yield EffectLines()
                     yield AlarmLines()
-            yield Why()
-        yield BandPlot(id="one")
+            yield RuleLines()
+        yield BiasPlot(id="one")
         with Grid(id="all"):
             for index in _ORDER:
-                yield BandPlot(index)
+                yield BiasPlot(index)
 
     def show(self, view: View) -> None:
         """Show a view."""
         super().show(view)
-        for plot in self.query(BandPlot):
+        for plot in self.query(BiasPlot):
             if (plot.column is None) == self._alone:
-                plot.show(view.biases, self._wanted(view, self._chosen if plot.column is None else plot.column))
+                plot.show(view.biases, self._settings(view, self._chosen if plot.column is None else plot.column))
 
     @property
     def _alone(self) -> bool:
         """Whether there is only one plot."""
         return self.has_class("-plot") or not self.has_class("-tall")
 
-    def _wanted(self, view: View, index: int) -> Wanted:
-        biases = ((view.shown or {}).get("filter") or {}).get("biases") or []
-        bias: dict[str, Any] = biases[index] if len(biases) == len(NAMES) else {}
+    def _settings(self, view: View, index: int) -> BiasPlotSettings:
+        biases = view.estimates["biases"] if view.estimates is not None else []
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
-        return Wanted(
-            bias.get("name", NAMES[index]), bias.get("unit", _UNITS[index]), bias.get("limit", _LIMITS[index]), index,
-            history_cells.SCALES[self._scale], hint, index == self._chosen, bias.get("observable", True),
-        )  # fmt: skip
+        name, unit, limit, observable = NAMES[index], _UNITS[index], _LIMITS[index], True
+        if len(biases) == len(NAMES):
+            bias = biases[index]
+            name, unit, limit, observable = bias["name"], bias["unit"], bias["limit"], bias["observable"]
+        scale = history_cells.SCALES[self._scale]
+        return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, observable)
 
     def _redraw(self) -> None:
         self.query_one(BiasTable).select(self._chosen, alone=self.has_class("-plot"))
@@ -156,23 +141,12 @@ class FilterPage(Page):
 
     def action_trace(self) -> None:
         """Have the present recording traced."""
-        recording = ((self.view.now if self.view is not None else None) or {}).get("recording")
+        recording = self.view.recording if self.view is not None else None
         if recording is None:
             self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
-        elif not self._delegate("trace_recording"):
-            self.post_message(self.TraceWanted(recording["path"]))
-            name = PurePath(recording["path"]).name
-            self.post_message(self.Say(f"6 Logs traces {name}", "none"))
+        else:
+            self.post_message(requests.Trace(Path(recording["path"])))
 
     def action_effects(self) -> None:
         """Have found effects loaded."""
-        if not self._delegate("load_effects"):
-            self.post_message(self.EffectsWanted())
-            self.post_message(self.Say("6 Logs loads the effects that a trace has found", "none"))
-
-    def _delegate(self, action: str) -> bool:
-        """Run the application's action if it has one of this name."""
-        if not hasattr(self.app, f"action_{action}"):
-            return False
-        self.call_later(self.app.run_action, action)
-        return True
+        self.post_message(requests.ChooseEffects())

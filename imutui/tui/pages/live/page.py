@@ -7,11 +7,12 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widget import Widget
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.live.channels import ChannelTable
 from imutui.tui.pages.live.status import LinkLine, RecordingLine, WarmLine
-from imutui.tui.widgets.event_list import Events
+from imutui.tui.widgets.event_list import EventList
 from imutui.tui.widgets.plot import Plot
 
 SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
@@ -24,10 +25,9 @@ def first_span(rate_hz: float) -> float:
     return next((span for span in SPANS_S if span >= 30.0 and span * rate_hz >= _FEWEST_SAMPLES), SPANS_S[-1])
 
 
-def packet_rate_hz(snapshot: dict[str, object] | None) -> float:
+def packet_rate_hz(snapshot: Snapshot | None) -> float:
     """Packets per second of an acquisition, as far as known."""
-    known = (snapshot or {}).get("packet_hz") or 0.0
-    return float(known) if isinstance(known, (int, float)) else 0.0
+    return (snapshot["packet_hz"] or 0.0) if snapshot is not None else 0.0
 
 
 class LivePage(Page):
@@ -56,7 +56,7 @@ class LivePage(Page):
 
     def body(self) -> Iterable[Widget]:
         """Table, plots, status."""
-        yield Horizontal(ChannelTable(), Events(), id="top")
+        yield Horizontal(ChannelTable(), EventList(), id="top")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
         yield WarmLine()
@@ -81,9 +81,10 @@ class LivePage(Page):
         """Span of the plots, s."""
         if self._span is not None:
             return self._span
-        now = view.now or {}
-        slow = now.get("sampling") == "polled" and now.get("rate_hz")
-        return first_span(float(now["rate_hz"]) if slow else packet_rate_hz(now) or 133.0)
+        now = view.now
+        if now is not None and now["sampling"] == "polled" and now["rate_hz"]:
+            return first_span(now["rate_hz"])
+        return first_span(packet_rate_hz(now) or 133.0)
 
     def action_span(self, step: int) -> None:
         """Longer or shorter plots, as far as data are kept."""

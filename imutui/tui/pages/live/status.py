@@ -4,15 +4,16 @@ from pathlib import PurePath
 
 from textual.content import Content
 
+from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting, messages
-from imutui.tui.connection.model import Snapshot, View
-from imutui.tui.widgets.text_lines import Lines
+from imutui.tui.connection.model import View
+from imutui.tui.connection.packet_series import TEMPERATURE
+from imutui.tui.widgets.text_lines import TextLines
 
-TEMPERATURE = 6
 _ROOM_FOR_MARKS = 90
 
 
-class WarmLine(Lines):
+class WarmLine(TextLines):
     """Whether the unit is warm: word, minutes on, slope of the temperature, what to wait for."""
 
     DEFAULT_CSS = "WarmLine { height: 1; }"
@@ -20,12 +21,12 @@ class WarmLine(Lines):
     def lines(self, view: View, width: int) -> list[Content]:
         """One line."""
         now = view.now
-        said = messages.warm_up(now.get("since_start_s"), view.series.slope_per_minute(TEMPERATURE)) if now else ""
+        said = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
         word, _, rest = said.partition(" ")
         return [self.line(" ", (word, "bold"), " ", rest)]
 
 
-class LinkLine(Lines):
+class LinkLine(TextLines):
     """Rates, and what was lost."""
 
     DEFAULT_CSS = "LinkLine { height: 1; }"
@@ -47,25 +48,24 @@ class LinkLine(Lines):
 
 
 def _rates(now: Snapshot) -> str:
-    measured = now.get("measured_hz")
+    measured = now["measured_hz"]
     asked = f"{now['rate_hz']:g}"
     return f"asked {asked} measured {formatting.NOTHING if measured is None else f'{measured:.2f}'} Hz"
 
 
-class RecordingLine(Lines):
+class RecordingLine(TextLines):
     """File, size and age of the last flush; or how to start."""
 
     DEFAULT_CSS = "RecordingLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """One line."""
-        now = view.now
-        recording = now.get("recording") if now is not None else None
+        now, recording = view.now, view.recording
         if recording is None:
             running = now is not None and now["state"] == "running"
             hint = " not recording: r writes every packet to a file, from then on" if running else ""
             return [self.line((hint, "dim"))]
-        flushed = recording.get("flush_age_s")
+        flushed = recording["flush_age_s"]
         marks = [formatting.plural(recording["marks"], "mark")] if width >= _ROOM_FOR_MARKS else []
         facts = "  ".join(
             (

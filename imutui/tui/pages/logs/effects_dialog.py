@@ -10,7 +10,7 @@ from textual.screen import ModalScreen
 from textual.widgets import OptionList, Static
 
 from imutui.tui import formatting
-from imutui.tui.widgets.option_rows import Rows
+from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
     from imutui.jobs.sidecar_files import EffectsFile
@@ -31,7 +31,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
         Whether the filter has effects now.
     """
 
-    DEFAULT_CSS = "EffectsDialog Rows { height: auto; max-height: 10; margin-bottom: 1; }"
+    DEFAULT_CSS = "EffectsDialog OptionRows { height: auto; max-height: 10; margin-bottom: 1; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
         Binding("enter", "take", "take", key_display="enter"),
@@ -48,14 +48,16 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
         with Vertical(classes="dialog"):
             yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
             yield Static(Content(_LEAD if self._files else _NONE), classes="text")
-            yield Rows(id="files")
+            yield OptionRows(id="files")
             yield Static(id="about", classes="text")
 
     def on_mount(self) -> None:
         """Fill the list."""
         names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
-        self.query_one(Rows).fill([Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]])
-        self.query_one(Rows).focus()
+        self.query_one(OptionRows).fill(
+            [Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]]
+        )
+        self.query_one(OptionRows).focus()
         self._about()
 
     def on_option_list_option_highlighted(self) -> None:
@@ -67,7 +69,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
         self.action_take()
 
     def _file(self) -> "EffectsFile | str | None":
-        at = self.query_one(Rows).cursor
+        at = self.query_one(OptionRows).cursor
         if at is None:
             return None
         return self._files[at] if at < len(self._files) else "none"

@@ -1,9 +1,8 @@
 """Logs: recordings, what is in them, and what can be made of them. Jobs run in a process of their own."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
@@ -12,42 +11,26 @@ from textual.screen import ModalScreen
 from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
-from imutui.jobs import tasks
-from imutui.jobs.worker import CANCELLED, DONE, RUNNING, Worker
-from imutui.report import logs
-from imutui.session.client import Client
-from imutui.tui import formatting
+from imutui.jobs.worker import CANCELLED, DONE
 from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.path import PathDialog
-from imutui.tui.pages.logs import result_text
-from imutui.tui.pages.logs import text as told
-from imutui.tui.pages.logs.effects_dialog import EffectsDialog
+from imutui.tui.pages.logs import jobs, text
 from imutui.tui.pages.logs.job_line import JobLine
+from imutui.tui.pages.logs.live_effects import LiveEffects
+from imutui.tui.pages.logs.recordings import WRITING, Recordings
 from imutui.tui.pages.logs.result_page import ResultPage
-from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
-from imutui.tui.widgets.option_rows import Rows
+from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
-    from imutui.jobs.sidecar_files import EffectsFile
+    from imutui.tui.pages.logs.result_text import Outcome
 
 _LOOK_EVERY_S = 3.0
-_POLL_S = 0.2
-_WRITING = "being written"
 _MORE = " also: c check  v recover  e load effects  o open another folder or file"
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """What runs, and what to make of its result."""
-
-    what: str
-    worker: Worker
-    made: Callable[[Any], Outcome]
 
 
 class LogsPage(Page):
@@ -61,11 +44,13 @@ class LogsPage(Page):
     LogsPage #logs-detail { height: 2; padding: 0 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "info", "info", tooltip="What is in the recording"),
-        Binding("enter", "info", "info", show=False),
-        Binding("c", "check", "check", show=False, tooltip="Whether every byte of it is sound"),
-        Binding("v", "recover", "recover", show=False, tooltip="A finished file from an unfinished or damaged one"),
-        Binding("p", "replay", "replay", tooltip="The filter over the recording"),
+        Binding("i", "job('info')", "info", tooltip="What is in the recording"),
+        Binding("enter", "job('info')", "info", show=False),
+        Binding("c", "job('check')", "check", show=False, tooltip="Whether every byte of it is sound"),
+        Binding(
+            "v", "job('recover')", "recover", show=False, tooltip="A finished file from an unfinished or damaged one"
+        ),
+        Binding("p", "job('replay')", "replay", tooltip="The filter over the recording"),
         Binding("t", "trace", "trace", tooltip="What the model lacks, over the chosen recordings"),
         Binding("x,space", "pick", "choose", key_display="x", tooltip="Choose for a trace: one log is one run"),
         Binding("e", "effects", "effects", show=False, tooltip="Load found effects into the live filter"),
@@ -75,20 +60,21 @@ class LogsPage(Page):
 
     def __init__(self) -> None:
         super().__init__()
-        self._folder: Path | None = None
-        self._extra: list[Path] = []
-        self._briefs: list[Brief] | None = None
-        self._chosen: set[Path] = set()
-        self._job: _Job | None = None
-        self._pending: Outcome | None = None
+        self._recordings = Recordings()
+        self._rows = OptionRows(id="recordings")
+        self._job_line = JobLine()
+        self._effects = LiveEffects(self)
+        self._outcome: Outcome | None = None
+        """A result that waits until this page is in front."""
         self._wanted: Path | None = None
+        """Recording that the cursor goes to after the next look."""
 
     def body(self) -> Iterable[Widget]:
         """Where, what, the job, more of the line with the cursor, more keys."""
         yield Static(id="logs-lead")
-        yield JobLine()
+        yield self._job_line
         yield Static(id="logs-columns")
-        yield Rows(id="recordings")
+        yield self._rows
         yield Static(id="logs-detail")
         yield Static(Content(_MORE), id="logs-more")
 
@@ -96,29 +82,26 @@ class LogsPage(Page):
         """Look, and keep looking."""
         super().on_mount()
         self.set_interval(_LOOK_EVERY_S, self._look_again)
-        self.set_interval(_POLL_S, self._poll)
         self._look()
 
     def on_screen_resume(self) -> None:
         """Look; a result that came meanwhile is shown."""
         super().on_screen_resume()
         self._look()
-        if self._pending is not None:
-            self.call_later(self._show_pending)
+        if self._outcome is not None:
+            self.call_later(self._show_outcome)
 
     def busy(self) -> Sequence[str]:
         """The job that runs."""
-        return [self._job.what] if self._job is not None else []
+        return [self._job_line.job.what] if self._job_line.job is not None else []
 
     def abandon(self) -> None:
         """End it."""
-        if self._job is not None:
-            self._job.worker.cancel()
+        self._job_line.cancel()
 
     def as_text(self) -> str:
         """The recordings."""
-        rows = self.query_one("#recordings", Rows)
-        return f"{self.folder}\n{told.heading(self.app.size.width - 1)}\n{rows.as_text()}"
+        return f"{self.folder}\n{text.heading(self.app.size.width - 1)}\n{self._rows.as_text()}"
 
     def show(self, view: View) -> None:
         """The folder may have become known."""
@@ -130,7 +113,7 @@ class LogsPage(Page):
     @property
     def folder(self) -> Path:
         """Whose recordings are listed: the one that was opened, else the acquisition's, else the configured one."""
-        return self._folder or Path(getattr(self.app, "logs_folder", "logs"))
+        return self._recordings.opened or Path(getattr(self.app, "logs_folder", "logs"))
 
     # the list
 
@@ -140,36 +123,34 @@ class LogsPage(Page):
 
     @work(exclusive=True, group="look")
     async def _look(self) -> None:
-        folder, extra = self.folder, list(self._extra)
-        found = await in_thread(lambda: _look(extra, folder))
-        here = self._brief()  # the line that the cursor is on moves when a newer recording comes
-        self._briefs = found
-        self._chosen &= {b.path for b in found}
+        folder = self.folder
+        found = await in_thread(lambda: self._recordings.find(folder))
+        here = self._here  # the line that the cursor is on moves when a newer recording comes
+        self._recordings.take(found)
         wanted, self._wanted = self._wanted, None
         self._list(wanted or (here.path if here is not None else None))
 
     def _list(self, cursor: Path | None = None) -> None:
         """Show the list, with the cursor on a recording, or where it is."""
-        width = self.app.size.width
-        left, right = told.lead(self.folder, self._briefs, self._chosen, width)
+        width, shown, glyphs = self.app.size.width, self._recordings, choose().text
+        left, right = text.lead(self.folder, shown.briefs, shown.chosen, width)
         line = f" {left}".ljust(width - len(right) - 2) + right
-        glyphs = choose().text
         self.query_one("#logs-lead", Static).update(Content.styled(glyphs(line), "bold"))
-        self.query_one("#logs-columns", Static).update(Content(glyphs(told.heading(width - 1))))
-        rows = self.query_one("#recordings", Rows)
-        briefs = self._briefs or []
-        rows.fill([Content(glyphs(told.row(b, b.path in self._chosen, width - 1))) for b in briefs])
-        number = next((n for n, b in enumerate(briefs) if b.path == cursor), None)
+        self.query_one("#logs-columns", Static).update(Content(glyphs(text.heading(width - 1))))
+        rows = [text.row(brief, brief.path in shown.chosen, width - 1) for brief in shown.briefs or []]
+        self._rows.fill([Content(glyphs(row)) for row in rows])
+        number = shown.row_of(cursor)
         if number is not None:
-            rows.highlighted = number
+            self._rows.highlighted = number
         self._say_detail()
 
-    def _brief(self) -> "Brief | None":
-        at, briefs = self.query_one("#recordings", Rows).cursor, self._briefs or []
-        return briefs[at] if at is not None and at < len(briefs) else None
+    @property
+    def _here(self) -> "Brief | None":
+        """The recording under the cursor."""
+        return self._recordings.at(self._rows.cursor)
 
     def _say_detail(self) -> None:
-        said = told.detail(self._brief())
+        said = text.detail(self._here)
         self.query_one("#logs-detail", Static).update(Content(choose().text(said)))
 
     def on_option_list_option_highlighted(self) -> None:
@@ -181,112 +162,49 @@ class LogsPage(Page):
 
     def action_pick(self) -> None:
         """Choose, or choose no more; on to the next."""
-        here = self._brief()
+        here = self._here
         if here is not None:
-            self._chosen ^= {here.path}
+            self._recordings.toggle(here.path)
             self._list()
-            self.query_one("#recordings", Rows).action_cursor_down()
+            self._rows.action_cursor_down()
 
     # jobs
 
-    def action_info(self) -> None:
-        """What is in it."""
-        self._on_one("info", lambda path: Worker(tasks.info_log, path), _text("info", "info of", logs.info_text))
-
-    def action_check(self) -> None:
-        """Whether it is sound."""
-        self._on_one("check", lambda path: Worker(tasks.check_log, path), _text("check", "check of", logs.check_text))
-
-    def action_replay(self) -> None:
-        """The filter over it."""
-        writing = self._writing()
-        made = _text(
-            "replay", "replay of", lambda d, width: result_text.wrapped(result_text.replayed(d, writing), width)
-        )
-        self._on_one("replay", lambda path: Worker(tasks.replay_log, path, None), made)
-
-    def _writing(self) -> set[Path]:
-        """Files that are being written, by the names that results have for them."""
-        return {p for b in self._briefs or [] if b.state == _WRITING for p in (b.path, b.path.resolve())}
-
-    def action_recover(self) -> None:
-        """A finished file beside it."""
-        here = self._brief()
-        if here is not None and here.state == _WRITING:
-            self.post_message(self.Say("it is being written: r finishes it", "wait"))
-        else:
-            self._on_one("recover", _recovery, _text("recover", "recovered from", logs.recover_text))
-
-    def _on_one(self, what: str, worker: Callable[[Path], Worker], made: Callable[[Path, Any], Outcome]) -> None:
-        here = self._brief()
+    def action_job(self, kind: str) -> None:
+        """Info, check, recover or replay of the recording under the cursor."""
+        here = self._here
         if here is None:
             self.post_message(self.Say("no recording here; o opens another folder", "wait"))
-            return
-        path = here.path
-        self._begin(f"{what} of {path.name}", lambda: worker(path), lambda document: made(path, document))
+        elif kind == "recover" and here.state == WRITING:
+            self.post_message(self.Say("it is being written: r finishes it", "wait"))
+        else:
+            self._begin(jobs.over_one(kind, here.path, self._recordings.writing()))
 
     def action_trace(self) -> None:
         """What the model lacks, over the chosen ones, else that with the cursor."""
-        chosen = [b for b in self._briefs or [] if b.path in self._chosen]
-        here = self._brief()
-        if chosen or here is not None:
-            self.trace(told.order(chosen) if chosen else [here.path] if here is not None else [])
-
-    def trace(self, logs: Sequence[Path]) -> None:
-        """Trace logs, the last of several held out."""
-        names = ", ".join(path.name for path in logs[:2]) + (f" and {len(logs) - 2} more" if len(logs) > 2 else "")
-        held = f"; {logs[-1].name} held out" if len(logs) > 1 else ""
-
-        writing = self._writing()
-
-        def made(result: tasks.TraceResult) -> Outcome:
-            return Outcome(
-                "trace",
-                formatting.shorten(result.source, 56),
-                logs[0],
-                result.document,
-                result_text.traced(result, writing),
-                result.effects,
-                result.experiment,
-                result.included,
-            )
-
-        self._begin(f"trace of {names}{held}", lambda: Worker(tasks.trace_logs, list(logs), None), made)
+        paths = self._recordings.for_trace(self._here)
+        if paths:
+            self._begin(jobs.trace(paths, self._recordings.writing()))
 
     def trace_wanted(self, path: Path) -> None:
         """Trace a recording that another page names."""
         self._wanted = path
         self._look()
-        self.trace([path])
+        self._begin(jobs.trace([path], self._recordings.writing()))
 
-    def _begin(self, what: str, worker: Callable[[], Worker], made: Callable[[Any], Outcome]) -> None:
-        if self._job is not None:
-            self.post_message(self.Say(f"one at a time: {self._job.what} runs, Esc cancels it", "wait"))
-            return
-        self._job = _Job(what, worker(), made)
-        self._job.worker.start()
-        self.query_one(JobLine).begin(formatting.shorten(what, self.app.size.width - 32))
-
-    def _poll(self) -> None:
-        job, line = self._job, self.query_one(JobLine)
-        if job is None:
-            return
-        news = job.worker.poll()
-        if news:
-            line.tell(news[-1].share, news[-1].text)
+    def _begin(self, job: jobs.Job) -> None:
+        if self._job_line.job is not None:
+            self.post_message(self.Say(f"one at a time: {self._job_line.job.what} runs, Esc cancels it", "wait"))
         else:
-            line.tell()
-        if job.worker.state != RUNNING:
-            self._job = None
-            line.end()
-            self._ended(job)
+            self._job_line.begin(job, self.app.size.width - 32)
 
-    def _ended(self, job: _Job) -> None:
-        state, failure = job.worker.state, job.worker.failure
+    def on_job_line_ended(self, message: JobLine.Ended) -> None:
+        """Show what a job came to, now or once this page is in front; or say why it came to nothing."""
+        job, state, failure = message.job, message.worker.state, message.worker.failure
         if state == DONE:
-            self._pending = job.made(job.worker.result)
+            self._outcome = job.made(message.worker.result)
             if self._in_front():
-                self._show_pending()
+                self._show_outcome()
             else:
                 self.post_message(self.Say(f"{job.what} is done: 6 shows it", "good"))
         elif state == CANCELLED:
@@ -298,60 +216,18 @@ class LogsPage(Page):
     def _in_front(self) -> bool:
         return self.app.current_mode == "logs" and not isinstance(self.app.screen, ModalScreen)
 
-    def _show_pending(self) -> None:
-        if self._pending is not None and self._in_front():
-            outcome, self._pending = self._pending, None
+    def _show_outcome(self) -> None:
+        if self._outcome is not None and self._in_front():
+            outcome, self._outcome = self._outcome, None
             self.app.push_screen(ResultPage(outcome))
-
-    # effects
 
     def action_effects(self) -> None:
         """Choose effects for the live filter."""
-        self.choose_effects()
-
-    @work(exclusive=True, group="effects")
-    async def choose_effects(self) -> None:
-        """Ask which effects the live filter shall take."""
-        folders = list(dict.fromkeys([self.folder, Path()]))
-        files = await in_thread(lambda: _effects_files(folders))
-        now = self.view.now if self.view is not None else None
-        loaded = bool(now and now.get("effects"))
-        self.app.push_screen(EffectsDialog(files, loaded), self._effects_chosen)
-
-    def _effects_chosen(self, file: "EffectsFile | str | None") -> None:
-        if file == "none":
-            self.load_effects("no effects", "")
-        elif file == "open":
-            hint = "A TOML file that a trace wrote. Enter opens it, Esc cancels."
-            self.app.push_screen(PathDialog("Effects file", hint, f"{self.folder}/"), self._effects_typed)
-        elif file is not None and not isinstance(file, str):
-            self.load_effects(file.path.name, file.text)
-
-    def _effects_typed(self, entered: str | None) -> None:
-        if entered is not None:
-            self._open_effects(entered)
-
-    @work(exclusive=True, group="effects")
-    async def _open_effects(self, entered: str) -> None:
-        file = await in_thread(lambda: _effects_file(Path(entered).expanduser()))
-        if file.error:
-            self.post_message(self.Say(f"{entered}: {file.error}", "bad"))
-        else:
-            self.load_effects(file.path.name, file.text)
+        self._effects.choose(self.folder)
 
     def load_effects(self, name: str, content: str) -> None:
         """Have the live filter take effects; it begins anew."""
-        now = self.view.now if self.view is not None else None
-        refused = told.refused((now or {}).get("recording"), "effects")
-        if refused is not None:
-            self.post_message(self.Say(refused, "wait"))
-            return
-
-        def ask(client: Client) -> str:
-            client.configure(effects=content)
-            return f"loaded {name}: the filter began anew with it"
-
-        self.post_message(self.Ask(ask, f"loading {name}"))
+        self._effects.load(name, content)
 
     # other folders, and back
 
@@ -365,9 +241,9 @@ class LogsPage(Page):
             return
         path = Path(entered).expanduser()
         if path.is_dir():
-            self._folder, self._extra, self._briefs = path, [], None
+            self._recordings.open_folder(path)
         elif path.is_file():
-            self._extra = [path, *(p for p in self._extra if p != path)] if path.parent != self.folder else self._extra
+            self._recordings.open_file(path, self.folder)
             self._wanted = path
         else:
             self.post_message(self.Say(f"{path}: there is no such folder or file", "bad"))
@@ -376,45 +252,13 @@ class LogsPage(Page):
 
     def action_back(self) -> None:
         """Cancel the job, after asking; without one to the live page."""
-        if self._job is None:
+        job = self._job_line.job
+        if job is None:
             self.app.call_later(self.app.run_action, "live")
             return
         answers = [Answer("y", "yes", "yes, cancel it"), Answer("n", "no", "no, let it go on")]
-        self.app.push_screen(ChoiceDialog(f"Cancel {self._job.what}?", "Nothing of it is kept.", answers), self._cancel)
+        self.app.push_screen(ChoiceDialog(f"Cancel {job.what}?", "Nothing of it is kept.", answers), self._cancel)
 
     def _cancel(self, answer: str | None) -> None:
-        if answer == "yes" and self._job is not None:
-            self._job.worker.cancel()
-            self.query_one(JobLine).tell(None, "cancelling")
-
-
-def _text(kind: str, title: str, words: Callable[[Any, int], str]) -> Callable[[Path, Any], Outcome]:
-    def made(path: Path, document: Any) -> Outcome:
-        return Outcome(kind, f"{title} {path.name}", path, document, lambda width: words(document, width))
-
-    return made
-
-
-def _recovery(path: Path) -> Worker:
-    from imutui.jobs import sidecar_files
-
-    return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False)
-
-
-def _effects_files(folders: list[Path]) -> "list[EffectsFile]":
-    from imutui.jobs import sidecar_files
-
-    return sidecar_files.effects_files(folders)
-
-
-def _effects_file(path: Path) -> "EffectsFile":
-    from imutui.jobs import sidecar_files
-
-    return sidecar_files.effects_file(path)
-
-
-def _look(extra: Sequence[Path], folder: Path) -> "list[Brief]":
-    """Files named one by one, then a folder's; reading logs is loaded here, as the first page need not wait for it."""
-    from imutui.jobs.info import brief, recordings
-
-    return [*(brief(path) for path in extra), *recordings(folder)]
+        if answer == "yes":
+            self._job_line.cancel("cancelling")

@@ -8,12 +8,13 @@ from typing import ClassVar
 from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.message import Message
+from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
+from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.logs import result_text
 from imutui.tui.pages.logs.result_text import Outcome
@@ -48,21 +49,6 @@ class ResultPage(Page):
         Binding("space", "scroll('page_down')", show=False),
     ]
 
-    class EffectsChosen(Message):
-        """Found effects shall join the live filter."""
-
-        def __init__(self, name: str, text: str) -> None:
-            super().__init__()
-            self.name = name
-            self.text = text
-
-    class ProfileWritten(Message):
-        """A profile was written, which the table page may offer."""
-
-        def __init__(self, path: Path) -> None:
-            super().__init__()
-            self.path = path
-
     def __init__(self, outcome: Outcome) -> None:
         super().__init__()
         self.outcome = outcome
@@ -88,14 +74,16 @@ class ResultPage(Page):
         self._write()
 
     def _write(self) -> None:
-        self.query_one("#result", Static).update(result_text.styled(choose().text(self._text())))
+        parts = result_text.styled(choose().text(self._text()))
+        self.query_one("#result", Static).update(Content.assemble(*parts))
 
     def as_text(self) -> str:
         """The result as it is shown, all of it."""
         return self._text()
 
     def _text(self) -> str:
-        return self.outcome.text(min(self.app.size.width - 4, _WIDEST))
+        width = min(self.app.size.width - 4, _WIDEST)
+        return formatting.folded(self.outcome.text(width), width)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what this result has."""
@@ -139,11 +127,12 @@ class ResultPage(Page):
             return
         self.post_message(self.Say(f"wrote {path.name} beside the log" + (f"; {then}" if then else ""), "good"))
         if ending == "_experiment.toml":
-            self.post_message(self.ProfileWritten(path))
+            self.post_message(requests.OfferProfile(path))
 
     def action_load_effects(self) -> None:
         """Have the filter take the effects."""
-        self.post_message(self.EffectsChosen(", ".join(self.outcome.included) or "no effect", self.outcome.effects))
+        name = ", ".join(self.outcome.included) or "no effect"
+        self.post_message(requests.LoadEffects(name, self.outcome.effects))
 
 
 def _kept(log: Path, ending: str, content: str) -> Path:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from textual.content import Content
-
 from imutui.jobs.tasks import TraceResult
 from imutui.report import sentences
 from imutui.tui import formatting
 from imutui.tui.connection import verdict
+from imutui.tui.formatting import StyledText
 
 _LIMITS = {"deg/s": 1.0, "mg": 12.0}
 _KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
@@ -51,16 +50,17 @@ class Outcome:
     included: tuple[str, ...] = ()
 
 
-def styled(body: str) -> Content:
+def styled(body: str) -> StyledText:
     """Text with its headings bold: lines after an empty one that are no sentences, and what is in capitals."""
     lines = body.split("\n")
-    made = []
+    made: StyledText = []
     for number, line in enumerate(lines):
         first = number == 0 or not lines[number - 1]
         heading = first and line and not line[0].isspace() and not line.startswith(sentences.CHANNELS)
         loud = line.lstrip().startswith(("NOT ", "ALARM", "CANNOT"))
-        made.append(Content.styled(line, "bold" if heading or loud else ""))
-    return Content("\n").join(made)
+        made += ["\n"] if number else []
+        made.append((line, "bold") if heading or loud else line)
+    return made
 
 
 def traced(result: TraceResult, writing: Collection[Path] = ()) -> Callable[[int], str]:
@@ -157,5 +157,6 @@ def wrapped(body: str, width: int) -> str:
     out = []
     for line in body.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
-        out += textwrap.wrap(line, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
+        for part in formatting.folded(line, width, indent + "  ").split("\n"):
+            out += textwrap.wrap(part, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
     return "\n".join(out)

@@ -3,8 +3,9 @@
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path
         count = f"{formatting.plural(len(briefs), 'recording')}, newest first"
     right = f"{len(chosen)} chosen for t" if chosen else ""
     room = max(width - len(count) - len(right) - 8, 10)
-    return f"{formatting.shorten(str(folder), room)}   {count}", right
+    return f"{formatting.shorten_path(str(folder), room)}   {count}", right
 
 
 def order(chosen: "Sequence[Brief]") -> list[Path]:
@@ -81,6 +82,6 @@ def detail(brief: "Brief | None") -> str:
     return " · ".join(part for part in told if part)
 
 
-def refused(recording: dict[str, Any] | None, what: str) -> str | None:
+def refused(recording: RecordingSnapshot | None, what: str) -> str | None:
     """Why the filter cannot take something now, if it can't."""
     return f"a recording runs: r finishes it, then {what} can be loaded" if recording is not None else None

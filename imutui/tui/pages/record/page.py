@@ -14,8 +14,8 @@ from imutui.session.plan import RecordingWish
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.record import text
-from imutui.tui.pages.record.recording_state import Marks, TakeState
-from imutui.tui.widgets.event_list import Events
+from imutui.tui.pages.record.recording_state import MarkList, RecordingState
+from imutui.tui.widgets.event_list import EventList
 
 _ROWS = (("operator", "place"), ("table", "rotate_minutes"), ("note", "rotate_mb"))
 
@@ -28,7 +28,7 @@ class RecordPage(Page):
     CSS = """
     #take { height: 1fr; }
     #take-left { width: 80; max-width: 100%; height: 1fr; }
-    RecordPage Events { width: 1fr; height: 1fr; }
+    RecordPage EventList { width: 1fr; height: 1fr; }
     #wish { height: 5; padding: 0 1; }
     #wish-head { height: 1; }
     #wish-wrong { height: 1; color: $text-error; text-style: bold; }
@@ -53,11 +53,11 @@ class RecordPage(Page):
         """State, form, marks; in wide terminals events."""
         with Horizontal(id="take"):
             with Vertical(id="take-left"):
-                yield TakeState()
+                yield RecordingState()
                 with Vertical(id="wish"):
                     yield from self._form()
-                yield Marks()
-            yield Events()
+                yield MarkList()
+            yield EventList()
 
     def _form(self) -> Iterable[Widget]:
         yield Static(id="wish-head")
@@ -86,16 +86,16 @@ class RecordPage(Page):
                     self.query_one(f"#wish-{name}", Input).value = value
 
     def _say_form(self) -> None:
-        now = self.view.now if self.view is not None else None
-        title = "the recording after this gets" if (now or {}).get("recording") else "the next recording gets"
+        recording = self.view.recording if self.view is not None else None
+        title = "the recording after this gets" if recording else "the next recording gets"
         key = "Esc done" if isinstance(self.focused, Input) else "e edits"
         width = self.query_one("#wish").content_size.width or 78
-        head = self.query_one(TakeState).rule(title, width, key)
+        head = self.query_one(RecordingState).rule(title, width, key)
         self.query_one("#wish-head", Static).update(head)
 
     def finished(self, said: list[tuple[str, str]]) -> None:
         """Show what was written last; empty while something is being written."""
-        state = self.query_one(TakeState)
+        state = self.query_one(RecordingState)
         state.finished = said
         state.refresh()
         if not said:

@@ -2,18 +2,19 @@
 
 from textual.content import Content
 
+from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
-from imutui.tui.connection.model import Snapshot, View
+from imutui.tui.connection.model import View
 from imutui.tui.pages.record import text
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 _NAME = 10
 
 
-class TakeState(Lines):
+class RecordingState(TextLines):
     """Whether it records, in big; hint; and every number of the file and the line."""
 
-    DEFAULT_CSS = "TakeState { height: 8; padding: 0 1; }"
+    DEFAULT_CSS = "RecordingState { height: 8; padding: 0 1; }"
 
     def __init__(self) -> None:
         super().__init__()
@@ -28,40 +29,42 @@ class TakeState(Lines):
         badge = self.line((f" {said} ", f"{style} reverse"), "  ", (text.hint(now), "bold"))
         if now is None:
             return [badge]
-        take = now.get("recording")
-        rows = self._idle(now, width) if take is None else self._file(now, take, width)
+        recording = now["recording"]
+        rows = self._idle(now, width) if recording is None else self._file(now, recording, width)
         return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now))]
 
     def _row(self, name: str, said: str, level: str = "none") -> Content:
         return self.line((f"{name:{_NAME}}", "dim"), (said, "" if level == "none" else LEVEL_STYLES[level]))
 
-    def _file(self, now: Snapshot, take: dict[str, object], width: int) -> list[Content]:
-        full = text.fill_words(take, now.get("free_bytes"))
-        level, flushed = text.flush(take)
-        size = f"{formatting.size(take['bytes'])}, {text.growth(take)}; disk {full}"  # type: ignore[arg-type]
+    def _file(self, now: Snapshot, recording: RecordingSnapshot, width: int) -> list[Content]:
+        full = text.fill_words(recording, now["free_bytes"])
+        level, flushed = text.flush(recording)
+        size = f"{formatting.size(recording['bytes'])}, {text.growth(recording)}; disk {full}"
         return [
-            self._row("file", formatting.shorten(str(take["path"]), width - _NAME)),
+            self._row("file", formatting.shorten_path(recording["path"], width - _NAME)),
             self._row("size", size),
-            self._row("rotation", f"{text.part(take, now)}; {formatting.plural(take['samples'], 'sample')}"),  # type: ignore[arg-type]
+            self._row("rotation", f"{text.part(recording, now)}; {formatting.plural(recording['samples'], 'sample')}"),
             self._row("disk", flushed, level),
         ]
 
     def _idle(self, now: Snapshot, width: int) -> list[Content]:
-        free = now.get("free_bytes")
+        free = now["free_bytes"]
         space = "" if free is None else f"; {formatting.size(free)} free"
         if self.finished:
-            rows = [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in self.finished]
+            (name, path), *others = self.finished
+            rows = [self._row(name, formatting.shorten_path(path, width - _NAME))]
+            rows += [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in others]
             rows += [self._row("next", "6 Logs opens it: info, check, replay, trace; r records again", "good")]
             return [*rows, *[Content("")] * (4 - len(rows))]
         return [
-            self._row("r writes", formatting.shorten(text.will_write(now), width - _NAME)),
+            self._row("r writes", formatting.shorten_path(text.will_write(now), width - _NAME)),
             self._row("", f"every packet, onto the disk each second{space}"),
             self._row("", "the filter begins anew with it, so that a replay gives the same"),
             Content(""),
         ]
 
     def _link(self, now: Snapshot) -> list[Content]:
-        measured, packets = now.get("measured_hz"), now.get("packet_hz")
+        measured, packets = now["measured_hz"], now["packet_hz"]
         rate = f"asked {now['rate_hz']:g} Hz, measured {formatting.number(measured, 0, 2)} Hz"
         if packets is not None:
             rate += f"; {packets:.2f} packets/s, {formatting.plural(now['packets'], 'packet')}"
@@ -74,17 +77,21 @@ class TakeState(Lines):
         ]
 
 
-class Marks(Lines):
+class MarkList(TextLines):
     """The last marks, newest at the bottom."""
 
-    DEFAULT_CSS = "Marks { height: 1fr; padding: 0 1; min-height: 3; }"
+    DEFAULT_CSS = "MarkList { height: 1fr; padding: 0 1; min-height: 3; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """A head and as many marks as there is room for."""
-        marks = (view.now or {}).get("marks") or []
+        marks = view.now["marks"] if view.now is not None else []
         room = max(self.content_size.height - 1, 1)
         head = self.rule(f"marks: {len(marks)}" if marks else "marks", width, "UTC, time in the file, text")
         if not marks:
-            recorded = (view.now or {}).get("recording")
-            return [head, self.line(("none yet: m adds one" if recorded else "none: they go into a recording", "dim"))]
+            return [
+                head,
+                self.line(
+                    ("none yet: m adds one" if view.recording is not None else "none: they go into a recording", "dim")
+                ),
+            ]
         return [head, *(self.line(text.mark_line(mark)).truncate(width, ellipsis=True) for mark in marks[-room:])]

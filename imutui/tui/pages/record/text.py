@@ -1,11 +1,11 @@
 """What the Record page says and asks. Pure functions of a snapshot."""
 
 from pathlib import PurePath
-from typing import Any
 
 from imutui.session.plan import RecordingWish
+from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
-from imutui.tui.connection.model import Snapshot
+from imutui.tui.messages import RecordingResult
 
 FLUSH_LIMIT_S = 3.0
 """Age of the last flush above which the disk does not keep up: one is due every second."""
@@ -20,14 +20,13 @@ FIELDS = {
 }
 """Fields of the form and what they are called; names of the snapshot and of `RecordingWish`."""
 NUMBERS = ("rotate_minutes", "rotate_mb")
-Parts = list[str | tuple[str, str]]
 
 
 def state(now: Snapshot | None) -> tuple[str, str]:
     """Level and words of the one thing to know: whether it is recording."""
     if now is None:
         return "none", "NOT CONNECTED"
-    recording = now.get("recording")
+    recording = now["recording"]
     if recording is None:
         return "none", "NOT RECORDING"
     return "bad", f"● RECORDING  {formatting.clock(recording['seconds'])}"
@@ -37,15 +36,15 @@ def hint(now: Snapshot | None) -> str:
     """What the next key does."""
     if now is None:
         return "1 connects to an instrument; there, v starts the demo"
-    if now.get("recording"):
+    if now["recording"]:
         return "m marks what happens; r finishes the file"
     return "r begins a file, with what stands below"
 
 
-def fill_words(recording: dict[str, Any], free_bytes: float | None) -> str:
+def fill_words(recording: RecordingSnapshot, free_bytes: float | None) -> str:
     """Hours until the disk is full, at this growth."""
     free = f"{formatting.size(free_bytes)} free" if free_bytes is not None else "free space unknown"
-    seconds = recording.get("to_full_s")
+    seconds = recording["to_full_s"]
     if seconds is None:
         return free
     return f"full in {until_full(float(seconds))}, {free}"
@@ -60,16 +59,15 @@ def until_full(seconds: float) -> str:
     return f"{seconds / HOUR_S / 24.0:.0f} days"
 
 
-def growth(recording: dict[str, Any]) -> str:
+def growth(recording: RecordingSnapshot) -> str:
     """How fast the file grows, in the unit that adds up over a day's work."""
-    rate = recording.get("bytes_per_s")
+    rate = recording["bytes_per_s"]
     return "growth not known before 10 s" if rate is None else f"grows {formatting.size(rate * HOUR_S)}/h"
 
 
-def part(recording: dict[str, Any], now: Snapshot) -> str:
+def part(recording: RecordingSnapshot, now: Snapshot) -> str:
     """Which file of the recording this is, and when the next begins."""
-    number = f"part {recording['part']}" if recording.get("part") else "part 1"
-    return f"{number}, {rotation(now.get('rotate_minutes'), now.get('rotate_mb'))}"
+    return f"part {recording['part']}, {rotation(now['rotate_minutes'], now['rotate_mb'])}"
 
 
 def rotation(minutes: float | None, megabytes: float | None) -> str:
@@ -79,9 +77,9 @@ def rotation(minutes: float | None, megabytes: float | None) -> str:
     return f"a new file every {said}" if said else "one file"
 
 
-def flush(recording: dict[str, Any]) -> tuple[str, str]:
+def flush(recording: RecordingSnapshot) -> tuple[str, str]:
     """Level and words of how old the last flush is."""
-    age = recording.get("flush_age_s")
+    age = recording["flush_age_s"]
     if age is None:
         return "wait", "not flushed yet"
     if age > FLUSH_LIMIT_S:
@@ -97,9 +95,9 @@ def line(now: Snapshot) -> tuple[str, str]:
     silent = messages.silence(now)
     if silent is not None:
         return "bad", silent
-    return "none", f"ok, last packet {max(now['silent_s'], 0.0):.1f} s ago" if now.get(
-        "silent_s"
-    ) is not None else "no packet yet"
+    if now["silent_s"] is None:
+        return "none", "no packet yet"
+    return "none", f"ok, last packet {max(now['silent_s'], 0.0):.1f} s ago"
 
 
 def losses(now: Snapshot) -> tuple[str, str]:
@@ -109,16 +107,22 @@ def losses(now: Snapshot) -> tuple[str, str]:
     return ("wait", f"{said}: check the cable") if lost or bad else ("none", said)
 
 
-def mark_line(mark: dict[str, Any]) -> str:
+def mark_line(mark: MarkLine) -> str:
     """Time of day, time in the recording, text."""
-    since = "" if mark.get("t") is None else formatting.clock(mark["t"])
+    since = "" if mark["t"] is None else formatting.clock(mark["t"])
     return f"{mark['utc']}  {since:>8}  {mark['text']}"
 
 
 def prefilled(now: Snapshot) -> dict[str, str]:
     """What the form begins with: what the acquisition has."""
-    values = {name: now.get(name) for name in FIELDS}
-    return {n: f"{v:g}" if n in NUMBERS and v else "" if not v else str(v) for n, v in values.items()}
+    return {
+        "operator": now["operator"],
+        "place": now["place"],
+        "table": now["table"],
+        "note": now["note"],
+        "rotate_minutes": f"{now['rotate_minutes']:g}" if now["rotate_minutes"] else "",
+        "rotate_mb": f"{now['rotate_mb']:g}" if now["rotate_mb"] else "",
+    }
 
 
 def wish(entered: dict[str, str]) -> RecordingWish:
@@ -151,18 +155,18 @@ def _number(name: str, entered: str) -> float:
 
 def will_write(now: Snapshot) -> str:
     """Where a file would go."""
-    number = now.get("serial_number") or "serial"
-    return str(PurePath(now.get("logs") or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
+    number = now["serial_number"] or "serial"
+    return str(PurePath(now["logs"] or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
 
 
-def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list[tuple[str, str]]:
+def finished(recording: RecordingSnapshot | None, result: RecordingResult | None) -> list[tuple[str, str]]:
     """What was written: names and values of up to four lines."""
-    found, before = result or {}, take or {}
-    samples = found.get("samples", before.get("samples"))
+    found = result or {}
+    samples = found.get("samples", recording["samples"] if recording else None)
     much = formatting.plural(samples, "sample") if isinstance(samples, int) else "samples"
-    seconds = found.get("duration_s", before.get("seconds"))
+    seconds = found.get("duration_s", recording["seconds"] if recording else None)
     rows = [
-        ("wrote", str(found.get("log") or before.get("path") or "the file")),
+        ("wrote", found.get("log") or (recording["path"] if recording else None) or "the file"),
         ("holds", f"{much} in {formatting.clock(seconds)}"),
     ]
     biases = messages.final_biases(found)

@@ -1,12 +1,23 @@
 """What the table page says: where the operator is in a profile, and what to do next. Pure functions."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+from imutui.session.snapshot import GuideSnapshot, ProfileDescription, SegmentDescription, Snapshot
 from imutui.tui import formatting
 
-Guide = Mapping[str, Any]
+if TYPE_CHECKING:
+    from imutui.jobs.operator_steps import Offer, OperatorStep
+
+LEVEL = "no profile: still and level"
+LEVEL_PREVIEW = "Enter lays the profile aside: the filter takes the unit as still and level"
+LOOKING = "looking for profiles…"
+WHO = """\
+By hand: this page says where to go, and your Enter joins profile and log. Only what you hold still is used.
+By itself: the controller runs the profile; profile and log are joined as the file says."""
+_NEEDED = 74
+_LEAST_PLACE = 14
 WORKING_OUT = "working out…"
 NOTHING_NEW = "nothing new by itself"
 _VIRTUAL = (
@@ -36,11 +47,11 @@ _HOLDING = {
 }
 
 
-def state_word(guide: Guide | None, number: int) -> str:
+def state_word(guide: GuideSnapshot | None, number: int) -> str:
     """Of a segment (0 is the first): "done", "left out", "now", "next" or "to do"."""
     if guide is None:
         return "to do"
-    at = int(guide["count"]) if guide["state"] == "done" else int(guide["segment"])
+    at = guide["count"] if guide["state"] == "done" else guide["segment"]
     if number < at:
         return "done" if begun(guide, number) is not None else "left out"
     if number == at:
@@ -48,24 +59,24 @@ def state_word(guide: Guide | None, number: int) -> str:
     return "next" if number == at + 1 and guide["state"] != "cancelled" else "to do"
 
 
-def begun(guide: Guide | None, number: int) -> float | None:
+def begun(guide: GuideSnapshot | None, number: int) -> float | None:
     """When a segment began, s since the take began."""
-    times = list(guide["begun"]) if guide is not None else []
+    times = guide["begun"] if guide is not None else []
     return times[number] if number < len(times) else None
 
 
-def left(guide: Guide | None, number: int) -> float | None:
+def left(guide: GuideSnapshot | None, number: int) -> float | None:
     """Seconds left of a segment, if it is being held."""
     if guide is None or guide["state"] != "hold" or guide["segment"] != number:
         return None
-    return None if guide["left_s"] is None else float(guide["left_s"])
+    return guide["left_s"]
 
 
-def title(profile: Mapping[str, Any], seconds: float | None) -> str:
+def title(profile: ProfileDescription, seconds: float | None) -> str:
     """Name, number of segments, how long without the moves, how it is joined."""
-    name = formatting.profile_name(str(profile["name"]))
+    name = formatting.profile_name(profile["name"])
     length = "" if seconds is None else f", {span(seconds)} without the moves"
-    joined = _ALIGNS.get(str(profile.get("align", "")), "")
+    joined = _ALIGNS.get(profile["align"], "")
     return f"{name}: {formatting.plural(len(profile['segments']), 'segment')}{length}{', ' + joined if joined else ''}"
 
 
@@ -75,15 +86,17 @@ def span(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guided: bool = True) -> tuple[str, str]:
+def said(
+    guide: GuideSnapshot | None, profile: ProfileDescription, recording: bool, by_hand: bool = True
+) -> tuple[str, str]:
     """What the operator is to do now, and what happens then."""
     segments = profile["segments"]
-    if guide is None and not guided:
-        return _BY_ITSELF.get(str(profile.get("align")), _BY_ITSELF["none"])
+    if guide is None and not by_hand:
+        return _BY_ITSELF.get(profile["align"], _BY_ITSELF["none"])
     if guide is None or can(guide, recording) == {"begin"}:
         first = "Segment 1 is asked for" if recording else "A recording starts, and segment 1 is asked for"
         return _before(guide), f"{first}. p takes another profile."
-    number = min(int(guide["segment"]), len(segments) - 1)
+    number = min(guide["segment"], len(segments) - 1)
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
     match guide["state"]:
@@ -91,34 +104,39 @@ def said(guide: Guide | None, profile: Mapping[str, Any], recording: bool, guide
             return f"{of}: {segment['text']}", f"I wait for you. {_THERE[segment['kind']]}"
         case "hold":
             after = "Then I ask for the next." if number + 1 < len(segments) else "Then all is done."
-            return f"{of}: {_holding(str(segment['text']))}", f"{_HOLDING[segment['kind']]} {after}"
+            return f"{of}: {_holding(segment['text'])}", f"{_HOLDING[segment['kind']]} {after}"
         case "cancelled":
             where = f"Cancelled at segment {number + 1} of {len(segments)}."
             return where, "The recording goes on: b resumes there, r finishes the file."
     return f"All {len(segments)} segments are done.", "r finishes the file; then 6 (Logs) traces it."
 
 
-def warning(now: Mapping[str, Any], width: int) -> list[str]:
+def warning(now: Snapshot, width: int) -> list[str]:
     """Before a guide begins: that a virtual unit stays where it is, in lines of at most so many characters."""
-    begins = can(now.get("guide"), now.get("recording") is not None) == {"begin"}
-    if now.get("kind") != "simulated" or not begins:
+    begins = can(now["guide"], now["recording"] is not None) == {"begin"}
+    if now["kind"] != "simulated" or not begins:
         return []
     return textwrap.wrap(_VIRTUAL, width)
 
 
-def _before(guide: Guide | None) -> str:
+def _before(guide: GuideSnapshot | None) -> str:
     if guide is None:
         return "b begins."
     last = "done" if guide["state"] == "done" else "cancelled"
     return f"The last time is {last}, its file finished (6 Logs traces it). b begins again."
 
 
-def can(guide: Guide | None, recording: bool) -> set[str]:
+def guided(profile: ProfileDescription, now: Snapshot) -> bool:
+    """Whether the acquisition guides through a profile: the filter must go by the operator, if there is a filter."""
+    return profile["align"] == "marks" or now["filter"] is None
+
+
+def can(guide: GuideSnapshot | None, recording: bool) -> set[str]:
     """What can be asked of the guide: one way through a profile belongs to one recording."""
     state = None if guide is None else guide["state"]
     if state in ("done", "cancelled") and recording:
         return {"resume"} if state == "cancelled" else set()
-    return {"go": {"there", "cancel"}, "hold": {"cancel"}}.get(str(state), {"begin"})
+    return {"go": {"there", "cancel"}, "hold": {"cancel"}}.get(state or "", {"begin"})
 
 
 def _holding(instruction: str) -> str:
@@ -143,3 +161,51 @@ def testable(shows: Sequence[str] | None, width: int) -> str:
         if len(line) <= width:
             return line
     return formatting.shorten(shows[0], width)
+
+
+def lead(now: Snapshot | None) -> str:
+    """What to do with the list of profiles."""
+    if now is None or now["state"] != "running":
+        return "Table profiles. To follow one, connect first: 1 goes there."
+    if now["recording"] is not None:
+        return "Table profiles. r finishes the recording that runs; then one can be taken."
+    return "Choose a table profile; Enter takes it: the filter then goes by it."
+
+
+def offer_lines(offers: "Sequence[Offer]", width: int) -> list[str]:
+    """Name, size and place of each profile, in a terminal of so many columns."""
+    # names and places as wide as need be; if there is no room for both, places give way first
+    room = max(width, _NEEDED) - 25
+    names = max((len(offer.name) for offer in offers), default=0)
+    places = max((len(offer.place) for offer in offers), default=0)
+    place = min(places, max(room - names, _LEAST_PLACE))
+    name = min(names, room - place)
+    return [_offer_line(offer, name, place) for offer in offers]
+
+
+def _offer_line(offer: "Offer", name: int, place: int) -> str:
+    what = "can't be used" if offer.error else f"{offer.segments:3d} segments {span(offer.seconds):>6}"
+    return f" {formatting.shorten(offer.name, name):<{name}}  {what:<20} {formatting.shorten(offer.place, place)}"
+
+
+def preview(steps: "Sequence[OperatorStep]", width: int, room: int) -> list[str]:
+    """What is in a profile: a head, and a line a segment as far as there is room."""
+    shown = [f"{n:3d}  {step.text.removeprefix('go to ')}, {step.seconds:g} s" for n, step in enumerate(steps, 1)]
+    lines = [f"{line}   {testable(step.shows, width - len(line) - 3)}" for line, step in zip(shown, steps, strict=True)]
+    if len(lines) > room:
+        lines = [*lines[: room - 1], f"  …  and {len(lines) - room + 1} more segments"]
+    return ["what to do, and what each segment makes testable", *lines]
+
+
+def segment(told: SegmentDescription, number: int, guide: GuideSnapshot | None, room: int) -> str:
+    """A segment (0 is the first) in a line, with `room` characters for what to do."""
+    seconds_left, marked = left(guide, number), begun(guide, number)
+    parts = [
+        f"{number + 1:3d}  ",
+        f"{formatting.shorten(told['text'], room):<{room}}",
+        f"{told['seconds']:6.0f} s",
+        f"  {state_word(guide, number):<8}",
+        f"{f'{seconds_left:4.0f} s' if seconds_left is not None else '':>7}",
+        f"  {formatting.clock(marked) if marked is not None else '–':>8} ",
+    ]
+    return "".join(parts)

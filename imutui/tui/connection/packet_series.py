@@ -1,13 +1,17 @@
-"""A growing series with a bounded past, whose last seconds are one contiguous view."""
+"""The packets that plots show: a growing series with a bounded past, whose last seconds are one contiguous view."""
 
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.floating]
+CHANNELS = 7
+"""Values of a packet: three rates, three accelerometers, temperature."""
+TEMPERATURE = CHANNELS - 1
+"""Column of the temperature."""
 
 
-class Series:
-    """Instants and rows of values.
+class PacketSeries:
+    """Instants and rows of values of the packets that came.
 
     Parameters
     ----------
@@ -50,10 +54,10 @@ class Series:
             start += int(np.searchsorted(t, t[-1] - seconds))
         return self._t[start : self._end], self._values[start : self._end]
 
-    def frozen(self) -> "Series":
+    def frozen(self) -> "PacketSeries":
         """A copy that stays as it is now."""
         t, values = self.last(np.inf)
-        copy = Series(values.shape[1], max(t.size, 1))
+        copy = PacketSeries(values.shape[1], max(t.size, 1))
         copy.extend(t, values)
         return copy
 

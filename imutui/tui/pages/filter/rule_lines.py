@@ -5,16 +5,14 @@ import textwrap
 from textual.content import Content
 
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import Check
-from imutui.tui.widgets.text_lines import LEVEL_STYLES, Lines
-
-MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
+from imutui.tui.connection.verdict import LEVEL_MARKS, Check
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 
-class Why(Lines):
+class RuleLines(TextLines):
     """A head and the rules, for the room beside the table."""
 
-    DEFAULT_CSS = "Why { height: 100%; padding: 0 1; }"
+    DEFAULT_CSS = "RuleLines { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
         """One rule after the other, wrapped."""
@@ -25,7 +23,7 @@ class Why(Lines):
         return [head, *(line for check in verdict.checks for line in self._rule(check, width))]
 
     def _rule(self, check: Check, width: int) -> list[Content]:
-        mark = f"{MARKS[check.level]:<5}"
+        mark = f"{LEVEL_MARKS[check.level]:<5}"
         said = textwrap.wrap(f"{check.name}: {check.said}", max(width - len(mark), 10))
         style = LEVEL_STYLES[check.level] if check.level != "none" else ""
         return [self.line((mark if i == 0 else " " * len(mark), style), line) for i, line in enumerate(said)]

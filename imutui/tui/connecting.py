@@ -1,0 +1,169 @@
+"""Connecting: starting an acquisition or taking up one that runs, what then comes from it, and its end."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from textual.message import Message
+from textual.screen import ModalScreen
+
+from imutui.session import client as session
+from imutui.session.client import Client
+from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.tui import messages
+from imutui.tui.background import in_thread
+from imutui.tui.connection.attempt import Attempt
+from imutui.tui.connection.poller import Poller
+from imutui.tui.context import FAULTS, AppContext
+from imutui.tui.pages.dialogs.quit import ended_dialog
+
+_OVER = ("stopped", "failed")
+_GIVE_UP_S = 40.0
+
+
+class FromPoller(Message):
+    """A snapshot has come, or none comes any more."""
+
+    def __init__(self, event: Poller.Arrived | Poller.Lost) -> None:
+        super().__init__()
+        self.event = event
+
+
+class Connector:
+    """Has at most one attempt under way, and at most one acquisition.
+
+    Parameters
+    ----------
+    context : AppContext
+        Pages that say what happens, and the acquisition.
+    defaults : Plan
+        What an acquisition that is started here has beside port, rate and sampling.
+    """
+
+    def __init__(self, context: AppContext, defaults: Plan) -> None:
+        self.defaults = defaults
+        self.exit_code = 0
+        """Of the program, if it ends now."""
+        self._context = context
+        self._attempt: Attempt | None = None
+        self._given_up: list[Attempt] = []
+
+    @property
+    def connecting(self) -> bool:
+        """Whether an attempt is under way."""
+        return self._attempt is not None
+
+    def start_with(self, changes: dict[str, object]) -> None:
+        """Start an acquisition with some fields of its plan."""
+        try:
+            plan = replace(self.defaults, **changes)  # type: ignore[arg-type]  # by name: Plan checks them itself
+        except ValueError as error:
+            self._context.connect_page.ready(str(error))
+            return
+        self.start(plan)
+
+    def start_demo(self) -> None:
+        """Start the demo, or look at the one that runs."""
+        plan = demo(self.defaults)
+        if plan.name in session.running():
+            self.resume(plan.name)
+        else:
+            self.start(plan)
+
+    def resume(self, name: str) -> None:
+        """Look at a running acquisition."""
+        self._try(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
+
+    def start(self, plan: Plan) -> None:
+        """Start an acquisition."""
+        target = "the virtual instrument" if plan.port == VIRTUAL_PORT else plan.port
+        self._try(Attempt(lambda: session.start(plan)), target, plan)
+
+    def _try(self, attempt: Attempt, target: str, plan: Plan | None = None) -> None:
+        self._context.work(self._connect(attempt, target, plan))
+
+    async def _connect(self, attempt: Attempt, target: str, plan: Plan | None) -> None:
+        self._attempt = attempt
+        await self._context.app.switch_mode("connect")
+        page = self._context.connect_page
+        if plan is not None:
+            page.fill(plan)
+        page.waiting(target)
+        try:
+            await in_thread(attempt.run)
+        except FAULTS as error:
+            if self._attempt is attempt:
+                self._attempt = None
+                self.exit_code = getattr(error, "exit_code", 4)
+                page.ready(messages.fault(error))
+            return
+        client = attempt.take()
+        if client is not None and self._attempt is attempt:
+            self._attempt = None
+            page.ready()
+            self.look_at(client)
+
+    def cancel(self) -> None:
+        """Give up connecting, and offer the form again."""
+        self.give_up()
+        self._context.connect_page.ready()
+
+    def give_up(self) -> None:
+        """Have what is being started stopped once it can be."""
+        if self._attempt is not None:
+            self._attempt.give_up()
+            self._given_up.append(self._attempt)
+            self._attempt = None
+
+    def wait(self) -> None:
+        """Wait for what was given up, so that it does not run on unseen."""
+        for attempt in self._given_up:
+            attempt.wait(_GIVE_UP_S)
+
+    # one that runs
+
+    def look_at(self, client: Client) -> None:
+        """Show an acquisition."""
+        app = self._context.app
+        self.exit_code = 0
+        self._context.connection.attach(client, lambda event: app.post_message(FromPoller(event)))
+        app.switch_mode("live")
+        app.screen.refresh_bindings()
+
+    def take(self, event: Poller.Arrived, draw: Callable[[Poller.Arrived], None]) -> None:
+        """Take a snapshot; `draw` draws it if there is time."""
+        context = self._context
+        if context.connection.owns(event.poller):
+            recorded = context.recording is not None
+            context.connection.take(event.snapshot)
+            if recorded != (context.recording is not None):
+                context.app.screen.refresh_bindings()  # r begins, or finishes
+            draw(event)
+            if event.snapshot["state"] in _OVER:
+                self._ended(None)
+        event.poller.taken()
+
+    def lost(self, event: Poller.Lost) -> None:
+        """The acquisition does not answer."""
+        if self._context.connection.owns(event.poller):
+            self._ended(event.error)
+
+    def _ended(self, error: str | None) -> None:
+        """Say that the acquisition is over, and offer to connect again."""
+        context, app = self._context, self._context.app
+        reason = messages.ended(context.connection.newest, error)
+        self.release()
+        context.connection.over()
+        while isinstance(app.screen, ModalScreen):
+            app.pop_screen()
+        context.say("the acquisition has ended; 1 connects again", "bad")
+        app.push_screen(ended_dialog(reason), self._after_end)
+
+    def _after_end(self, answer: str | None) -> None:
+        if answer == "connect" and not self.connecting:
+            self._context.app.switch_mode("connect")
+
+    def release(self) -> None:
+        """Let go of the client without waiting for it."""
+        client = self._context.connection.leave()
+        if client is not None:
+            in_thread(client.close)

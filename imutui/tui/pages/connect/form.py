@@ -1,0 +1,224 @@
+"""The form that connects: ports and running acquisitions, how to read them, and what the button would do.
+
+Nothing is sent to a port unless it is asked for: a probe writes bytes, and whatever is on the line gets them.
+"""
+
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.widgets import Button, Input, Label, OptionList, Static
+from textual.widgets.option_list import Option
+
+from imutui.session import client as session
+from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT, Plan
+from imutui.tui import formatting
+from imutui.tui.background import in_thread
+from imutui.tui.pages import requests
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.connect import text
+from imutui.tui.widgets.radio import Radio
+
+_CHOSEN = {"sampling": text.SAMPLINGS, "filter": text.FILTERS, "reference": text.REFERENCES}
+
+
+class PortList(OptionList):
+    """Ports and running acquisitions; Enter connects."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "connect", key_display="enter")]
+
+
+class ConnectForm(Vertical):
+    """Lead or error, list of ports, fields, button with a summary; posts `requests.Start` and `requests.Resume`."""
+
+    def __init__(self) -> None:
+        super().__init__(id="form")
+        self._choices: list[text.Choice] = []
+        self._answers: dict[str, str] = {}
+
+    def compose(self) -> ComposeResult:
+        """From the lead to the button."""
+        yield Static(id="lead")
+        with VerticalScroll(id="error", can_focus=False):
+            yield Static(id="error-text")
+        yield PortList(id="ports", compact=True, markup=False)
+        with Horizontal(classes="row"):
+            yield Label("other port")
+            yield Input(id="port", placeholder="path, stable id, socket://host:port", compact=True)
+        with Horizontal(classes="row"):
+            yield Label("rate, Hz")
+            yield Input(f"{MAX_RATE_HZ:g}", id="rate", compact=True)
+            yield Static(id="rate-verdict")
+        for name, values in _CHOSEN.items():
+            with Horizontal(classes="row"):
+                yield Label(name)
+                yield Radio(values, id=name)
+        with Horizontal(classes="row"):
+            yield Label("mode")
+            yield Static(Content.styled(text.MODE, "dim"), id="mode")
+        with Horizontal(classes="row", id="go"):
+            yield Label("")
+            yield Button("Connect", id="connect", variant="primary", compact=True)
+            yield Static(id="summary")
+
+    def on_mount(self) -> None:
+        """Say what the fields as they are would do."""
+        self._say_rate()
+
+    def fill(self, plan: Plan) -> None:
+        """Put in what was asked for on the command line, to be mended here."""
+        if plan.port != VIRTUAL_PORT:
+            self.query_one("#port", Input).value = plan.port
+        self.query_one("#rate", Input).value = f"{plan.rate_hz:g}"
+        for name in _CHOSEN:
+            self.query_one(f"#{name}", Radio).choose(getattr(plan, name), plan.reference_file[0])
+
+    def say_error(self, error: str) -> None:
+        """Say why it could not connect in place of the lead; the lead again if it is empty."""
+        self.set_class(bool(error), "-failed")
+        body = Content.assemble(("Could not connect.  ", "bold $text-error"), error) if error else Content("")
+        self.query_one("#error-text", Static).update(body)
+
+    def _say_rate(self) -> None:
+        try:
+            text.parse_rate(self.query_one("#rate", Input).value)
+            said = Content.styled(f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", "dim")
+        except ValueError as error:
+            said = Content.styled(str(error), "bold $text-error")
+        self.query_one("#rate-verdict", Static).update(said)
+        self._say_summary()
+
+    def _say_summary(self) -> None:
+        """What the Connect button would do."""
+        choice = self._choice()
+        if choice is None:
+            said = ""
+        elif choice.kind == "attach":
+            said = f'looks at the running acquisition "{choice.value}"'
+        else:
+            rate = self.query_one("#rate", Input).value
+            said = f"{formatting.port_name(choice.value, 30)}, {rate} Hz, {self._value('sampling')}"
+        self.query_one("#summary", Static).update(Content(said))
+
+    # looking for ports
+
+    @work(exclusive=True, group="look")
+    async def look(self) -> None:
+        """Look for ports and running acquisitions."""
+        try:
+            found = await in_thread(lambda: text.choices(session.running(), session.ports()))
+        except (session.SessionError, OSError) as error:
+            found = text.choices([], [])
+            self.say_error(str(error))
+        if found != self._choices:
+            self._offer(found)
+
+    def _offer(self, found: list[text.Choice]) -> None:
+        """Fill the list; the highlight stays on its line, or starts on the likeliest."""
+        before = self._highlighted()
+        self._choices = found
+        self._fill_list(found.index(before) if before in found else found.index(text.likely(found)))
+        self.query_one("#lead", Static).update(Content.assemble(*text.lead(found)))
+
+    def _fill_list(self, highlighted: int | None) -> None:
+        ports = self.query_one("#ports", OptionList)
+        ports.clear_options()
+        ports.add_options([Option(Content(text.label(choice, self._answers))) for choice in self._choices])
+        ports.highlighted = highlighted
+        self._say_summary()
+
+    def _highlighted(self) -> text.Choice | None:
+        index = self.query_one("#ports", OptionList).highlighted
+        return self._choices[index] if index is not None and index < len(self._choices) else None
+
+    def _choice(self) -> text.Choice | None:
+        """What is chosen: a port typed in, else the list's line."""
+        typed = self.query_one("#port", Input).value.strip()
+        return text.Choice("port", typed, typed) if typed else self._highlighted()
+
+    def _value(self, name: str) -> str:
+        return self.query_one(f"#{name}", Radio).value
+
+    # asking who is there, only when told to
+
+    def probe(self) -> None:
+        """Ask on the highlighted port."""
+        choice = self._highlighted()
+        if choice is None or not choice.asks:
+            said = "nothing to ask there: p asks on a serial port of the list, a on all"
+            self.post_message(Page.Say(said, "wait"))
+        else:
+            self._probe([choice.value])
+
+    def probe_all(self) -> None:
+        """Ask on every serial port, one after the other."""
+        ports = [choice.value for choice in self._choices if choice.asks]
+        if ports:
+            self._probe(ports)
+        else:
+            self.post_message(Page.Say("this machine has no serial port to ask on", "wait"))
+
+    @work(exclusive=True, group="probe")
+    async def _probe(self, ports: list[str]) -> None:
+        for port in ports:
+            self._heard(port, "asking ...")
+            try:
+                found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
+            except (session.SessionError, OSError) as error:
+                found = text.not_answered(port, str(error))
+            self._heard(port, text.answered(found))
+            said = found["error"] or f"{formatting.port_name(port)}: {self._answers[port]}"
+            self.post_message(Page.Say(said, "good" if found["answers"] and not found["error"] else "wait"))
+
+    def _heard(self, port: str, answer: str) -> None:
+        self._answers[port] = answer
+        self._fill_list(self.query_one("#ports", OptionList).highlighted)
+
+    # what the user does
+
+    def on_option_list_option_highlighted(self) -> None:
+        """The summary follows the highlight."""
+        self._say_summary()
+
+    def on_option_list_option_selected(self) -> None:
+        """Enter on the list takes that line, whatever is typed below."""
+        self._connect(self._highlighted())
+
+    def on_radio_changed(self) -> None:
+        """The summary follows the sampling."""
+        self._say_summary()
+
+    def on_input_changed(self) -> None:
+        """Check while typing."""
+        self._say_rate()
+
+    def on_input_submitted(self) -> None:
+        """Enter in a field connects."""
+        self.connect()
+
+    def on_button_pressed(self) -> None:
+        """Connect."""
+        self.connect()
+
+    def connect(self) -> None:
+        """Connect to what is chosen."""
+        self._connect(self._choice())
+
+    def _connect(self, choice: text.Choice | None) -> None:
+        if choice is None:
+            return
+        self.say_error("")
+        if choice.kind == "attach":
+            self.post_message(requests.Resume(choice.value))
+            return
+        try:
+            rate = text.parse_rate(self.query_one("#rate", Input).value)
+        except ValueError as error:
+            self.say_error(f"The rate is {error}.")
+            self.query_one("#rate").focus()
+            return
+        chosen = {name: self._value(name) for name in _CHOSEN}
+        self.post_message(requests.Start({"port": choice.value, "rate_hz": rate, **chosen}))

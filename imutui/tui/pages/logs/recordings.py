@@ -1,0 +1,67 @@
+"""The recordings that the logs page lists: of a folder, and files opened one by one. No widget."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imutui.tui.pages.logs import text
+
+if TYPE_CHECKING:
+    from imutui.jobs.info import Brief
+
+WRITING = "being written"
+"""State of a recording that an acquisition has open."""
+
+
+class Recordings:
+    """What was found at the last look, and which of it is chosen for a trace."""
+
+    def __init__(self) -> None:
+        self.opened: Path | None = None
+        """The folder that somebody opened."""
+        self.briefs: list[Brief] | None = None
+        """None before the first look."""
+        self.chosen: set[Path] = set()
+        self._extra: list[Path] = []
+
+    def find(self, folder: Path) -> "list[Brief]":
+        """Files opened one by one, then a folder's, newest first. Blocks, so it is called in a thread."""
+        from imutui.jobs.info import brief, recordings  # loads the reading of logs, as the first page need not
+
+        return [*(brief(path) for path in list(self._extra)), *recordings(folder)]
+
+    def take(self, found: "list[Brief]") -> None:
+        """Take what was found; what is not there any more is not chosen either."""
+        self.briefs = found
+        self.chosen &= {brief.path for brief in found}
+
+    def at(self, row: int | None) -> "Brief | None":
+        """The recording of a row of the list."""
+        briefs = self.briefs or []
+        return briefs[row] if row is not None and row < len(briefs) else None
+
+    def row_of(self, path: Path | None) -> int | None:
+        """Row of a recording; None if it is not in the list."""
+        return next((row for row, brief in enumerate(self.briefs or []) if brief.path == path), None)
+
+    def toggle(self, path: Path) -> None:
+        """Choose, or choose no more."""
+        self.chosen ^= {path}
+
+    def for_trace(self, here: "Brief | None") -> Sequence[Path]:
+        """The chosen ones, oldest first, else the one with the cursor."""
+        chosen = [brief for brief in self.briefs or [] if brief.path in self.chosen]
+        return text.order(chosen) if chosen else [here.path] if here is not None else []
+
+    def writing(self) -> set[Path]:
+        """Files that are being written, by the names that results have for them."""
+        return {p for b in self.briefs or [] if b.state == WRITING for p in (b.path, b.path.resolve())}
+
+    def open_folder(self, folder: Path) -> None:
+        """List a folder's from the next look on."""
+        self.opened, self._extra, self.briefs = folder, [], None
+
+    def open_file(self, path: Path, folder: Path) -> None:
+        """List a file as well, if it is not in the folder that is listed."""
+        if path.parent != folder:
+            self._extra = [path, *(other for other in self._extra if other != path)]

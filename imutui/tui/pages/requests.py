@@ -1,0 +1,75 @@
+"""What pages ask of the application, or through it of another page."""
+
+from pathlib import Path
+from typing import Any
+
+from textual.message import Message
+
+
+class ConnectRequest(Message):
+    """Of the application: to connect to something else, or to nothing."""
+
+
+class Start(ConnectRequest):
+    """Start an acquisition whose plan has these fields otherwise than usual."""
+
+    def __init__(self, changes: dict[str, Any]) -> None:
+        super().__init__()
+        self.changes = changes
+
+
+class StartDemo(ConnectRequest):
+    """Start the demo, or look at the one that runs."""
+
+
+class Resume(ConnectRequest):
+    """Look at a running acquisition."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.name = name
+
+
+class Cancel(ConnectRequest):
+    """Connect no more."""
+
+
+class Stop(ConnectRequest):
+    """Stop the acquisition that is connected."""
+
+
+class BeginGuide(Message):
+    """Record as the Record page's form says, and guide through the table profile."""
+
+
+class LogsRequest(Message):
+    """Of the logs page."""
+
+
+class Trace(LogsRequest):
+    """Trace the recording that runs, up to now; `path` is its file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+
+
+class ChooseEffects(LogsRequest):
+    """Offer found effects for the live filter."""
+
+
+class LoadEffects(LogsRequest):
+    """Have the live filter take effects: their names, and the effects file as text."""
+
+    def __init__(self, name: str, text: str) -> None:
+        super().__init__()
+        self.name = name
+        self.text = text
+
+
+class OfferProfile(Message):
+    """Of the table page: put the cursor on a profile that was just written."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path

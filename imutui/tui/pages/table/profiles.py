@@ -1,0 +1,47 @@
+"""Table profiles as files: found, read, turned into steps. Blocks, so it is called in threads.
+
+What it calls loads numpy and scipy: only then, not when the screen starts.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from imutui.jobs.operator_steps import Offer, OperatorStep
+    from imutui.session.snapshot import ProfileDescription
+
+
+def found(folders: list[Path]) -> "list[Offer]":
+    """Profiles of folders, and those that are ready-made."""
+    from imutui.jobs import operator_steps
+
+    return operator_steps.offers(folders)
+
+
+def read(path: Path) -> "Offer":
+    """The profile of a file; its `error` says why it cannot be used, if so."""
+    from imutui.jobs import operator_steps
+
+    return operator_steps.offer_of(path)
+
+
+def by_hand(offer: "Offer") -> "Offer":
+    """The same profile joined to the log by the operator's marks."""
+    from imutui.jobs import operator_steps
+
+    return operator_steps.by_hand(offer) or offer
+
+
+def steps(offer: "Offer") -> "list[OperatorStep]":
+    """What to do in each segment, for how long, and what it makes testable."""
+    from imutui.jobs import operator_steps
+
+    return operator_steps.steps(operator_steps.load(offer.file, offer.text))
+
+
+def makes_testable(profile: "ProfileDescription") -> list[list[str]]:
+    """What each segment makes testable; empty where the acquisition does not tell all of the motion."""
+    from imutui.jobs import operator_steps
+
+    made = operator_steps.from_segments(profile["segments"], profile["align"])
+    return [] if made is None else operator_steps.makes_observable(made)

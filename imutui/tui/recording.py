@@ -1,0 +1,124 @@
+"""What is asked of the acquisition while it runs: recordings, marks, the guide, and whatever a page asks."""
+
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any, cast
+
+from imutui.session.client import Client
+from imutui.session.plan import RecordingWish
+from imutui.tui import messages
+from imutui.tui.background import in_thread
+from imutui.tui.context import AppContext
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.mark import MarkDialog
+from imutui.tui.pages.record import text
+
+if TYPE_CHECKING:
+    from imutui.tui.messages import RecordingResult
+
+# Dialogs' callbacks run in the app's own message queue: whatever takes a while must be a worker.
+
+
+class RecordingControl:
+    """Begins and finishes recordings as the Record page's form says, and tells that page what was written.
+
+    Parameters
+    ----------
+    context : AppContext
+        The acquisition, and where things are said.
+    """
+
+    def __init__(self, context: AppContext) -> None:
+        self._context = context
+        self._finished: list[tuple[str, str]] = []
+
+    def toggle(self) -> None:
+        """Begin a recording, or finish the one that runs."""
+        context, client = self._context, self._context.connection.client
+        if client is not None:
+            steps = self._begin if context.recording is None else self._finish
+            context.work(self._recorded(lambda: steps(client)), "record")
+
+    def begin_guide(self) -> None:
+        """Begin to guide through the profile, with a recording if none runs."""
+        context, client = self._context, self._context.connection.client
+        if client is not None:
+            context.work(self._recorded(lambda: self._begin_guide(client)), "record")
+
+    async def _recorded(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        try:
+            await self._context.guarded(steps)
+        except ValueError as error:  # the form asks what cannot be
+            self._context.say(f"not recorded: {error}", "bad")
+
+    async def _begin(self, client: Client) -> None:
+        wish = self._wish()
+        path = await in_thread(lambda: client.record(wish))
+        self.tell_page([])
+        self._context.say(messages.recording_to(path, self._context.connection.newest), "good")
+
+    async def _finish(self, client: Client) -> None:
+        context, recording = self._context, self._context.recording
+        context.say("finishing the file", "wait")
+        result = cast("RecordingResult", await in_thread(client.stop_recording))
+        self.tell_page(text.finished(recording, result))
+        shown = context.front is not None and context.front is context.record_page
+        context.say("the file is finished" if shown else messages.finished(recording, result), "good")
+
+    async def _begin_guide(self, client: Client) -> None:
+        recording = self._context.recording
+        wish = self._wish() if recording is None else None
+        self._context.say("starting the recording" if recording is None else "beginning", "wait")
+        await in_thread(lambda: client.guide("begin", wish))
+        self.tell_page([])
+        self._context.say("recording; the line in bold above says what to do", "good")
+
+    def _wish(self) -> RecordingWish | None:
+        """What the form asks of the recording; ValueError if it cannot be."""
+        page = self._context.record_page
+        return page.wish() if page is not None else None
+
+    def tell_page(self, finished: list[tuple[str, str]]) -> None:
+        """What was written last stays on the Record page, which need not exist yet."""
+        self._finished = finished
+        self.show_finished(self._context.record_page)
+
+    def show_finished(self, page: Page | None) -> None:
+        """Have the Record page say what was written last, if this is that page."""
+        record_page = self._context.record_page
+        if record_page is not None and page is record_page:
+            record_page.finished(self._finished)
+
+    def ask_for_mark(self) -> None:
+        """Ask for a mark's text, then set it."""
+        if self._context.recording is None:
+            self._context.say("not recording, so there is nothing to mark: r starts a recording", "wait")
+        else:
+            self._context.app.push_screen(MarkDialog(), self._mark)
+
+    def _mark(self, said: str | None) -> None:
+        client = self._context.connection.client
+        if said is not None and client is not None:
+            self._context.work(self._set_mark(client, said))
+
+    async def _set_mark(self, client: Client, said: str) -> None:
+        async def steps() -> None:
+            await in_thread(lambda: client.mark(said))
+            self._context.say(f"marked: {said}", "good")
+
+        await self._context.guarded(steps)
+
+    def ask(self, request: Page.Ask) -> None:
+        """Ask what a page wants asked."""
+        client = self._context.connection.client
+        if client is not None:
+            self._context.work(self._ask(client, request))
+
+    async def _ask(self, client: Client, request: Page.Ask) -> None:
+        async def steps() -> None:
+            if said := await in_thread(lambda: request.function(client)):
+                self._context.say(said, "good")
+
+        if request.busy:
+            self._context.say(request.busy, "wait")
+        if await self._context.guarded(steps) and request.done is not None:
+            request.done()
