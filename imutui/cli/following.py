@@ -4,7 +4,7 @@ import contextlib
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -13,25 +13,27 @@ from rich.text import Text
 
 from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
 from imutui.cli.tables import print_result
-from imutui.logbook.results import dumps
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
 from imutui.session.snapshot import Snapshot
 
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
 _REFRESH_S = 0.25
 
 
-class Told(Exception):  # noqa: N818 - not a fault
+class TerminatedError(Exception):
     """Somebody wants this program to end: SIGTERM."""
 
 
-class Left(Exception):  # noqa: N818 - not a fault
+class HungUpError(Exception):
     """This terminal went away; the acquisition goes on."""
 
 
 def follow(
-    plan: Plan, *, json: bool, add: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document
+    plan: Plan, *, json: bool, add: "Callable[[ResultDocument], ResultDocument]" = lambda document: document
 ) -> None:
     """Start an acquisition, show it until it ends, print its result, and exit.
 
@@ -50,10 +52,10 @@ def follow(
     with _leave_on_hangup():
         try:
             result = _watch(connection)
-        except (KeyboardInterrupt, Told) as why:
+        except (KeyboardInterrupt, TerminatedError) as why:
             interrupted = isinstance(why, KeyboardInterrupt)
             result = connection.stop()
-        except Left:
+        except HungUpError:
             raise typer.Exit(FINE) from None
         except SessionGoneError as error:
             raise SessionError(str(error), FINDINGS) from error
@@ -61,6 +63,8 @@ def follow(
         raise SessionError("the acquisition ended without a recording")
     result = add(result)
     if json:
+        from imutui.logbook.results import dumps
+
         print(dumps(result))
     else:
         print_result(result)
@@ -74,7 +78,7 @@ def follow(
     raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
 
 
-def _watch(connection: Client) -> dict[str, Any] | None:
+def _watch(connection: Client) -> "ResultDocument | None":
     """Show the acquisition until it ends; returns its result."""
     if not sys.stderr.isatty():
         return connection.wait()
@@ -110,10 +114,10 @@ def _where(connection: Client) -> str:
 @contextlib.contextmanager
 def _leave_on_hangup() -> Iterator[None]:
     def leave(*_: object) -> None:
-        raise Left
+        raise HungUpError
 
     def end(*_: object) -> None:
-        raise Told
+        raise TerminatedError
 
     before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
     try:

@@ -53,7 +53,7 @@ def ended(snapshot: dict[str, Any] | None, error: str | None) -> str:
     return f"{said}{where}"
 
 
-def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) -> str:
+def finished(recording: dict[str, Any] | None, result: Mapping[str, Any] | None) -> str:
     """Which file is finished, how much is in it, and what the filter made of it."""
     result, recording = result or {}, recording or {}
     samples = result.get("samples", recording.get("samples"))
@@ -63,7 +63,7 @@ def finished(recording: dict[str, Any] | None, result: dict[str, Any] | None) ->
     return "\n".join([*lines, *([biases] if biases else [])])
 
 
-def final_biases(result: dict[str, Any]) -> list[tuple[str, str]]:
+def final_biases(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The biases of a result by kind: name, and three values with their unit; empty if it has none."""
     final = result.get("final") or {}
     return [(name, _triple(final[key], unit)) for key, (name, unit) in _FINAL_BIASES.items() if final.get(key)]

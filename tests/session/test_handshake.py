@@ -1,21 +1,14 @@
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from helpers.units import Still, served
 
 from imutui.instrument.crossbow import Mode
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
+from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.session import client, handshake
 from imutui.session.handshake import InstrumentError
-
-
-class Still:
-    """Readings of a unit at rest."""
-
-    def reading(self, k: int) -> Reading:
-        return Reading((0.1, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
 
 
 @contextmanager
@@ -24,30 +17,6 @@ def unit(options: UnitOptions) -> Iterator[tuple[str, VirtualUnit]]:
     made = VirtualUnit(Still(), options)
     with served(made) as path:
         yield path, made
-
-
-@contextmanager
-def served(made: VirtualUnit) -> Iterator[str]:
-    """Port of a virtual unit on a pseudo-terminal."""
-    ready: list[str] = []
-    up, stop = threading.Event(), threading.Event()
-
-    def on_ready(path: str) -> None:
-        ready.append(path)
-        up.set()
-
-    def log(text: str) -> None:
-        del text
-
-    run: Callable[[], None] = lambda: serve(made, link=None, tap=None, on_ready=on_ready, log=log, stop=stop)  # noqa: E731
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        assert up.wait(10.0)
-        yield ready[0]
-    finally:
-        stop.set()
-        thread.join()
 
 
 @pytest.mark.parametrize("ping", ["keeps", "stops", "resets"])

@@ -1,5 +1,6 @@
 """What the Record page says and asks. Pure functions of a snapshot."""
 
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any
 
@@ -155,7 +156,7 @@ def will_write(now: Snapshot) -> str:
     return str(PurePath(now.get("logs") or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
 
 
-def finished(take: dict[str, Any] | None, result: dict[str, Any] | None) -> list[tuple[str, str]]:
+def finished(take: dict[str, Any] | None, result: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     """What was written: names and values of up to four lines."""
     found, before = result or {}, take or {}
     samples = found.get("samples", before.get("samples"))
