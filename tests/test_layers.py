@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from conftest import ROOT
+from helpers.paths import ROOT
 
 PACKAGES = ("imutui", "filters")
 GROUND = {f"filters.{name}" for name in ("types", "channels", "earth", "attitude", "imu", "allan", "state")}

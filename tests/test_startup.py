@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from conftest import SAMPLE
+from helpers.paths import SAMPLE
 
 PROGRAM = """
 import contextlib, io, json, sys

@@ -4,7 +4,7 @@ import contextlib
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -13,11 +13,13 @@ from rich.text import Text
 
 from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
 from imutui.cli.tables import print_result
-from imutui.logbook.json_text import dumps
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
 from imutui.session.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
 
 _REFRESH_S = 0.25
 
@@ -31,7 +33,7 @@ class HungUpError(Exception):
 
 
 def follow(
-    plan: Plan, *, json: bool, add: Callable[[dict[str, Any]], dict[str, Any]] = lambda document: document
+    plan: Plan, *, json: bool, add: "Callable[[ResultDocument], ResultDocument]" = lambda document: document
 ) -> None:
     """Start an acquisition, show it until it ends, print its result, and exit.
 
@@ -61,6 +63,8 @@ def follow(
         raise SessionError("the acquisition ended without a recording")
     result = add(result)
     if json:
+        from imutui.logbook.json_text import dumps
+
         print(dumps(result))
     else:
         print_result(result)
@@ -74,7 +78,7 @@ def follow(
     raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
 
 
-def _watch(connection: Client) -> dict[str, Any] | None:
+def _watch(connection: Client) -> "ResultDocument | None":
     """Show the acquisition until it ends; returns its result."""
     if not sys.stderr.isatty():
         return connection.wait()

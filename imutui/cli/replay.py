@@ -5,11 +5,14 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from imutui.cli.options import Effects, End, Force, Json, Output, Reference, Start, effects_of, reference_of
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
 
 
 def command(
@@ -62,14 +65,14 @@ def command(
     options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force)
     documents, code = [], FINE
     for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
-        if isinstance(outcome, dict):
+        if isinstance(outcome, tuple):
+            say(f"imutui: {outcome[1]}")
+            code = max(code, outcome[0])
+        else:
             documents.append(outcome)
             _tell(log, outcome)
             fine = outcome["converged"] and outcome["finished"] and "damage" not in outcome
             code = max(code, FINE if fine else FINDINGS)
-        else:
-            say(f"imutui: {outcome[1]}")
-            code = max(code, outcome[0])
     if json and (documents or len(logs) > 1):
         print(dumps(documents if len(logs) > 1 else documents[0]))
     elif not json:
@@ -109,7 +112,7 @@ def _one(log: Path, options: Any, progress: Any = None) -> Any:
         return in_words(error)
 
 
-def _tell(log: Path, document: dict[str, Any]) -> None:
+def _tell(log: Path, document: "ResultDocument") -> None:
     from imutui.cli.outcome import say
 
     if "damage" in document:

@@ -1,13 +1,16 @@
 """Results as a table for people."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
 
-def print_result(document: dict[str, Any]) -> None:
+
+def print_result(document: "ResultDocument") -> None:
     """Print a result document of a live run or a replay on stdout."""
     console = Console(highlight=False)
     console.print(Text(_headline(document)))
@@ -17,7 +20,7 @@ def print_result(document: dict[str, Any]) -> None:
             console.print(Text(line))
 
 
-def _headline(d: dict[str, Any]) -> str:
+def _headline(d: "ResultDocument") -> str:
     if "final" not in d:
         return f"{d['log']}: {d['samples']} samples, no filter"
     verdict = "converged" if d["converged"] else "NOT converged"
@@ -27,18 +30,20 @@ def _headline(d: dict[str, Any]) -> str:
     return f"{verdict}: {d['log']}\n{size}, {kind}, filter {d['filter']}, reference {d['reference']}"
 
 
-def _biases(d: dict[str, Any]) -> Table:
+def _biases(d: "ResultDocument") -> Table:
     table = Table("bias", "estimate", "± 3 sd", "unit", "converged", box=None, pad_edge=False)
     truth = d.get("truth")
     if truth:
         table.add_column("truth")
     for column in table.columns[1:3]:
         column.justify = "right"
-    for kind, key, unit, digits in (("gyro", "gyro_bias_dps", "deg/s", 4), ("accel", "accel_bias_mg", "mg", 3)):
+    kinds: tuple[tuple[str, Literal["gyro_bias_dps", "accel_bias_mg"], str, int], ...]
+    kinds = (("gyro", "gyro_bias_dps", "deg/s", 4), ("accel", "accel_bias_mg", "mg", 3))
+    for kind, key, unit, digits in kinds:
         for i, axis in enumerate("xyz"):
             value, sd = d["final"][key][i], d["sd"][key][i]
             since = d["converged_s"][f"{kind}_bias"][i]
-            if value is None:
+            if value is None or sd is None:
                 row = [f"{axis} {kind}", "–", "–", unit, "not observable with this reference"]
             else:
                 when = f"at {since:.0f} s" if since is not None else "not yet"
@@ -47,7 +52,7 @@ def _biases(d: dict[str, Any]) -> Table:
     return table
 
 
-def _lines(d: dict[str, Any]) -> list[str]:
+def _lines(d: "ResultDocument") -> list[str]:
     nis = d["nis"]
     out = []
     if nis["mean"] is not None:
@@ -66,10 +71,9 @@ def _lines(d: dict[str, Any]) -> list[str]:
     if used["source"] == "log":
         walk = f"gyro {_triple(used['gyro_walk_dps_sqrt_h'], 3)} deg/s/√h"
         walk += f", accel {_triple(used['accel_walk_mps2_sqrt_h'], 4)} m/s²/√h"
-        arw, vrw = _triple(used["gyro_arw_deg_sqrt_h"]), _triple(used["accel_vrw_mps_sqrt_h"])
-        out.append(
-            f"noise used, by Allan deviation: gyro {arw} deg/√h, accel {vrw} m/s/√h; drift of the biases: {walk}"
-        )
+        white = f"gyro {_triple(used['gyro_arw_deg_sqrt_h'])} deg/√h"
+        white += f", accel {_triple(used['accel_vrw_mps_sqrt_h'])} m/s/√h"
+        out.append(f"noise used, by Allan deviation: {white}; drift of the biases: {walk}")
     if d["rejected"]:
         out.append(f"{d['rejected']} updates left out as outliers")
     if d["gaps"]:
@@ -81,5 +85,5 @@ def _lines(d: dict[str, Any]) -> list[str]:
     return out + [f"ALARM: {alarm}" for alarm in d["alarms"]]
 
 
-def _triple(values: list[float], digits: int = 2) -> str:
+def _triple(values: list[float | None], digits: int = 2) -> str:
     return " ".join(f"{v:.{digits}f}" for v in values)

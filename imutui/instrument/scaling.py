@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 # "Rate, deg/s: data · RR · 1.5 / 2^15. Acceleration, g: data · GR · 1.5 / 2^15."
 _FULL_SCALE_RATIO = 1.5
 _SCALED_COUNTS = 2**15
+COUNT_LIMITS = (-_SCALED_COUNTS, _SCALED_COUNTS - 1)
+"""Least and largest scaled count; a reading there says only "this or more"."""
 
 # "Voltage: data · 5 / 4096", a 12-bit word.
 _VOLTS_SPAN = 5.0
@@ -54,11 +56,11 @@ class Scaling:
 
     def rate_counts(self, rates_dps: ArrayLike) -> NDArray[np.int64]:
         """Nearest scaled counts of an angular rate in deg/s, clipped to 16 bits with sign."""
-        return _nearest(rates_dps, self._rate_lsb_dps, -_SCALED_COUNTS, _SCALED_COUNTS - 1)
+        return _nearest(rates_dps, self._rate_lsb_dps, *COUNT_LIMITS)
 
     def accel_counts(self, accels_g: ArrayLike) -> NDArray[np.int64]:
         """Nearest scaled counts of an acceleration in g, clipped to 16 bits with sign."""
-        return _nearest(accels_g, self._accel_lsb_g, -_SCALED_COUNTS, _SCALED_COUNTS - 1)
+        return _nearest(accels_g, self._accel_lsb_g, *COUNT_LIMITS)
 
     def temperature_counts(self, temperature_degc: ArrayLike) -> NDArray[np.int64]:
         """Nearest counts of a temperature in degC, clipped to 12 bits."""

@@ -28,7 +28,7 @@ from imutui.logbook import (
 from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.reference_file import ReferenceFile
-from imutui.logbook.results import Counters, Timings
+from imutui.logbook.results import Counters, ResultDocument, Timings
 from imutui.logbook.session_info import FROM_LOG, SessionInfo
 from imutui.logbook.writer import LogWriter
 
@@ -106,7 +106,7 @@ class Part:
 
 def replay(
     path: Path, options: ReplayOptions, progress: Callable[[float], None] = lambda share: None
-) -> dict[str, Any]:
+) -> ResultDocument:
     """Run the filter over one log.
 
     Parameters
@@ -120,8 +120,8 @@ def replay(
 
     Returns
     -------
-    dict
-        The result document, contracts section 5; `damage` says what is wrong with the file, if anything.
+    ResultDocument
+        As in contracts section 5; `damage` says what is wrong with the file, if anything.
 
     Raises
     ------
@@ -343,7 +343,7 @@ class _EstimateSink:
                 self._writer.encoded(schemas.ESTIMATE, message, stamp, stamp)
         self._rows, self._count = [], 0
 
-    def finish(self, result: dict[str, Any]) -> None:
+    def finish(self, result: ResultDocument) -> None:
         """Close the file with the result as its summary, and put it in its place."""
         self._write()
         self._writer.finish(result, time.time_ns())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imutui.jobs import replay, trace
+    from imutui.logbook.results import ResultDocument
 
 Tell = Callable[[float, str], None]
 
@@ -42,7 +43,7 @@ class TraceResult:
     experiment: str
 
 
-def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> dict[str, Any]:
+def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> "ResultDocument":
     """The filter over one log: the result document, contracts section 5."""
     from imutui.jobs import replay
 

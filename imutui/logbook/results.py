@@ -5,7 +5,7 @@ Also the one place where the filter's state leaves SI and body axes for the inst
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 import numpy as np
 
@@ -76,6 +76,102 @@ class NisFields(TypedDict):
     band95: list[float | None]
     is_test: bool
     why: str
+
+
+class SpreadFields(TypedDict):
+    """Mean and standard deviation of the estimates after convergence."""
+
+    mean: StateFields
+    sd: SdFields
+
+
+class WhiteNoise(TypedDict):
+    """Angle and velocity random walk, instrument axes; None where nothing is known yet."""
+
+    gyro_arw_deg_sqrt_h: list[float | None]
+    accel_vrw_mps_sqrt_h: list[float | None]
+
+
+class ProcessNoise(WhiteNoise):
+    """What the filter takes for noise: white, and walks of the biases; `source` is where it comes from."""
+
+    source: str
+    gyro_walk_dps_sqrt_h: list[float | None]
+    accel_walk_mps2_sqrt_h: list[float | None]
+
+
+class NoiseFields(WhiteNoise):
+    """White noise measured on the log, beside the specification's and the filter's own."""
+
+    specification: WhiteNoise
+    used: ProcessNoise
+
+
+class EffectField(TypedDict):
+    """State of an effect that joined the filter, SI."""
+
+    name: str
+    value: float
+    sd: float
+
+
+class GapField(TypedDict):
+    """A gap in the samples: `t` of the last one before it, s since the first, and how long it lasts."""
+
+    t: float
+    seconds: float
+
+
+class PartResult(TypedDict):
+    """A finished file of a recording in several; `converged` is true where no filter ran."""
+
+    log: str
+    converged: bool
+
+
+class ResultDocument(TypedDict):
+    """Result of a live run or a replay, as `--json` prints it. What is not required lacks where no filter ran."""
+
+    version: int
+    log: str
+    kind: str
+    filter: str
+    samples: int
+    finished: bool
+    lost_packets: int
+    bad_checksums: int
+    alarms: list[str]
+    log_sha256: str | None
+    duration_s: NotRequired[float]
+    rate_hz: NotRequired[float | None]
+    reference: NotRequired[str]
+    accel_sign: NotRequired[int]
+    mount: NotRequired[str]
+    measurements: NotRequired[str]
+    seed: NotRequired[int | None]
+    unobservable: NotRequired[list[str]]
+    final: NotRequired[StateFields]
+    sd: NotRequired[SdFields]
+    spread: NotRequired[SpreadFields | None]
+    converged: NotRequired[bool]
+    converged_s: NotRequired[dict[str, list[float | None]]]
+    nis: NotRequired[NisFields]
+    noise: NotRequired[NoiseFields]
+    effects: NotRequired[list[EffectField]]
+    gaps: NotRequired[list[GapField]]
+    rejected: NotRequired[int]
+    confounded: NotRequired[list[str]]
+    filter_s: NotRequired[float]
+    read_s: NotRequired[float]
+    steps_per_s: NotRequired[float | None]
+    times_real_time: NotRequired[float | None]
+    config_sha256: NotRequired[str]
+    damage: NotRequired[str]
+    """Replays only: what is wrong with the file, if anything."""
+    parts: NotRequired[list[PartResult]]
+    """Live recordings in several files only: all of them, the last one's result being this."""
+    truth: NotRequired[StateFields]
+    """The demo only: what the virtual instrument really has."""
 
 
 def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> StateFields:
@@ -151,7 +247,7 @@ def document(
     timings: Timings,
     log_sha256: str,
     seed: int | None = None,
-) -> dict[str, Any]:
+) -> ResultDocument:
     """Result of a run, ready for JSON (contract version 1).
 
     Parameters
@@ -244,7 +340,7 @@ def nis_fields(estimator: "Estimator") -> NisFields:
     }
 
 
-def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> dict[str, Any]:
+def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFields:
     """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
     measured = estimator.monitor.noise()
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
@@ -266,7 +362,7 @@ def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> dict[str
     }
 
 
-def effect_fields(estimator: "Estimator") -> list[dict[str, Any]]:
+def effect_fields(estimator: "Estimator") -> list[EffectField]:
     """States of the effects that joined the filter, SI; an empty list without effects."""
     if estimator.effects is None:
         return []
@@ -278,17 +374,17 @@ def effect_fields(estimator: "Estimator") -> list[dict[str, Any]]:
     ]
 
 
-def _arw(density: np.ndarray, axes: AxisMap) -> list[float]:
+def _arw(density: np.ndarray, axes: AxisMap) -> list[float | None]:
     """rad per √s in deg per √h (of a rate too), instrument axes."""
-    return _floats(np.rad2deg(to_instrument_order(density, axes)) * 60.0)
+    return [*_floats(np.rad2deg(to_instrument_order(density, axes)) * 60.0)]
 
 
-def _vrw(density: np.ndarray, axes: AxisMap) -> list[float]:
+def _vrw(density: np.ndarray, axes: AxisMap) -> list[float | None]:
     """m/s per √s in m/s per √h (of an acceleration too), instrument axes."""
-    return _floats(to_instrument_order(density, axes) * 60.0)
+    return [*_floats(to_instrument_order(density, axes) * 60.0)]
 
 
-def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarray) -> dict[str, Any] | None:
+def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarray) -> SpreadFields | None:
     moments = estimator.after_convergence
     if moments is None or estimator.reference is None:
         return None

@@ -12,20 +12,20 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
 
+from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
 from imutui.session import handshake, ipc
 from imutui.session.disk_space import disk_message
 from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine
 from imutui.session.handshake import InstrumentError
-from imutui.session.ipc import Taken
+from imutui.session.ipc import NameTakenError
 from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
+from imutui.session.requests import Reply, Request, StartReport
 
 _SWITCH_S = 0.0005
-_LINGER_S = 2.0
-_NEWBORN_S = 5.0
-_POWER_UP_BAUD = 38400
+_LAST_REPLIES_S = 2.0
+_START_GRACE_S = 5.0
 EXIT_USAGE = 2
 
 
@@ -38,7 +38,7 @@ def main() -> int:
     try:
         with _name(plan), _port(plan) as port:
             return _acquire(plan, port)
-    except Taken:
+    except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
             EXIT_INSTRUMENT,
@@ -61,65 +61,68 @@ def _acquire(plan: Plan, port: Port) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: engine.request_stop())
     engine.start()
-    ending_told = threading.Event()
+    end_reported = threading.Event()
 
-    def answer(request: dict[str, Any]) -> dict[str, Any]:
+    def answer(request: Request) -> Reply:
         reply = _answer(engine, request)
         if "exit_code" in reply:
-            ending_told.set()
+            end_reported.set()
         return reply
 
     server = ipc.Server(plan.name, answer)
     threading.Thread(target=server.serve_forever, name="viewers", daemon=True).start()
     _say({"ok": True, "pid": os.getpid()})
     begun = time.monotonic()
-    while not engine.ended.wait(0.5):
+    while not engine.lifecycle.ended.wait(0.5):
         pass
     # who started it may not have asked yet how it goes; it must hear how it went
-    ending_told.wait(max(0.0, begun + _NEWBORN_S - time.monotonic()))
-    server.wait_idle(_LINGER_S)
+    end_reported.wait(max(0.0, begun + _START_GRACE_S - time.monotonic()))
+    server.wait_idle(_LAST_REPLIES_S)
     server.shutdown()
     ipc.socket_path(plan.name).unlink(missing_ok=True)
-    if engine.error is not None:
-        print(engine.error, file=sys.stderr)
-    return engine.exit_code
+    if engine.lifecycle.error is not None:
+        print(engine.lifecycle.error, file=sys.stderr)
+    return engine.lifecycle.exit_code
 
 
-def _answer(engine: Engine, request: dict[str, Any]) -> dict[str, Any]:
+def _answer(engine: Engine, request: Request) -> Reply:
     match request["ask"]:
         case "snapshot":
-            return {"snapshot": engine.call(lambda: engine.snapshot(int(request.get("since", 0))), late=True)}
+            since = int(request.get("since", 0))
+            return {"snapshot": engine.call(lambda acquisition: acquisition.snapshot(since), late=True)}
         case "mark":
-            engine.call(lambda: engine.mark(str(request["text"])))
+            text = str(request["text"])
+            engine.call(lambda acquisition: acquisition.mark(text))
             return {}
         case "record":
             wish = RecordingWish(**request.get("wish", {}))
-            return {"path": engine.call(lambda: engine.record(wish))}
+            return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
         case "configure":
-            engine.call(lambda: engine.configure(dict(request["changes"])))
+            changes = request["changes"]
+            engine.call(lambda acquisition: acquisition.configure(changes))
             return {}
         case "zero":
             return {"said": engine.zero(int(request["argument"]))}
         case "profile":
-            return {"profile": engine.call(engine.profile, late=True)}
+            return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
-            wish = RecordingWish(**request.get("wish", {}))
-            engine.call(lambda: engine.guide_do(str(request["do"]), wish))
+            do, wish = str(request["do"]), RecordingWish(**request.get("wish", {}))
+            engine.call(lambda acquisition: acquisition.guide(do, wish))
             return {}
         case "stop_recording":
-            return {"result": engine.call(engine.stop_recording)}
+            return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
         case "stop":
             engine.request_stop()
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
-            return _ending(engine) if engine.ended.wait(request.get("timeout_s")) else {"runs": True}
+            return _ending(engine) if engine.lifecycle.ended.wait(request.get("timeout_s")) else {"runs": True}
     raise ValueError(f'no such request: "{request["ask"]}"')
 
 
-def _ending(engine: Engine) -> dict[str, Any]:
-    engine.ended.wait()
-    return {"result": engine.result, "error": engine.error, "exit_code": engine.exit_code}
+def _ending(engine: Engine) -> Reply:
+    engine.lifecycle.ended.wait()
+    return {"result": engine.result, "error": engine.lifecycle.error, "exit_code": engine.lifecycle.exit_code}
 
 
 @contextlib.contextmanager
@@ -135,7 +138,7 @@ def _name(plan: Plan) -> Iterator[None]:
 def _port(plan: Plan) -> Iterator[Port]:
     with contextlib.ExitStack() as stack:
         name = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else plan.port
-        yield stack.enter_context(Port(name, _POWER_UP_BAUD))
+        yield stack.enter_context(Port(name, POWER_UP_BAUD))
 
 
 @contextlib.contextmanager
@@ -161,7 +164,7 @@ def _refuse(code: int, message: str) -> int:
     return code
 
 
-def _say(message: dict[str, Any]) -> None:
+def _say(message: StartReport) -> None:
     # nobody may be there to hear it: whoever started us can have gone
     with contextlib.suppress(OSError):
         print(json.dumps(message), flush=True)

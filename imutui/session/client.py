@@ -10,11 +10,15 @@ import sys
 import threading
 import time
 from dataclasses import asdict
-from typing import Any, cast
+from typing import TYPE_CHECKING, Unpack, cast
 
 from imutui.session import ipc
 from imutui.session.plan import Plan, RecordingWish
+from imutui.session.requests import FilterChanges, RecordingWishFields, Reply, Request, StartReport
 from imutui.session.snapshot import ProbeAnswer, ProfileDescription, Snapshot
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
 
 _REPLY_S = 5.0
 _STOP_S = 60.0
@@ -61,7 +65,7 @@ class Client:
 
     def snapshot(self, since: int = 0) -> Snapshot:
         """State for a screen; `series` holds the packets from number `since` on."""
-        return cast("Snapshot", self._ask({"ask": "snapshot", "since": since})["snapshot"])
+        return self._ask({"ask": "snapshot", "since": since})["snapshot"]
 
     def mark(self, text: str) -> None:
         """Put a mark into the recording."""
@@ -69,9 +73,9 @@ class Client:
 
     def record(self, wish: RecordingWish | None = None) -> str:
         """Start recording; returns the file's path. The filter starts anew with the file."""
-        return str(self._ask({"ask": "record", "wish": asdict(wish) if wish is not None else {}})["path"])
+        return self._ask({"ask": "record", "wish": _fields(wish)})["path"]
 
-    def configure(self, **changes: Any) -> None:
+    def configure(self, **changes: Unpack[FilterChanges]) -> None:
         """Change what the filter takes from now on; it starts anew. Refused while recording.
 
         Parameters
@@ -104,11 +108,11 @@ class Client:
         from imutui.session.zeroing import patience_s
 
         limit = patience_s(max(0, argument)) + _LEEWAY_S
-        return str(self._ask_apart({"ask": "zero", "argument": argument}, limit)["said"])
+        return self._ask_separately({"ask": "zero", "argument": argument}, limit)["said"]
 
     def profile(self) -> ProfileDescription | None:
         """The table profile that the reference comes from; None if there is none."""
-        return cast("ProfileDescription | None", self._ask({"ask": "profile"})["profile"])
+        return self._ask({"ask": "profile"})["profile"]
 
     def guide(self, do: str, wish: RecordingWish | None = None) -> None:
         """Guide the operator through the profile.
@@ -120,13 +124,15 @@ class Client:
         wish : RecordingWish or None
             Of the recording that "begin" begins.
         """
-        self._ask({"ask": "guide", "do": do, "wish": asdict(wish) if wish is not None else {}})
+        self._ask({"ask": "guide", "do": do, "wish": _fields(wish)})
 
-    def stop_recording(self) -> dict[str, Any]:
+    def stop_recording(self) -> "ResultDocument":
         """Finish the file; returns the result document. Snapshots do not wait meanwhile."""
-        return dict(self._ask_apart({"ask": "stop_recording"}, _STOP_S)["result"])
+        result = self._ask_separately({"ask": "stop_recording"}, _STOP_S)["result"]
+        assert result is not None
+        return result
 
-    def stop(self) -> dict[str, Any] | None:
+    def stop(self) -> "ResultDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
 
         Raises
@@ -136,7 +142,7 @@ class Client:
         """
         return self._ending({"ask": "stop"}, _STOP_S)
 
-    def wait(self, timeout: float | None = None) -> dict[str, Any] | None:
+    def wait(self, timeout: float | None = None) -> "ResultDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
         return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
 
@@ -145,7 +151,7 @@ class Client:
         with self._lock:
             self._drop()
 
-    def _ask_apart(self, request: dict[str, Any], timeout: float) -> dict[str, Any]:
+    def _ask_separately(self, request: Request, timeout: float) -> Reply:
         """Ask what takes its time on a connection of its own."""
         connection = _connect(self.name)
         try:
@@ -153,7 +159,7 @@ class Client:
         finally:
             connection.close()
 
-    def _ending(self, request: dict[str, Any], timeout: float | None) -> dict[str, Any] | None:
+    def _ending(self, request: Request, timeout: float | None) -> "ResultDocument | None":
         connection = _connect(self.name)
         try:
             reply = _exchange(connection, request, timeout, self.name)
@@ -163,8 +169,8 @@ class Client:
             raise TimeoutError
         self._await_exit()
         if reply["error"] is not None:
-            raise SessionError(str(reply["error"]), int(reply["exit_code"]))
-        return reply["result"] if reply["result"] is None else dict(reply["result"])
+            raise SessionError(reply["error"], reply["exit_code"])
+        return reply["result"]
 
     def _await_exit(self) -> None:
         """Wait until the name is free again, so that what is done next does not meet the process on its way out."""
@@ -172,7 +178,7 @@ class Client:
         while self.name in ipc.names() and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    def _ask(self, request: dict[str, Any], timeout: float = _REPLY_S) -> dict[str, Any]:
+    def _ask(self, request: Request, timeout: float = _REPLY_S) -> Reply:
         with self._lock:
             if self._socket is None:
                 self._socket = _connect(self.name)
@@ -256,8 +262,8 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     process.stdout.close()
     # the process outlives this one by design; a thread takes its exit status so that no zombie stays
     threading.Thread(target=process.wait, daemon=True).start()
-    if not answer.get("ok"):
-        raise SessionError(str(answer["error"]), int(answer["exit_code"]))
+    if not answer["ok"]:
+        raise SessionError(answer["error"], answer["exit_code"])
     return Client(plan.name)
 
 
@@ -288,7 +294,7 @@ def probe(port: str) -> ProbeAnswer:
     return port_probe.probe(port)
 
 
-def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str, Any]:
+def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport:
     assert process.stdout is not None
     deadline = time.monotonic() + timeout
     text = b""
@@ -298,9 +304,10 @@ def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> dict[str,
         if not part:
             process.kill()
             why = "ended before it began" if ready else f"did not begin within {timeout:.0f} s"
-            return {"error": f"the acquisition process {why}; see {ipc.folder()}.", "exit_code": 4}
+            return {"ok": False, "error": f"the acquisition process {why}; see {ipc.folder()}.", "exit_code": 4}
         text += part
-    return dict(json.loads(text))
+    report: StartReport = json.loads(text)
+    return report
 
 
 def _connect(name: str) -> socket.socket:
@@ -311,10 +318,10 @@ def _connect(name: str) -> socket.socket:
             raise SessionConnectingError(
                 f'the acquisition "{name}" is connecting to its instrument, or just ending. Try again in a few seconds.'
             ) from error
-        raise SessionGoneError(_gone(name)) from error
+        raise SessionGoneError(_ended_message(name)) from error
 
 
-def _exchange(connection: socket.socket, request: dict[str, Any], timeout: float | None, name: str) -> dict[str, Any]:
+def _exchange(connection: socket.socket, request: Request, timeout: float | None, name: str) -> Reply:
     try:
         connection.settimeout(timeout)
         connection.sendall(json.dumps(request).encode() + b"\n")
@@ -322,19 +329,24 @@ def _exchange(connection: socket.socket, request: dict[str, Any], timeout: float
         while not data.endswith(b"\n"):
             part = connection.recv(1 << 16)
             if not part:
-                raise SessionGoneError(_gone(name))
+                raise SessionGoneError(_ended_message(name))
             data += part
     except TimeoutError:
         raise
     except OSError as error:
-        raise SessionGoneError(_gone(name)) from error
+        raise SessionGoneError(_ended_message(name)) from error
     reply = json.loads(data)
     if not reply["ok"]:
-        raise SessionError(str(reply["error"]))
-    return dict(reply)
+        raise SessionError(reply["error"])
+    answer: Reply = reply
+    return answer
 
 
-def _gone(name: str) -> str:
+def _fields(wish: RecordingWish | None) -> RecordingWishFields:
+    return {} if wish is None else cast("RecordingWishFields", asdict(wish))
+
+
+def _ended_message(name: str) -> str:
     return (
         f'the acquisition "{name}" has ended. What it recorded is on the disk up to the last second;'
         " `imutui replay FILE` reads it, finished or not."

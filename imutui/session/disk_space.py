@@ -1,4 +1,4 @@
-"""How much room a disk has left, how fast a recording fills it, and what to say when it takes no more."""
+"""How much a disk has left, how fast a recording fills it, and what to say when it takes no more."""
 
 import shutil
 from collections import deque
@@ -6,17 +6,17 @@ from pathlib import Path
 
 from imutui.logbook.writer import LogWriter
 
-_LOOK_EVERY_NS = 1_000_000_000
-_LEAST_S = 10.0
-_WINDOW = 61
+_REFRESH_NS = 1_000_000_000
+_MIN_SPAN_S = 10.0
+_MAX_SIZES = 61
 
 
-class Room:
+class FreeSpace:
     """Free space where recordings go; looked up once a second at most, however many ask."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
-        self._looked_ns = 0
+        self._refreshed_ns = 0
         self._free: int | None = None
 
     def free_bytes(self, folder: Path, now_ns: int) -> int | None:
@@ -34,8 +34,8 @@ class Room:
         int or None
             None if the disk does not say.
         """
-        if folder != self._folder or now_ns - self._looked_ns >= _LOOK_EVERY_NS:
-            self._folder, self._looked_ns, self._free = folder, now_ns, _free(folder)
+        if folder != self._folder or now_ns - self._refreshed_ns >= _REFRESH_NS:
+            self._folder, self._refreshed_ns, self._free = folder, now_ns, _free(folder)
         return self._free
 
 
@@ -47,11 +47,11 @@ def _free(folder: Path) -> int | None:
         return None
 
 
-class Growth:
+class GrowthRate:
     """Bytes a second of a recording over the last minute, through all its files."""
 
     def __init__(self) -> None:
-        self._sizes: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
+        self._sizes: deque[tuple[int, int]] = deque(maxlen=_MAX_SIZES)
         self._before = 0
         self._last = 0
 
@@ -68,7 +68,7 @@ class Growth:
             return None
         (t0, first), (t1, last) = self._sizes[0], self._sizes[-1]
         seconds = (t1 - t0) / 1e9
-        return (last - first) / seconds if seconds >= _LEAST_S else None
+        return (last - first) / seconds if seconds >= _MIN_SPAN_S else None
 
 
 def disk_message(writer: LogWriter | None, error: OSError) -> str:

@@ -14,38 +14,39 @@ import socketserver
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
-_LONGEST = 100
-_LARGEST = 1 << 20
-_LINK = ".elsewhere"
+from imutui.session.requests import Refusal, Reply, Request
+
+_MAX_ADDRESS = 100
+_MAX_REQUEST = 1 << 20
+_LINK_SUFFIX = ".elsewhere"
 
 
-class Taken(Exception):  # noqa: N818 - a state of affairs, not a fault
+class NameTakenError(Exception):
     """An acquisition of that name is running."""
 
 
 def folder() -> Path:
     """Folder of the sockets of acquisitions started from here, made if absent, closed to others."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    return _own(Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _shared())
+    return _make_private(Path(runtime) / "imutui" if runtime and Path(runtime).is_dir() else _cache_folder())
 
 
 def folders() -> list[Path]:
     """Where this user's acquisitions may lie, whatever environment they were started in; that of `folder` first."""
-    links = sorted(_shared().glob(f"*{_LINK}"))
-    found = [folder(), _shared(), *(link.resolve() for link in links)]
+    links = sorted(_cache_folder().glob(f"*{_LINK_SUFFIX}"))
+    found = [folder(), _cache_folder(), *(link.resolve() for link in links)]
     return [path for path in dict.fromkeys(found) if path.is_dir() and path.stat().st_uid == os.getuid()]
 
 
-def _shared() -> Path:
+def _cache_folder() -> Path:
     """The folder that any environment of this user on this machine leads to."""
     return Path(platformdirs.user_cache_dir("imutui")) / "run"
 
 
-def _own(path: Path) -> Path:
+def _make_private(path: Path) -> Path:
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     status = path.stat()
     if status.st_uid != os.getuid():
@@ -54,15 +55,15 @@ def _own(path: Path) -> Path:
     return path
 
 
-def _leave_a_link() -> None:
+def _link_from_cache() -> None:
     """Let other environments find this one's folder. One without a writable cache is found from its own only."""
     here = folder()
-    if here == _shared():
+    if here == _cache_folder():
         return
-    link = _shared() / f"{hashlib.sha256(os.fsencode(here)).hexdigest()[:16]}{_LINK}"
+    link = _cache_folder() / f"{hashlib.sha256(os.fsencode(here)).hexdigest()[:16]}{_LINK_SUFFIX}"
     with contextlib.suppress(OSError):
-        _own(_shared())
-        for other in _shared().glob(f"*{_LINK}"):
+        _make_private(_cache_folder())
+        for other in _cache_folder().glob(f"*{_LINK_SUFFIX}"):
             if not other.exists():
                 other.unlink()
         link.symlink_to(here)
@@ -93,18 +94,18 @@ def lock(name: str) -> int:
 
     Raises
     ------
-    Taken
+    NameTakenError
         If another process has it.
     """
     if name in names():
-        raise Taken(name)
+        raise NameTakenError(name)
     descriptor = os.open(folder() / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         os.close(descriptor)
-        raise Taken(name) from error
-    _leave_a_link()
+        raise NameTakenError(name) from error
+    _link_from_cache()
     return descriptor
 
 
@@ -123,7 +124,7 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-class _Short:
+class _SocketAddress:
     """A path short enough for a socket address, whatever the folder: reached through an open descriptor if need be."""
 
     def __init__(self, path: Path) -> None:
@@ -131,7 +132,7 @@ class _Short:
         self._descriptor: int | None = None
 
     def __enter__(self) -> str:
-        if len(os.fsencode(self._path)) < _LONGEST:
+        if len(os.fsencode(self._path)) < _MAX_ADDRESS:
             return str(self._path)
         self._descriptor = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         return f"/proc/self/fd/{self._descriptor}/{self._path.name}"
@@ -146,7 +147,7 @@ def connect(name: str, timeout: float) -> socket.socket:
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.settimeout(timeout)
     try:
-        with _Short(socket_path(name)) as address:
+        with _SocketAddress(socket_path(name)) as address:
             connection.connect(address)
     except OSError:
         connection.close()
@@ -168,13 +169,13 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, name: str, answer: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
         self.answer = answer
         self.busy = 0
         self.idle = threading.Condition()
         path = socket_path(name)
         path.unlink(missing_ok=True)
-        with _Short(path) as address:
+        with _SocketAddress(path) as address:
             super().__init__(address, _Handler)
         path.chmod(0o600)
 
@@ -189,7 +190,7 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         try:
-            while line := self.rfile.readline(_LARGEST):
+            while line := self.rfile.readline(_MAX_REQUEST):
                 with self.server.idle:
                     self.server.busy += 1
                 try:
@@ -201,11 +202,10 @@ class _Handler(socketserver.StreamRequestHandler):
         except OSError:
             return  # the viewer left, as viewers may
 
-    def _reply(self, line: bytes) -> dict[str, Any]:
+    def _reply(self, line: bytes) -> Reply | Refusal:
         try:
-            request = json.loads(line)
-            return {"ok": True} | self.server.answer(request)
-        except (ValueError, KeyError, TypeError) as error:
+            reply = self.server.answer(json.loads(line))
+        except (ValueError, KeyError, TypeError, OSError) as error:
             return {"ok": False, "error": str(error)}
-        except OSError as error:
-            return {"ok": False, "error": str(error)}
+        reply["ok"] = True
+        return reply

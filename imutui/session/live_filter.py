@@ -1,42 +1,63 @@
-"""The filter of a take: samples wait while its step is being compiled, then all go through in order."""
+"""The filter of a run of samples: they wait while its code is being loaded or compiled, then all go through in order.
+
+What the filter needs (compiler, compiled step, statistics) takes seconds to load, the first time on a machine much
+longer to compile. It is loaded in a thread after the first packet is on the disk; nothing here imports it before.
+"""
 
 import threading
 import time
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from filters.kalman import layout, runner
+from filters.kalman import layout
 from filters.kalman.augmentation import MakeEffects
-from filters.kalman.runner import Estimator
-from filters.kalman.spkf import DivergenceError
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.logbook import estimates, reader
+from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
 
+if TYPE_CHECKING:
+    from filters.kalman.runner import Estimator
+
 ESTIMATE_PERIOD_S = 0.1
-_ready = threading.Event()
-_started = threading.Event()
+ready = threading.Event()
+"""Set when the filter's step can be used, or will say itself why not."""
+_begun_at: float | None = None
 
 
 def prepare() -> None:
-    """Begin to load or compile the filter's step; the first time on a machine it takes some seconds."""
-    if not _started.is_set():
-        _started.set()
+    """Begin to load or compile the filter's step in a thread, if that has not begun; sets `ready`."""
+    global _begun_at
+    if _begun_at is None:
+        _begun_at = time.monotonic()
         threading.Thread(target=_prepare, name="compiler", daemon=True).start()
+
+
+def preparing_s() -> float:
+    """How long it has been preparing, s; 0 before it begins."""
+    return 0.0 if _begun_at is None else time.monotonic() - _begun_at
+
+
+def load() -> None:
+    """Load the filter's modules here and now, without compiling anything."""
+    import imutui.logbook.estimates  # noqa: F401 - for what they import
 
 
 def _prepare() -> None:
     try:
+        from filters.kalman import runner
+
+        load()
         runner.warm_up()
     finally:
         # if that failed, the first step will say why
-        _ready.set()
+        ready.set()
 
 
 class LiveFilter:
-    """The estimator of one take, and what keeps it from stopping a recording.
+    """The estimator of one run of samples, and what keeps it from stopping a recording.
 
     Parameters
     ----------
@@ -46,30 +67,40 @@ class LiveFilter:
         What the reference needs.
     effects : callable or None
         Makes the effects that join the filter.
+
+    Attributes
+    ----------
+    estimator : Estimator or None
+        None until the first samples are used.
+    failure : str or None
+        Why the filter stopped, if it did.
+    seconds : float
+        Time that it took so far.
+    waiting : int
+        Samples that wait for it.
+
+    Raises
+    ------
+    ValueError
+        If the settings cannot be.
     """
 
     def __init__(
         self, info: SessionInfo, motion: Profile | Trajectory | None = None, effects: MakeEffects | None = None
     ) -> None:
         self.info = info
-        self.estimator = Estimator(info.settings(motion, effects=effects), every=ESTIMATE_PERIOD_S)
+        self.estimator: Estimator | None = None
         self.failure: str | None = None
         self.seconds = 0.0
         self.waiting = 0
+        self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
         self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
         self._marks: list[tuple[int, str]] = []
 
     def mark(self, stamp_ns: int, text: str) -> None:
-        """Take an operator's mark."""
+        """Take an operator's mark; it reaches the estimator before the samples that come after it."""
         self._marks.append((stamp_ns, text))
-        if self._first_ns is not None:
-            self._pass_marks()
-
-    def _pass_marks(self) -> None:
-        for stamp_ns, text in self._marks:
-            self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns or 0), text)
-        self._marks.clear()
 
     def sample(
         self, stamp_ns: int, gyro: np.ndarray, accel: np.ndarray, degc: float = np.nan
@@ -79,20 +110,22 @@ class LiveFilter:
             return
         if self._first_ns is None:
             self._first_ns = stamp_ns
-            self._pass_marks()
             prepare()  # not before: while the instrument is being asked who it is, nothing may delay the answers
         self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel, degc))
         self.waiting = len(self._waiting)
-        if _ready.is_set():
+        if ready.is_set():
             yield from self._use(last=False)
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
         if self.failure is None and self._first_ns is not None:
-            _ready.wait()
+            ready.wait()
             yield from self._use(last=True)
 
     def _use(self, *, last: bool) -> Iterator[tuple[int, bytes]]:
+        from filters.kalman import runner
+        from filters.kalman.spkf import DivergenceError
+
         waiting, self._waiting, self.waiting = self._waiting, [], 0
         t = np.array([sample[0] for sample in waiting])
         gyro = np.array([sample[1] for sample in waiting]).reshape(-1, 3)
@@ -100,14 +133,29 @@ class LiveFilter:
         temperature = np.array([sample[3] for sample in waiting], float)
         started = time.perf_counter()
         try:
-            for rows in runner.rows(self.estimator, t, gyro, accel, temperature, last=last):
-                yield from self._messages(rows)
+            estimator = self._begun()
+            for rows in runner.rows(estimator, t, gyro, accel, temperature, last=last):
+                yield from self._messages(estimator, rows)
         except (DivergenceError, ValueError) as error:
             self.failure = f"the filter stopped, recording goes on: {error}"
         self.seconds += time.perf_counter() - started
 
-    def _messages(self, rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
+    def _begun(self) -> "Estimator":
+        """The estimator, made if it is the first time, with all marks so far."""
+        from filters.kalman.runner import Estimator
+
+        assert self._first_ns is not None
+        if self.estimator is None:
+            self.estimator = Estimator(self._settings, every=ESTIMATE_PERIOD_S)
+        for stamp_ns, text in self._marks:
+            self.estimator.mark(reader.seconds_since(stamp_ns, self._first_ns), text)
+        self._marks.clear()
+        return self.estimator
+
+    def _messages(self, estimator: "Estimator", rows: np.ndarray) -> Iterator[tuple[int, bytes]]:
+        from imutui.logbook import estimates
+
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
-        verdict = estimates.BiasVerdicts.of(self.estimator, self.info)
+        verdict = estimates.BiasVerdicts.of(estimator, self.info)
         yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)

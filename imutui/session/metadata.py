@@ -6,26 +6,24 @@ import os
 import re
 import socket
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import imutui
 from filters.kalman.augmentation import MakeEffects
-from filters.kalman.runner import Estimator
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
 from imutui.instrument.port import Port
-from imutui.logbook import effects_file, reference_file
+from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.handshake import Identity
 from imutui.session.plan import Plan
+from imutui.session.requests import FilterChanges
 
 STAMPS = (
     "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
@@ -65,7 +63,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         kappa=plan.kappa,
         noise=plan.noise,
         reference_sha256=_reference_sha256(plan),
-        effects_sha256=effects_file.digest(plan.effects.encode()),
+        effects_sha256=_effects_sha256(plan),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
     )
@@ -76,6 +74,14 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
 
 def _reference_sha256(plan: Plan) -> str:
     return hashlib.sha256(plan.reference_file[1].encode()).hexdigest() if plan.reference_file[0] else ""
+
+
+def _effects_sha256(plan: Plan) -> str:
+    if not plan.effects:
+        return ""
+    from imutui.logbook import effects_file
+
+    return effects_file.digest(plan.effects.encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,19 +95,18 @@ class Setup:
 
 
 _CSV = (reference_file.ATTACHMENTS[1], "text/csv")
-_CHANGES = ("reference", "reference_file", "effects")
 _WITHOUT_FILE = ("level", "gravity")
 
 
-def changed(plan: Plan, info: SessionInfo, changes: Mapping[str, Any]) -> Setup:
+def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup:
     """Setup with another reference or other effects, checked as at the start.
 
     Parameters
     ----------
     plan, info : Plan, SessionInfo
         As they are.
-    changes : mapping
-        `reference`, `reference_file` (name, text), `effects` (text); what is not named stays as it is. A reference
+    changes : FilterChanges
+        A reference
         that needs no file lays the present one aside, and a file says itself which reference it is.
 
     Raises
@@ -109,9 +114,10 @@ def changed(plan: Plan, info: SessionInfo, changes: Mapping[str, Any]) -> Setup:
     ValueError
         If something is not known, or the filter could not run with it.
     """
-    unknown = sorted(set(changes) - set(_CHANGES))
+    known = FilterChanges.__annotations__
+    unknown = sorted(set(changes) - known.keys())
     if unknown:
-        raise ValueError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(_CHANGES)}")
+        raise ValueError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(known)}")
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
         name, text = (str(part) for part in changes.get("reference_file", ("", "")))
         kind = _kind(name, text) if name else str(changes.get("reference", "level"))
@@ -127,7 +133,7 @@ def changed(plan: Plan, info: SessionInfo, changes: Mapping[str, Any]) -> Setup:
             )
     motion = motion_of(plan)
     info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
-    info = replace(info, effects_sha256=effects_file.digest(plan.effects.encode()))
+    info = replace(info, effects_sha256=_effects_sha256(plan))
     make = effects_of(plan, info)
     check_live(info, motion, make)
     return Setup(plan, info, motion, make)
@@ -145,6 +151,11 @@ def motion_of(plan: Plan) -> Profile | Trajectory | None:
 
 def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
     """What makes the effects of the plan's effects file, if it has one."""
+    if not plan.effects:
+        return None
+    # loads what makes effects of drivers, the signal library among it
+    from imutui.logbook import effects_file
+
     return effects_file.maker(plan.effects.encode(), info)
 
 
@@ -155,8 +166,14 @@ def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: 
             '`noise` is "log": it is measured on a whole log, so it cannot be used live. Record, then replay with'
             " --set filter.noise=log."
         )
-    if info.filter != "none":
-        Estimator(info.settings(motion, effects=effects))
+    settings = info.settings(motion, effects=effects)
+    if info.filter == "none":
+        return
+    if settings.reference not in ("level", "gravity") or effects is not None:
+        # loads the filter, which what comes from no file need not wait for: nothing is left there to be refused
+        from filters.kalman.runner import Estimator
+
+        Estimator(settings)
 
 
 def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
@@ -167,14 +184,19 @@ def attach(writer: LogWriter, plan: Plan, now_ns: int) -> None:
         attachment, media_type = (reference_file.ATTACHMENTS[0], "application/toml") if toml else _CSV
         writer.attach(attachment, media_type, text.encode(), now_ns)
     if plan.effects:
+        from imutui.logbook import effects_file
+
         writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, plan.effects.encode(), now_ns)
 
 
 @lru_cache(maxsize=1)
 def effect_labels(text: str) -> tuple[str, ...]:
     """What effects a file's text has, in words: channels and the effect; nothing for no text."""
-    found = effects_file.parse(text.encode()).effects if text else ()
-    return tuple(f"{'/'.join(effect.channels)} {effect.effect}" for effect in found)
+    if not text:
+        return ()
+    from imutui.logbook import effects_file
+
+    return tuple(f"{'/'.join(effect.channels)} {effect.effect}" for effect in effects_file.parse(text.encode()).effects)
 
 
 def default_path(logs: Path, serial_number: str, note: str) -> Path:

@@ -2,112 +2,91 @@
 
 import os
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
 
-import numpy as np
-
-from filters.imu import CHANNELS
-from filters.kalman.runner import Estimator
-from filters.motion.profile import Profile
-from filters.motion.reference import Trajectory
-from imutui.logbook import results
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.disk_space import Growth, Room
+from imutui.session import live_filter, observe_filter
+from imutui.session.event_log import EventLog
+from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
 from imutui.session.operator_guide import Guide
 from imutui.session.plan import Plan
-from imutui.session.recent_packets import STATISTICS_S, LiveView
-from imutui.session.recording import Take, Timebase
-from imutui.session.rotation import Parts
-from imutui.session.snapshot import (
-    BiasSnapshot,
-    EffectSnapshot,
-    EventLine,
-    FilterSnapshot,
-    RecordingSnapshot,
-    RemainderSnapshot,
-    SessionState,
-    Snapshot,
-)
+from imutui.session.recent_packets import STATISTICS_S, RecentPackets
+from imutui.session.recording import Recording
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.snapshot import FilterSnapshot, RecordingSnapshot, SessionState, Snapshot
 
-_NAMES = ("x", "y", "z")
+_FOUND_FROM_SAMPLES = ("gravity", "trajectory")
+_LOADING_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
-    """What the operator said.
+class AcquisitionView:
+    """What a snapshot is made of.
 
     Attributes
     ----------
-    at_ns : int or None
-        Monotonic; None if an earlier take is meant.
-    utc, text : str
-        When, as a clock on the wall shows it, and what.
+    now_ns, started_ns, last_packet_ns : int
+        Monotonic: now, when the acquisition began, when its last packet was read.
+    utc_ns : int
+        Now, UTC.
+    plan, info : Plan, SessionInfo
+        As they are in force.
+    state, error : str, str or None
+        See `imutui.session.lifecycle.Lifecycle`.
+    zeroing : bool
+        Whether packets pause for the unit to zero its rate sensors.
+    follows_profile : bool
+        Whether the reference comes from a table profile.
+    pipeline : SamplePipeline
+        The present run of samples.
+    recording : Recording or None
+        What is being recorded.
+    free_bytes : int or None
+        Free space where the present recording goes, or the next one would.
+    recent : RecentPackets
+        For numbers and curves.
+    events : EventLog
+        Last events and marks.
+    guide : Guide or None
+        Where the operator is in a profile.
     """
 
-    at_ns: int | None
-    utc: str
-    text: str
-
-
-class Acquisition(Protocol):
-    """What a snapshot is taken of: the engine, between two packets."""
-
+    now_ns: int
+    started_ns: int
+    last_packet_ns: int
+    utc_ns: int
     plan: Plan
     info: SessionInfo
     state: SessionState
     error: str | None
-    take: Take
-    live: LiveView
-    timebase: Timebase
-    started_ns: int
-    motion: Profile | Trajectory | None
+    zeroing: bool
+    follows_profile: bool
+    pipeline: SamplePipeline
+    recording: Recording | None
+    free_bytes: int | None
+    recent: RecentPackets
+    events: EventLog
     guide: Guide | None
-    parts: Parts | None
-    room: Room
-    growth: Growth
-
-    @property
-    def last_packet_ns(self) -> int:
-        """When the last packet was read, monotonic."""
-        ...
-
-    @property
-    def zeroing(self) -> bool:
-        """Whether packets pause for the unit to zero its rate sensors."""
-        ...
-
-    @property
-    def marks(self) -> Iterable[Mark]:
-        """The recording's last marks."""
-        ...
-
-    @property
-    def events(self) -> Iterable[EventLine]:
-        """The last events."""
-        ...
 
 
-def snapshot(engine: Acquisition, since: int) -> Snapshot:
+def snapshot(view: AcquisitionView, since: int) -> Snapshot:
     """Everything a screen shows.
 
     Parameters
     ----------
-    engine : Acquisition
-        The running one.
+    view : AcquisitionView
+        The acquisition, between two packets.
     since : int
         Number of the first packet wanted in `series`.
     """
-    now = time.monotonic_ns()
-    info, take, plan = engine.info, engine.take, engine.plan
+    now, info, plan, pipeline = view.now_ns, view.info, view.plan, view.pipeline
+    counters = pipeline.counters
     return {
         "name": plan.name,
         "pid": os.getpid(),
-        "state": engine.state,
-        "error": engine.error,
+        "state": view.state,
+        "error": view.error,
         "instrument": info.instrument,
         "serial_number": info.serial_number,
         "firmware": info.firmware,
@@ -116,181 +95,83 @@ def snapshot(engine: Acquisition, since: int) -> Snapshot:
         "baud": info.baud,
         "rate_hz": info.rate_hz,
         "sampling": info.sampling,
-        "measured_hz": take.rate.hz(),
-        "packet_hz": engine.live.rate_hz(),
-        "packets": take.tally.packets,
-        "lost_packets": take.tally.lost_packets,
-        "bad_checksums": take.tally.bad_checksums,
-        "discarded_bytes": take.tally.discarded_bytes,
-        "silent_s": 0.0 if engine.zeroing else (now - engine.last_packet_ns) / 1e9,
-        "zeroing": engine.zeroing,
-        "since_start_s": (now - engine.started_ns) / 1e9,
-        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(engine.timebase.utc_ns(now) / 1e9)),
-        "recording": _recording(engine, now),
+        "measured_hz": pipeline.rate.hz(),
+        "packet_hz": view.recent.rate_hz(),
+        "packets": counters.packets,
+        "lost_packets": counters.lost_packets,
+        "bad_checksums": counters.bad_checksums,
+        "discarded_bytes": counters.discarded_bytes,
+        "silent_s": 0.0 if view.zeroing else (now - view.last_packet_ns) / 1e9,
+        "zeroing": view.zeroing,
+        "since_start_s": (now - view.started_ns) / 1e9,
+        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(view.utc_ns / 1e9)),
+        "recording": None if view.recording is None else _recording(view.recording, pipeline, view.free_bytes, now),
         "logs": plan.logs,
-        "operator": engine.info.operator,
+        "operator": info.operator,
         "place": plan.place,
         "table": plan.table,
-        "note": take.info.note if take.writer is not None else plan.note,
+        "note": plan.note if view.recording is None else view.recording.info.note,
         "rotate_minutes": plan.rotate_minutes,
         "rotate_mb": plan.rotate_mb,
-        "free_bytes": _free_bytes(engine, now),
-        "marks": [{"t": _seconds(mark.at_ns, take), "utc": mark.utc, "text": mark.text} for mark in engine.marks],
-        "reference": {
-            "name": plan.reference,
-            "file": plan.reference_file[0],
-            "profile": isinstance(engine.motion, Profile),
-        },
+        "free_bytes": view.free_bytes,
+        "marks": view.events.marks(pipeline.started_ns),
+        "reference": {"name": plan.reference, "file": plan.reference_file[0], "profile": view.follows_profile},
         "effects": list(effect_labels(plan.effects)),
-        "guide": None if engine.guide is None else engine.guide.snapshot(now, take.started_ns),
-        "channels": engine.live.channels(),
+        "guide": None if view.guide is None else view.guide.snapshot(now, pipeline.started_ns),
+        "channels": view.recent.channels(),
         "statistics_s": STATISTICS_S,
-        "filter": None if take.estimator is None else _filter(take, take.estimator),
-        "events": list(engine.events),
-        "series": engine.live.series(since),
+        "filter": None if pipeline.filter is None else _filter(pipeline.filter),
+        "events": view.events.events(),
+        "series": view.recent.series(since),
     }
 
 
-def _recording(engine: Acquisition, now: int) -> RecordingSnapshot | None:
-    take = engine.take
-    if take.writer is None:
-        return None
-    rate, free = engine.growth.bytes_per_s(), _free_bytes(engine, now)
+def _recording(
+    recording: Recording, pipeline: SamplePipeline, free_bytes: int | None, now_ns: int
+) -> RecordingSnapshot:
+    rate = recording.growth.bytes_per_s()
+    started, flushed = pipeline.started_ns, pipeline.flushed_ns
     return {
-        "path": str(take.writer.path),
-        "bytes": take.writer.size,
-        "seconds": (now - take.started_ns) / 1e9 if take.started_ns is not None else 0.0,
-        "samples": take.samples,
-        "flush_age_s": (now - take.flushed_ns) / 1e9 if take.flushed_ns is not None else None,
-        "marks": take.marks,
+        "path": str(recording.writer.path),
+        "bytes": recording.writer.size,
+        "seconds": (now_ns - started) / 1e9 if started is not None else 0.0,
+        "samples": pipeline.samples,
+        "flush_age_s": (now_ns - flushed) / 1e9 if flushed is not None else None,
+        "marks": pipeline.marks,
         "bytes_per_s": rate,
-        "to_full_s": free / rate if rate and free is not None else None,
-        "part": engine.parts.number if engine.parts is not None else 1,
+        "to_full_s": free_bytes / rate if rate and free_bytes is not None else None,
+        "part": recording.parts.number,
     }
 
 
-def _free_bytes(engine: Acquisition, now: int) -> int | None:
-    """Free space where the present recording goes, or the next one would."""
-    writer = engine.take.writer
-    return engine.room.free_bytes(writer.path.parent if writer is not None else Path(engine.plan.logs), now)
+def _filter(live: LiveFilter) -> FilterSnapshot:
+    """What a screen shows of the filter: nothing but what it waits for, until its first sample has been used."""
+    if live.estimator is None:
+        found = observe_filter.before_estimates(live.info)
+    else:
+        # not before there is an estimator, which has loaded what this loads
+        from imutui.session import observe_estimator
+
+        found = observe_estimator.snapshot(live.estimator, live.info)
+    found["waiting"] = _waiting(live)
+    if live.failure is not None:
+        found["alarms"].append(live.failure)
+        found["failure"] = live.failure
+    return found
 
 
-def _seconds(at_ns: int | None, take: Take) -> float | None:
-    """Seconds since the take began."""
-    if at_ns is None or take.started_ns is None:
-        return None
-    return max(0.0, (at_ns - take.started_ns) / 1e9)
-
-
-def _filter(take: Take, estimator: Estimator) -> FilterSnapshot:
-    latest = estimator.latest
-    out: FilterSnapshot = {
-        "name": take.info.filter,
-        "reference": take.info.reference,
-        "t": None if latest is None else latest.t,
-        "samples": estimator.samples,
-        "waiting": _waiting(take, estimator),
-        "converged": estimator.converged,
-        "biases": _biases(take, estimator),
-        "nis": results.nis_fields(estimator),
-        "remainder": _remainder(take, estimator),
-        "effects": _effects(estimator),
-        "state": None,
-        "state_sd": None,
-        "alarms": estimator.alarms() + ([take.failure] if take.failure is not None else []),
-        "failure": take.failure,
-        "rejected": estimator.rejected,
-        "confounded": estimator.confounded(),
-    }
-    if latest is not None:
-        axes, g_unit = take.info.axes(), take.info.g_unit
-        seen = results.seen_axes(estimator, axes)
-        nav, P = latest.belief.nav, latest.belief.P
-        state = results.state_fields(nav, axes, g_unit, seen)
-        sd = results.sd_fields(P, nav, axes, g_unit, seen)
-        out["state"] = {
-            "position_deg_m": state["position_deg_m"],
-            "velocity_mps": state["velocity_mps"],
-            "rpy_deg": state["rpy_deg"],
-        }
-        out["state_sd"] = {
-            "position_m": sd["position_m"],
-            "velocity_mps": sd["velocity_mps"],
-            "rpy_deg": sd["rpy_deg"],
-        }
-    return out
-
-
-def _remainder(take: Take, estimator: Estimator) -> list[RemainderSnapshot]:
-    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
-    axes, found = take.info.axes(), estimator.monitor.remainder()
-    ratio = np.full(6, np.nan)
-    if found.ratio is not None:
-        parts = found.ratio[3:], found.ratio[:3]
-        ratio = np.concatenate([results.to_instrument_order(part, axes) for part in parts])
-        accel, gyro = np.split(results.seen_axes(estimator, axes), 2)
-        ratio[~np.concatenate([gyro, accel])] = np.nan
-    return [
-        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
-        for channel, r in zip(CHANNELS, ratio, strict=True)
-    ]
-
-
-def _effects(estimator: Estimator) -> list[EffectSnapshot]:
-    """States of the effects that joined the filter, each in the unit of its file."""
-    if estimator.latest is None:
-        return []
-    out: list[EffectSnapshot] = []
-    for field in results.effect_fields(estimator):
-        label, _, unit = field["name"].removesuffix(")").partition(" (")
-        out.append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})
-    return out
-
-
-def _waiting(take: Take, estimator: Estimator) -> str | None:
-    if take.filter is not None and take.filter.waiting > 1:
-        return f"preparing the filter, the first time on this machine; {take.filter.waiting} samples wait for it"
-    if estimator.reference is None:
+def _waiting(live: LiveFilter) -> str | None:
+    if live.waiting > 1:
+        preparing = "preparing the filter"
+        if live_filter.preparing_s() > _LOADING_S:
+            preparing += ", the first time on this machine"
+        return f"{preparing}; {live.waiting} samples wait for it"
+    if _is_aligning(live):
         return "finding level from gravity: keep the unit still for the first 10 s"
-    return "waiting for the first sample" if take.samples == 0 else None
+    return "waiting for the first sample" if live.estimator is None else None
 
 
-def _biases(take: Take, estimator: Estimator) -> list[BiasSnapshot]:
-    axes, g_unit = take.info.axes(), take.info.g_unit
-    spec = estimator.settings.spec
-    latest, convergence = estimator.latest, estimator.monitor.convergence()
-    values, sds = None, None
-    seen = results.seen_axes(estimator, axes)
-    since = results.converged_since(estimator, axes)
-    change = convergence.change if convergence.change is not None else np.full(6, np.nan)
-    changes = {
-        "gyro": np.rad2deg(axes.gyro_to_instrument(change[3:])),
-        "accel": axes.accel_to_instrument(change[:3]) / g_unit * 1e3,
-    }
-    if latest is not None:
-        nav = latest.belief.nav
-        final = results.state_fields(nav, axes, g_unit, seen)
-        spread = results.sd_fields(latest.belief.P, nav, axes, g_unit, seen)
-        values = {"gyro": final["gyro_bias_dps"], "accel": final["accel_bias_mg"]}
-        sds = {"gyro": spread["gyro_bias_dps"], "accel": spread["accel_bias_mg"]}
-    out: list[BiasSnapshot] = []
-    for kind, unit, limit in (
-        ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
-        ("accel", "mg", spec.accel_bias_limit / g_unit * 1e3),
-    ):
-        for i, axis in enumerate(_NAMES):
-            sd = sds[kind][i] if sds else None
-            moved = changes[kind][i]
-            out.append(
-                {
-                    "name": f"{axis} {kind}",
-                    "value": values[kind][i] if values else None,
-                    "sd3": None if sd is None else 3.0 * sd,
-                    "unit": unit,
-                    "limit": limit,
-                    "change_10s": float(moved) if np.isfinite(moved) else None,
-                    "converged_s": since[f"{kind}_bias"][i],
-                    "observable": bool(seen[i + 3 * (kind == "gyro")]),
-                }
-            )
-    return out
+def _is_aligning(live: LiveFilter) -> bool:
+    if live.estimator is not None:
+        return live.estimator.reference is None
+    return live.info.reference in _FOUND_FROM_SAMPLES

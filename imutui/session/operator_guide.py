@@ -151,15 +151,15 @@ class Guide:
     def _left_s(self, now_ns: int) -> float:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
-    def snapshot(self, now_ns: int, take_ns: int | None) -> GuideSnapshot:
+    def snapshot(self, now_ns: int, started_ns: int | None) -> GuideSnapshot:
         """What viewers see.
 
         Parameters
         ----------
         now_ns : int
             Monotonic clock.
-        take_ns : int or None
-            When the take began, on the same clock, if it has.
+        started_ns : int or None
+            When the run of samples began, on the same clock, if it has.
         """
         self.advance(now_ns)
         return {
@@ -167,11 +167,17 @@ class Guide:
             "segment": self.segment,
             "count": len(self._begun),
             "left_s": self._left_s(now_ns) if self.state == HOLD else None,
-            "begun": [None if t is None or take_ns is None else max(0.0, (t - take_ns) / 1e9) for t in self._begun],
+            "begun": [
+                None if t is None or started_ns is None else max(0.0, (t - started_ns) / 1e9) for t in self._begun
+            ],
         }
 
 
-def begun(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
+def _seconds_since(started_ns: int | None, at_ns: int | None) -> float | None:
+    return None if at_ns is None or started_ns is None else max(0.0, (at_ns - started_ns) / 1e9)
+
+
+def begin_guide(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
     """Guide through the profile of an acquisition.
 
     Parameters
@@ -213,7 +219,7 @@ def hold_seconds(profile: Profile) -> list[float]:
     ]
 
 
-def described(profile: Profile, name: str) -> ProfileDescription:
+def describe(profile: Profile, name: str) -> ProfileDescription:
     """A profile for viewers.
 
     Parameters
@@ -229,12 +235,13 @@ def described(profile: Profile, name: str) -> ProfileDescription:
         Fields of a segment that do not apply are None.
     """
     segments = [
-        _described(segment, seconds) for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
+        _describe_segment(segment, seconds)
+        for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
     ]
     return {"name": name, "align": profile.align, "segments": segments}
 
 
-def _described(segment: Segment, seconds: float) -> SegmentDescription:
+def _describe_segment(segment: Segment, seconds: float) -> SegmentDescription:
     said: SegmentDescription = {
         "kind": "sampled",
         "text": "run the recorded motion",

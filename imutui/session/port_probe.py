@@ -3,19 +3,18 @@
 import os
 import re
 
+from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError, resolve
 from imutui.session import handshake
 from imutui.session.handshake import InstrumentError
 from imutui.session.snapshot import ProbeAnswer
 
-_POWER_UP_BAUD = 38400
-
 
 def probe(port: str) -> ProbeAnswer:
     """Open a port, stop what streams, ping, ask for version and serial number; see `client.probe`."""
     try:
-        with Port(port, _POWER_UP_BAUD) as line:
-            handshake.find_speed(line, _POWER_UP_BAUD)
+        with Port(port, POWER_UP_BAUD) as line:
+            handshake.find_speed(line, POWER_UP_BAUD)
             identity = handshake.identify(line)
             found: ProbeAnswer = {
                 "port": port,

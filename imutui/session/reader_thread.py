@@ -18,8 +18,8 @@ _POLL_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Arrival:
-    """A packet as the reader hands it on."""
+class PacketArrival:
+    """A packet as it was read."""
 
     packet: Packet
     host_ns: int
@@ -29,14 +29,14 @@ class Arrival:
 
 
 @dataclass(frozen=True, slots=True)
-class Missed:
+class PollUnanswered:
     """A poll that was not answered in time."""
 
     host_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class Zeroed:
+class ZeroingFinished:
     """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between.
 
     Attributes
@@ -52,13 +52,13 @@ class Zeroed:
 
 
 @dataclass(frozen=True, slots=True)
-class Gone:
+class LineLost:
     """The line went away; the reader has ended."""
 
     message: str
 
 
-Item = Arrival | Missed | Zeroed | Gone
+ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost
 
 
 class Reader:
@@ -70,23 +70,23 @@ class Reader:
         Open, the unit identified, in scaled mode, polled.
     poll_hz : float or None
         Requests a second; None to have the unit stream.
-    hand_on : callable
-        Takes what there is to hand on; called in the reader's thread.
+    emit : callable
+        Takes what happens; called in the reader's thread.
 
     Attributes
     ----------
-    heard_ns : int
+    last_packet_ns : int
         When the last packet was read, or the last pause of packets was over, monotonic.
     """
 
-    def __init__(self, port: Port, poll_hz: float | None, hand_on: Callable[[Item], None]) -> None:
+    def __init__(self, port: Port, poll_hz: float | None, emit: Callable[[ReaderEvent], None]) -> None:
         self.stopping = threading.Event()
-        self.heard_ns = time.monotonic_ns()
+        self.last_packet_ns = time.monotonic_ns()
         self._port = port
         self._poll_hz = poll_hz
-        self._hand_on = hand_on
+        self._emit = emit
         self._wake = threading.Event()
-        self._errands: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
         self._discarded_bytes = 0
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
@@ -105,8 +105,8 @@ class Reader:
         return self._thread.is_alive()
 
     def zero(self, argument: int) -> None:
-        """Have it zero the rate sensors; it hands on `Zeroed`, unless the line goes away or it is stopped before."""
-        self._errands.put(argument)
+        """Have it zero the rate sensors; `ZeroingFinished` comes of it, unless the line goes away or it is stopped."""
+        self._zero_requests.put(argument)
         self._wake.set()
 
     def _run(self) -> None:
@@ -114,12 +114,12 @@ class Reader:
             if self._poll_hz is None:
                 while not self.stopping.is_set():
                     self._stream()
-                    self._run_errands()
+                    self._zero_as_asked()
             else:
                 self._poll(self._poll_hz)
             handshake.stop_stream(self._port)
         except PortError as error:
-            self._hand_on(Gone(str(error)))
+            self._emit(LineLost(str(error)))
         finally:
             self.stopping.set()
 
@@ -149,7 +149,7 @@ class Reader:
         number = 0
         while not self.stopping.is_set():
             if self._wake.wait(max(0.0, start + number / hz - time.monotonic())):
-                self._run_errands()
+                self._zero_as_asked()
                 continue
             # a poll that took longer than a period is not made up for: the next one keeps to the grid
             number = max(number + 1, int((time.monotonic() - start) * hz) + 1)
@@ -157,7 +157,7 @@ class Reader:
             self._port.write(encode(GetPacket()))
             packet, host_ns = self._await_packet(decoder)
             if packet is None:
-                self._hand_on(Missed(host_ns))
+                self._emit(PollUnanswered(host_ns))
             else:
                 self._arrived(packet, host_ns, decoder, contiguous=False)
 
@@ -172,29 +172,29 @@ class Reader:
         return None, time.monotonic_ns()
 
     def _arrived(self, packet: Packet, host_ns: int, decoder: Decoder, *, contiguous: bool) -> None:
-        self.heard_ns = host_ns
+        self.last_packet_ns = host_ns
         bad = self._bad_checksums + decoder.bad_checksums
         discarded = self._discarded_bytes + decoder.discarded_bytes
-        self._hand_on(Arrival(packet, host_ns, contiguous, bad, discarded))
+        self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded))
 
     def _count(self, decoder: Decoder) -> None:
         """Keep a decoder's counters; what it still holds was cut off on purpose and counts for nothing."""
         self._bad_checksums += decoder.bad_checksums
         self._discarded_bytes += decoder.discarded_bytes
 
-    def _run_errands(self) -> None:
+    def _zero_as_asked(self) -> None:
         self._wake.clear()
-        while not self.stopping.is_set() and not self._errands.empty():
-            self._zero(self._errands.get())
+        while not self.stopping.is_set() and not self._zero_requests.empty():
+            self._zero(self._zero_requests.get())
 
     def _zero(self, argument: int) -> None:
         seconds = zeroing.zero(self._port, argument, self.stopping.is_set)
         if seconds is None and not self.stopping.is_set():
             # said at once: what follows may take minutes
-            self._hand_on(Zeroed(argument, None))
+            self._emit(ZeroingFinished(argument, None))
         # a unit that still averages is deaf; and nobody says whether it remembers its mode
         while not self.stopping.is_set() and not handshake.set_scaled(self._port):
             handshake.stop_stream(self._port)
-        self.heard_ns = time.monotonic_ns()
+        self.last_packet_ns = time.monotonic_ns()
         if seconds is not None:
-            self._hand_on(Zeroed(argument, seconds))
+            self._emit(ZeroingFinished(argument, seconds))

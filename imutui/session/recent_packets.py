@@ -13,7 +13,7 @@ _CAPACITY = 8192
 _MOST_ROWS = 4000
 
 
-class LiveView:
+class RecentPackets:
     """Keeps the last minute of packets.
 
     Parameters

@@ -6,14 +6,17 @@ one of them repeats its live result without the others.
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import PartResult, ResultDocument
 
 _MB = 1_000_000
-_LEAST_S = 1.0
+_MIN_FILE_S = 1.0
 
 
 @dataclass(slots=True)
-class Parts:
+class RecordingParts:
     """The files of one recording.
 
     Attributes
@@ -24,9 +27,7 @@ class Parts:
         After how much a file is full; 0 for never.
     number : int
         Of the present file, from 1.
-    began_ns : int or None
-        When the first packet of the first file was sampled, monotonic.
-    done : list of dict
+    finished : list of PartResult
         Of each finished file: `log` and `converged`, which is true where no filter ran.
     """
 
@@ -34,10 +35,9 @@ class Parts:
     minutes: float
     mb: float
     number: int = 1
-    began_ns: int | None = None
-    done: list[dict[str, Any]] = field(default_factory=list)
+    finished: "list[PartResult]" = field(default_factory=list)
 
-    def full(self, seconds: float, size: int) -> bool:
+    def is_full(self, seconds: float, size: int) -> bool:
         """Whether the present file has had its time or size; never before it is a second long.
 
         Parameters
@@ -47,7 +47,7 @@ class Parts:
         size : int
             Bytes of it on the disk.
         """
-        if seconds < _LEAST_S:
+        if seconds < _MIN_FILE_S:
             return False
         return 0.0 < self.minutes * 60.0 <= seconds or 0.0 < self.mb * _MB <= size
 
@@ -59,7 +59,9 @@ class Parts:
             path, number = self.first.with_name(f"{stem}_{number}{self.first.suffix}"), number + 1
         return path
 
-    def finished(self, result: dict[str, Any]) -> dict[str, Any]:
+    def add_result(self, result: "ResultDocument") -> "ResultDocument":
         """Take the result of the present file; returned with all parts so far where there are several."""
-        self.done.append({"log": result["log"], "converged": bool(result.get("converged", True))})
-        return result if len(self.done) < 2 else result | {"parts": list(self.done)}
+        self.finished.append({"log": result["log"], "converged": result.get("converged", True)})
+        if len(self.finished) > 1:
+            result["parts"] = list(self.finished)
+        return result

@@ -15,7 +15,9 @@ from imutui.logbook import schemas
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.recording import Take, Timebase
+from imutui.session.recording import finish_file
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
 LOOP_NS = 7_500_000
@@ -25,10 +27,13 @@ SECONDS = 6
 Change = Callable[[str, int, Message], list[Message]]
 
 
-def taken(path: Path, *, sampling: str = "stream", rate: float = 20.0, lost: int = 0, limit: int | None = None) -> Path:
-    """A take as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
+def recorded(
+    path: Path, *, sampling: str = "stream", rate: float = 20.0, lost: int = 0, limit: int | None = None
+) -> Path:
+    """A recording as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
     info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none")
-    take = Take(info, Timebase(START), LogWriter(path, info, "x = 1\n", START))
+    writer = LogWriter(path, info, "x = 1\n", START)
+    pipeline = SamplePipeline(info, Timebase(START), writer)
     rng = np.random.default_rng(8)
     dropped, second = 0, 1
     for k in range(round(SECONDS * 1e9 / LOOP_NS)):
@@ -41,13 +46,13 @@ def taken(path: Path, *, sampling: str = "stream", rate: float = 20.0, lost: int
         ticks = round(-k * LOOP_NS / TICK_NS) % 65536
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550, ticks)
         instant = k * LOOP_NS
-        take.packet(packet, Stamp(instant, dropped, False), instant + 2_000_000)
+        pipeline.packet(packet, Stamp(instant, dropped, False), instant + 2_000_000)
         dropped = 0
         if instant >= second * 1_000_000_000:
-            take.every_second(instant + 2_000_000)
+            pipeline.flush(instant + 2_000_000)
             second += 1
-    take.event("mark", "here", SECONDS * 1_000_000_000)
-    assert take.finish(SECONDS * 1_000_000_000) is not None
+    pipeline.event("mark", "here", SECONDS * 1_000_000_000)
+    assert finish_file(writer, pipeline, SECONDS * 1_000_000_000)["finished"]
     return path
 
 
@@ -87,7 +92,7 @@ def codes(document: dict[str, Any]) -> list[str]:
 @pytest.mark.parametrize(("sampling", "rate"), [("stream", 20.0), ("stream", 133.0), ("polled", 400.0 / 3.0)])
 def test_a_take_as_it_is_recorded_is_fine(tmp_path: Path, sampling: str, rate: float) -> None:
     """Averaged, streamed or polled: nothing is found, and the samples are what the packets say."""
-    path = taken(tmp_path / "a.mcap", sampling=sampling, rate=rate)
+    path = recorded(tmp_path / "a.mcap", sampling=sampling, rate=rate)
     document = check(path)
     assert document["findings"] == []
     assert document["fine"]
@@ -98,7 +103,7 @@ def test_a_take_as_it_is_recorded_is_fine(tmp_path: Path, sampling: str, rate: f
 
 def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_path: Path) -> None:
     """Five in one place: both counts agree, so one figure is told, and the gap that they leave."""
-    document = check(taken(tmp_path / "a.mcap", rate=133.0, lost=5))
+    document = check(recorded(tmp_path / "a.mcap", rate=133.0, lost=5))
     assert codes(document) == ["gaps", "lost"]
     assert document["findings"][1]["what"] == "5 packets were lost on the line."
     assert document["findings"][1]["where"] == "in 1 place, first at 2.243 s"
@@ -107,7 +112,7 @@ def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_pa
 
 def test_counts_at_their_limit_are_named_by_channel(tmp_path: Path) -> None:
     """Which channel, and when first."""
-    document = check(taken(tmp_path / "a.mcap", rate=133.0, limit=1))
+    document = check(recorded(tmp_path / "a.mcap", rate=133.0, limit=1))
     assert codes(document) == ["limits"]
     assert "(gy)" in document["findings"][0]["what"]
     assert "1.500 s" in document["findings"][0]["where"]
@@ -160,7 +165,7 @@ def cases() -> Iterator[tuple[str, Change, str]]:
 @pytest.mark.parametrize(("change", "code"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
 def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str) -> None:
     """What, where and what next stand in every finding."""
-    document = check(rewritten(taken(tmp_path / "a.mcap", rate=133.0), change))
+    document = check(rewritten(recorded(tmp_path / "a.mcap", rate=133.0), change))
     assert code in codes(document)
     assert not document["fine"]
     for finding in document["findings"]:
@@ -170,12 +175,12 @@ def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code:
 
 def test_rewriting_alone_is_no_finding(tmp_path: Path) -> None:
     """The cases above find what was changed, not that something was."""
-    assert check(rewritten(taken(tmp_path / "a.mcap", rate=133.0), lambda t, k, m: [m]))["findings"] == []
+    assert check(rewritten(recorded(tmp_path / "a.mcap", rate=133.0), lambda t, k, m: [m]))["findings"] == []
 
 
 def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path) -> None:
     """Two chunks broken: two findings with bytes and times, and the samples of the others counted."""
-    data = bytearray(taken(tmp_path / "a.mcap").read_bytes())
+    data = bytearray(recorded(tmp_path / "a.mcap").read_bytes())
     places = [at for at in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", at)]
     for place in (places[2], places[4]):
         data[place + 200] ^= 1
@@ -190,7 +195,7 @@ def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path
 
 def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
     """Cut before its index: usable, and what makes it whole is named."""
-    data = taken(tmp_path / "a.mcap").read_bytes()
+    data = recorded(tmp_path / "a.mcap").read_bytes()
     (tmp_path / "a.mcap").write_bytes(data[: data.index(b"summary.json") - 29])
     document = check(tmp_path / "a.mcap")
     assert codes(document) == ["unfinished"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from imutui.session import ipc
-from imutui.session.ipc import Taken
+from imutui.session.ipc import NameTakenError
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_a_name_taken_in_one_environment_is_seen_in_every_other(
         assert ipc.names() == ["table"]
         assert ipc.socket_path("table") == here
         assert here.parent != ipc.folder()
-        with pytest.raises(Taken):
+        with pytest.raises(NameTakenError):
             ipc.lock("table")
     finally:
         os.close(descriptor)

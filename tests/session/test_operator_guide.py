@@ -90,22 +90,22 @@ def test_a_profile_that_goes_by_its_own_clock_has_no_guide_unless_nothing_is_fil
     """The filter would not wait for the operator; without a filter there is nobody to be misled."""
     clocked = Profile(PROFILE.segments)
     with pytest.raises(ValueError, match='align = "marks"'):
-        operator_guide.begun(clocked, "spkf", None, recording=False)
-    assert operator_guide.begun(clocked, "none", None, recording=False).state == "go"
-    assert operator_guide.begun(PROFILE, "spkf", None, recording=True).state == "go"
+        operator_guide.begin_guide(clocked, "spkf", None, recording=False)
+    assert operator_guide.begin_guide(clocked, "none", None, recording=False).state == "go"
+    assert operator_guide.begin_guide(PROFILE, "spkf", None, recording=True).state == "go"
     with pytest.raises(ValueError, match="no profile"):
-        operator_guide.begun(None, "spkf", None, recording=False)
+        operator_guide.begin_guide(None, "spkf", None, recording=False)
     with pytest.raises(ValueError, match="cancel it first"):
-        operator_guide.begun(PROFILE, "spkf", Guide(PROFILE), recording=True)
+        operator_guide.begin_guide(PROFILE, "spkf", Guide(PROFILE), recording=True)
 
 
 def test_segments_are_described_as_the_operator_sets_them() -> None:
     """Degrees of the table's own axes, and the whole time of a motion with its ramps."""
     sampled = Sampled((10.0, 12.0, 13.0), ((0.0, 0.0, 0.0),) * 3)
-    (recorded,) = operator_guide.described(Profile((sampled,)), "angles.csv")["segments"]
+    (recorded,) = operator_guide.describe(Profile((sampled,)), "angles.csv")["segments"]
     assert (recorded["kind"], recorded["seconds"]) == ("sampled", 3.0)
     swing = Sine("middle", 0.17453292519943295, 0.5, 20.0)
-    told = operator_guide.described(Profile((*PROFILE.segments, swing), accel=0.5), "tumble.toml")
+    told = operator_guide.describe(Profile((*PROFILE.segments, swing), accel=0.5), "tumble.toml")
     assert told["name"] == "tumble.toml"
     assert [one["kind"] for one in told["segments"]] == ["dwell", "rate", "dwell", "sine"]
     assert told["segments"][2]["text"] == "go to outer 0°, middle 90°, inner 0°"

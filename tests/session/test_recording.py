@@ -13,7 +13,9 @@ from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import live_filter
-from imutui.session.recording import Take, Timebase
+from imutui.session.recording import finish_file
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
 FILE = b"""\
@@ -58,13 +60,13 @@ def catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def recorded(path: Path, sampling: str) -> dict[str, Any]:
-    """A take of 15 s with effects, fed packet by packet: its result document."""
+    """A recording of 15 s with effects, fed packet by packet: its result document."""
     info = SessionInfo(
         sampling=sampling, rate_hz=133.0 if sampling == "polled" else 20.0, effects_sha256=effects_file.digest(FILE)
     )
     writer = LogWriter(path, info, "", START)
     writer.attach(effects_file.ATTACHMENT, effects_file.MEDIA_TYPE, FILE, START)
-    take = Take(info, Timebase(START), writer, None, effects_file.maker(FILE, info))
+    pipeline = SamplePipeline(info, Timebase(START), writer, None, effects_file.maker(FILE, info))
     rng = np.random.default_rng(3)
     for k in range(2000):
         counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
@@ -72,10 +74,9 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
             counts[0] = 32767  # at the limit: no reading, but a temperature
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k // 20 + int(rng.integers(3)), k)
         stamp = Stamp(k * 7_518_797, 0, False)
-        take.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
-    document = take.finish(2000 * 7_518_797)
-    assert document is not None
-    assert take.failure is None
+        pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
+    document = finish_file(writer, pipeline, 2000 * 7_518_797)
+    assert document["alarms"] == pipeline.filter.estimator.alarms()  # type: ignore[union-attr]
     return document
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from imutui.session.disk_space import Growth, Room
+from imutui.session.disk_space import FreeSpace, GrowthRate
 from imutui.session.plan import Plan
-from imutui.session.rotation import Parts
+from imutui.session.rotation import RecordingParts
 
 S = 1_000_000_000
 
@@ -26,12 +26,12 @@ S = 1_000_000_000
 )
 def test_a_file_is_full_by_time_or_by_size(minutes: float, mb: float, seconds: float, size: int, full: bool) -> None:
     """Whichever comes first; 0 is never; and no limit makes files of less than a second."""
-    assert Parts(Path("a.mcap"), minutes, mb).full(seconds, size) is full
+    assert RecordingParts(Path("a.mcap"), minutes, mb).is_full(seconds, size) is full
 
 
 def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> None:
     """a_p2, a_p3, beside whatever lies there from before."""
-    parts = Parts(tmp_path / "a.mcap", 1.0, 0.0)
+    parts = RecordingParts(tmp_path / "a.mcap", 1.0, 0.0)
     assert parts.next_path() == tmp_path / "a_p2.mcap"
     (tmp_path / "a_p2.mcap").touch()
     assert parts.next_path() == tmp_path / "a_p2_2.mcap"
@@ -41,9 +41,9 @@ def test_parts_are_named_after_the_first_and_replace_nothing(tmp_path: Path) -> 
 
 def test_only_a_recording_in_several_files_tells_its_parts() -> None:
     """The result of one file is as it was; that of the last of several names them all."""
-    parts = Parts(Path("a.mcap"), 1.0, 0.0)
-    assert parts.finished({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
-    assert parts.finished({"log": "a_p2.mcap", "converged": False})["parts"] == [
+    parts = RecordingParts(Path("a.mcap"), 1.0, 0.0)
+    assert parts.add_result({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
+    assert parts.add_result({"log": "a_p2.mcap", "converged": False})["parts"] == [
         {"log": "a.mcap", "converged": True},
         {"log": "a_p2.mcap", "converged": False},
     ]
@@ -65,7 +65,7 @@ def test_a_reference_told_from_one_logs_start_keeps_the_recording_in_one_file() 
 
 def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
     """The folder of logs is made with the first one; the disk is asked once a second however many ask."""
-    room = Room()
+    room = FreeSpace()
     missing = tmp_path / "logs" / "deep"
     free = room.free_bytes(missing, 5 * S)
     assert free is not None
@@ -79,7 +79,7 @@ def test_room_is_that_of_the_nearest_folder_there_is(tmp_path: Path) -> None:
 
 def test_the_rate_of_growth_is_told_through_all_files() -> None:
     """Nothing in the first 10 s; a new file begins at zero and the rate does not."""
-    growth = Growth()
+    growth = GrowthRate()
     for second in range(10):
         growth.add(second * S, 1000 * second)
         assert growth.bytes_per_s() is None

@@ -12,13 +12,13 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.session import handshake, zeroing
-from imutui.session.reader_thread import Arrival, Gone, Item, Missed, Reader, Zeroed
+from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
 
 
 @contextmanager
-def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reader, "queue.SimpleQueue[Item]"]]:
+def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reader, "queue.SimpleQueue[ReaderEvent]"]]:
     """A reader that reads a unit, and what it hands on."""
-    items: queue.SimpleQueue[Item] = queue.SimpleQueue()
+    items: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
     with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
         handshake.open_dialogue(port, 38400, say=lambda text: None)
         reader = Reader(port, poll_hz, items.put)
@@ -31,26 +31,26 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
                 items.get(timeout=10.0) if not items.empty() else None
 
 
-def packets(items: "queue.SimpleQueue[Item]", n: int) -> list[Arrival]:
+def packets(items: "queue.SimpleQueue[ReaderEvent]", n: int) -> list[PacketArrival]:
     """The next packets; nothing else may come."""
     found = []
     while len(found) < n:
         item = items.get(timeout=20.0)
-        if not isinstance(item, Missed):  # a loaded machine may be late for a poll
-            assert isinstance(item, Arrival)
+        if not isinstance(item, PollUnanswered):  # a loaded machine may be late for a poll
+            assert isinstance(item, PacketArrival)
             found.append(item)
     return found
 
 
-def until_zeroed(items: "queue.SimpleQueue[Item]") -> tuple[list[Arrival], Zeroed]:
+def until_zeroed(items: "queue.SimpleQueue[ReaderEvent]") -> tuple[list[PacketArrival], ZeroingFinished]:
     """Packets up to the zeroing, and how that went."""
-    before: list[Arrival] = []
+    before: list[PacketArrival] = []
     while True:
         item = items.get(timeout=60.0)
-        assert not isinstance(item, Gone)
-        if isinstance(item, Zeroed):
+        assert not isinstance(item, LineLost)
+        if isinstance(item, ZeroingFinished):
             return before, item
-        if isinstance(item, Arrival):
+        if isinstance(item, PacketArrival):
             before.append(item)
 
 
@@ -99,7 +99,7 @@ def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:
     left = []
     while not items.empty():
         left.append(items.get())
-    assert not any(isinstance(item, Zeroed) for item in left)
+    assert not any(isinstance(item, ZeroingFinished) for item in left)
 
 
 def test_zero_erases_the_stored_zero_at_once() -> None:

@@ -1,0 +1,384 @@
+"""What an acquisition does with packets, requests and the passing of time.
+
+Nothing here knows threads, processes or sockets: the engine's worker calls these methods, one after the other.
+"""
+
+import time
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filters.motion.profile import Profile
+from imutui.instrument.clock import Clock
+from imutui.instrument.crossbow import Scaling
+from imutui.logbook.session_info import SessionInfo
+from imutui.session import observe, operator_guide, zeroing
+from imutui.session.disk_space import FreeSpace, disk_message
+from imutui.session.event_log import EventLog
+from imutui.session.lifecycle import Lifecycle
+from imutui.session.metadata import check_live, effects_of, motion_of, reconfigured
+from imutui.session.observe import AcquisitionView
+from imutui.session.plan import Plan, RecordingWish
+from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
+from imutui.session.recent_packets import RecentPackets
+from imutui.session.recording import Recording
+from imutui.session.requests import FilterChanges
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.snapshot import ProfileDescription, Snapshot
+from imutui.session.timebase import ClockStepMonitor, Timebase
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
+_WARNING, _ERROR = 30, 40
+
+
+class Acquisition:
+    """One acquisition from its first packet to its last. Not thread-safe.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    info : SessionInfo
+        Metadata of its logs.
+    clock : Clock
+        From the unit's time counter to stamps.
+    reader : Reader
+        Carries out what must be said to the unit.
+    lifecycle : Lifecycle
+        Where it stands.
+
+    Attributes
+    ----------
+    result : ResultDocument or None
+        Of the last recording that was finished.
+
+    Raises
+    ------
+    ValueError
+        If the filter could not run with what is asked; the message names it.
+    """
+
+    def __init__(self, plan: Plan, info: SessionInfo, clock: Clock, reader: Reader, lifecycle: Lifecycle) -> None:
+        self.result: ResultDocument | None = None
+        self._plan = plan
+        self._info = info
+        self._clock = clock
+        self._reader = reader
+        self._lifecycle = lifecycle
+        self._started_ns = time.monotonic_ns()
+        self._timebase = Timebase.now()
+        self._clock_steps = ClockStepMonitor(self._timebase)
+        self._events = EventLog(self._timebase)
+        self._recent = RecentPackets(Scaling(plan.rate_range_dps, plan.accel_range_g))
+        self._free_space = FreeSpace()
+        self._motion = motion_of(plan)
+        self._effects = effects_of(plan, info)
+        check_live(info, self._motion, self._effects)
+        self._pipeline = SamplePipeline(info, self._timebase, None, self._motion, self._effects)
+        self._recording: Recording | None = None
+        self._guide: operator_guide.Guide | None = None
+        self._zeroing: Future[str] | None = None
+        self._begins_recording = plan.record
+        self._line_errors = (0, 0)
+        self._silent = False
+        self._duration_from_ns: int | None = None
+        self._has_recorded = False
+
+    # -- what comes from the reader -------------------------------------------------------------------------------
+
+    def packet(self, arrival: PacketArrival) -> bool:
+        """Use a packet; returns whether the plan's duration is over with it. Raises OSError if the disk is full."""
+        packet = arrival.packet
+        if self._begins_recording:
+            # not before: a unit that sends nothing must not cost the file that --force would replace
+            self._begins_recording = False
+            self._begin_recording(self._plan.note, Path(self._plan.output) if self._plan.output else None)
+        elif self._is_file_full(arrival.host_ns):
+            self._rotate()
+        stamp = self._clock.stamp(packet.ticks, arrival.host_ns, contiguous=arrival.contiguous)
+        bad, discarded = self._line_errors
+        self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
+        self._pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
+        self._pipeline.packet(packet, stamp, arrival.host_ns)
+        self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
+        if not self._lifecycle.streaming.is_set():
+            self._lifecycle.first_packet()
+            self.event("acquisition", f"connected to {self._info.port}, first packet")
+        if stamp.lost:
+            self.event("acquisition", f"{stamp.lost} packets lost")
+        return self._is_over(stamp.monotonic_ns)
+
+    def poll_unanswered(self) -> None:
+        """Take note of a poll that was not answered."""
+        self._pipeline.poll_unanswered()
+
+    def zeroing_finished(self, event: ZeroingFinished) -> None:
+        """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
+        before = self._recent.rates_dps()
+        self._clock.interrupt()
+        self._recent.interrupt()
+        self._begin_run(None)
+        pending, self._zeroing = self._zeroing, None
+        if event.seconds is None:
+            said = zeroing.unanswered(event.argument)
+            self.event("acquisition", said, _WARNING)
+            if pending is not None:
+                pending.set_exception(ValueError(said))
+            return
+        said = zeroing.in_words(event.argument, event.seconds, before)
+        self.event("acquisition", said)
+        if pending is not None:
+            pending.set_result(said)
+
+    def every_second(self) -> None:
+        """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
+        now = time.monotonic_ns()
+        self._pipeline.flush(now)
+        if self._recording is not None:
+            self._recording.measure_growth(now)
+        if self._guide is not None:
+            self._guide.advance(now)
+        self._look_for_silence(now)
+        step = self._clock_steps.check()
+        if step is not None:
+            self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", _WARNING)
+
+    def _look_for_silence(self, now_ns: int) -> None:
+        silence = (now_ns - self._reader.last_packet_ns) / 1e9
+        period = 1.0 / self._plan.rate_hz if self._plan.sampling == "polled" else 0.0
+        silent = silence > max(1.0, 3.0 * period) and self._zeroing is None
+        if silent != self._silent and self._lifecycle.streaming.is_set():
+            self._silent = silent
+            text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
+            self.event("acquisition", text, _WARNING if silent else 20)
+
+    def line_lost(self, message: str) -> None:
+        """Write down that the line went away."""
+        self.event("acquisition", message, _ERROR)
+
+    def finish(self) -> None:
+        """Finish the file, if there is one; nothing comes any more. Raises OSError."""
+        if self._recording is not None:
+            self._finish_recording(self._recording)
+
+    def abandon_zeroing(self, message: str) -> None:
+        """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
+        if self._zeroing is not None:
+            self._zeroing.set_exception(ValueError(message))
+
+    def disk_message(self, error: OSError) -> str:
+        """Words for a disk that does not take what is written."""
+        return disk_message(None if self._recording is None else self._recording.writer, error)
+
+    # -- what viewers ask for -------------------------------------------------------------------------------------
+
+    def snapshot(self, since: int) -> Snapshot:
+        """State for viewers, with packets from number `since` on."""
+        now = time.monotonic_ns()
+        writer = None if self._recording is None else self._recording.writer
+        folder = Path(self._plan.logs) if writer is None else writer.path.parent
+        view = AcquisitionView(
+            now_ns=now,
+            started_ns=self._started_ns,
+            last_packet_ns=self._reader.last_packet_ns,
+            utc_ns=self._timebase.utc_ns(now),
+            plan=self._plan,
+            info=self._info,
+            state=self._lifecycle.state,
+            error=self._lifecycle.error,
+            zeroing=self._zeroing is not None,
+            follows_profile=isinstance(self._motion, Profile),
+            pipeline=self._pipeline,
+            recording=self._recording,
+            free_bytes=self._free_space.free_bytes(folder, now),
+            recent=self._recent,
+            events=self._events,
+            guide=self._guide,
+        )
+        return observe.snapshot(view, since)
+
+    def mark(self, text: str) -> None:
+        """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
+
+        Raises
+        ------
+        ValueError
+            If nothing is being recorded.
+        """
+        if self._recording is None:
+            raise ValueError(
+                "nothing is being recorded, so there is no file to put the mark into; start recording first"
+            )
+        self.event("mark" if self._guide is None else "remark", text)
+
+    def record(self, wish: RecordingWish) -> str:
+        """Begin a recording; returns its path. What is wished but the note stays for later ones.
+
+        Raises
+        ------
+        ValueError
+            If something is being recorded, the unit is zeroing, or the disk does not take it.
+        """
+        self._refuse_while_zeroing()
+        if self._recording is not None:
+            raise ValueError(f"already recording to {self._recording.writer.path}")
+        asked = {key: getattr(wish, key) for key in ("operator", "place", "table") if getattr(wish, key)}
+        limits = {key: getattr(wish, key) for key in ("rotate_minutes", "rotate_mb") if getattr(wish, key) is not None}
+        before = self._plan, self._info
+        self._plan = replace(self._plan, **asked, **limits)
+        self._info = replace(self._info, **asked)
+        try:
+            return self._begin_recording(wish.note or self._plan.note, None)
+        except OSError as error:  # nothing has been recorded yet, so nothing is lost but this wish
+            self._plan, self._info = before
+            raise ValueError(disk_message(None, error)) from error
+
+    def stop_recording(self) -> "ResultDocument":
+        """Finish the file; the acquisition, its filter included, goes on without one.
+
+        Raises
+        ------
+        ValueError
+            If nothing is being recorded.
+        OSError
+            If the disk does not take the end.
+        """
+        if self._recording is None:
+            raise ValueError("nothing is being recorded")
+        result = self._finish_recording(self._recording)
+        if self._guide is not None:
+            self._guide.recording_ended(time.monotonic_ns())
+        self.event("acquisition", f"finished {result['log']}")
+        return result
+
+    def configure(self, changes: FilterChanges) -> None:
+        """Take another reference or other effects; the filter begins anew with them.
+
+        Raises
+        ------
+        ValueError
+            If something is being recorded, the unit is zeroing, or the filter could not run with them.
+        """
+        self._refuse_while_zeroing()
+        if self._recording is not None:
+            raise ValueError("finish the recording first: r. A file has one reference and one set of effects")
+        # refuses, before anything is changed, what the filter could not run with
+        setup = reconfigured(self._plan, self._info, changes)
+        self._plan, self._info, self._motion, self._effects = setup.plan, setup.info, setup.motion, setup.effects
+        self._guide = None
+        self._begin_run(None)
+        source = self._plan.reference_file[0]
+        said = f"reference {self._plan.reference}{f' from {source}' if source else ''}"
+        said += ", with effects" if self._plan.effects else ", without effects"
+        self.event("acquisition", f"{said}: the filter begins anew")
+
+    def begin_zeroing(self, argument: int) -> "Future[str]":
+        """Have the unit zero its rate sensors; returns what will say what came of it.
+
+        Raises
+        ------
+        ValueError
+            If something is being recorded, it is zeroing already, or the acquisition is ending.
+        """
+        self._refuse_while_zeroing()
+        if self._recording is not None:
+            raise ValueError("finish the recording first: r. Zeroing would put a step into the file")
+        if self._lifecycle.state != "running":
+            raise ValueError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
+        self._zeroing = Future()
+        self.event("acquisition", f"zeroing the rate sensors (argument {argument}); packets pause")
+        self._reader.zero(argument)
+        return self._zeroing
+
+    def profile(self) -> ProfileDescription | None:
+        """The profile that the reference comes from, if it comes from one."""
+        if not isinstance(self._motion, Profile):
+            return None
+        return operator_guide.describe(self._motion, self._plan.reference_file[0])
+
+    def guide(self, do: str, wish: RecordingWish) -> None:
+        """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished.
+
+        Raises
+        ------
+        ValueError
+            If that cannot be done now; the message says what next.
+        """
+        recording = self._recording is not None
+        if do == "begin":
+            begun = operator_guide.begin_guide(self._motion, self._plan.filter, self._guide, recording=recording)
+            if not recording:
+                self.record(wish)
+            self._guide = begun
+            self.event("acquisition", f"guide through {self._plan.reference_file[0]} begins")
+            return
+        if self._guide is None:
+            raise ValueError("no guide is under way; begin one first")
+        mark = self._guide.do(do, time.monotonic_ns(), recording=recording)
+        if mark is not None:
+            self.event("mark", mark)
+
+    # -- files and runs of samples --------------------------------------------------------------------------------
+
+    def event(self, name: str, text: str, level: int = 20) -> None:
+        """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
+        now = time.monotonic_ns()
+        self._events.add(name, text, now)
+        self._pipeline.event(name, text, now, level)
+
+    def _refuse_while_zeroing(self) -> None:
+        if self._zeroing is not None:
+            raise ValueError("the unit is zeroing its rate sensors; wait until it is done")
+
+    def _begin_run(self, recording: Recording | None) -> None:
+        """Begin another run of samples, into the recording's present file if there is one."""
+        info, writer = (self._info, None) if recording is None else (recording.info, recording.writer)
+        self._pipeline = SamplePipeline(info, self._timebase, writer, self._motion, self._effects)
+        self._events.forget_mark_times()
+        if not self._has_recorded:
+            self._duration_from_ns = None
+
+    def _begin_recording(self, note: str, path: Path | None) -> str:
+        recording = Recording(self._plan, self._info, note, path)
+        self._begin_run(recording)
+        self._recording, self._guide = recording, None
+        self._duration_from_ns, self._has_recorded = None, True
+        self._events.clear_marks()
+        self.event("acquisition", f"recording to {recording.writer.path.name}")
+        if self._plan.rotates != bool(self._plan.rotate_minutes or self._plan.rotate_mb):
+            why = "the reference is told from one log's first sample on"
+            self.event("acquisition", f"the recording stays in one file: {why}", _WARNING)
+        return str(recording.writer.path)
+
+    def _is_file_full(self, now_ns: int) -> bool:
+        """Whether the recording goes on in another file, from this packet on."""
+        started = self._pipeline.started_ns
+        if self._recording is None or started is None or self._lifecycle.state != "running":
+            return False
+        return self._recording.is_full((now_ns - started) / 1e9)
+
+    def _rotate(self) -> None:
+        recording = self._recording
+        assert recording is not None
+        before = recording.writer.path.name
+        self.event("acquisition", f"continued in {recording.parts.next_path().name}")
+        self._finish_recording(recording)
+        recording.next_file()
+        self._recording = recording
+        self._begin_run(recording)
+        self.event("acquisition", f"part {recording.parts.number}, continues {before}")
+
+    def _finish_recording(self, recording: Recording) -> "ResultDocument":
+        self.result = recording.finish_file(self._pipeline, time.monotonic_ns())
+        self._recording = None
+        return self.result
+
+    def _is_over(self, now_ns: int) -> bool:
+        """Whether the plan's duration is over, counted through all files of a recording."""
+        if self._duration_from_ns is None:
+            self._duration_from_ns = self._pipeline.started_ns
+        duration, since = self._plan.duration_s, self._duration_from_ns
+        return duration is not None and since is not None and now_ns - since >= duration * 1e9

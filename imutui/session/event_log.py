@@ -1,0 +1,70 @@
+"""The last events and operator's marks of an acquisition, for viewers; the log file has all of them."""
+
+import time
+from collections import deque
+from dataclasses import dataclass, replace
+
+from imutui.session.snapshot import EventLine, MarkLine
+from imutui.session.timebase import Timebase
+
+_EVENTS = 20
+_MARKS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorMark:
+    """What the operator said.
+
+    Attributes
+    ----------
+    at_ns : int or None
+        Monotonic; None if it belongs to an earlier run of samples than the present one.
+    utc, text : str
+        When, as a clock on the wall shows it, and what.
+    """
+
+    at_ns: int | None
+    utc: str
+    text: str
+
+
+class EventLog:
+    """Keeps the last 20 events and the last 50 marks.
+
+    Parameters
+    ----------
+    timebase : Timebase
+        Monotonic to UTC.
+    """
+
+    def __init__(self, timebase: Timebase) -> None:
+        self._timebase = timebase
+        self._events: deque[EventLine] = deque(maxlen=_EVENTS)
+        self._marks: deque[OperatorMark] = deque(maxlen=_MARKS)
+
+    def add(self, name: str, text: str, now_ns: int) -> None:
+        """Take an event, or a mark if its name says so: "mark", or "remark" while the operator is guided."""
+        utc = time.strftime("%H:%M:%S", time.gmtime(self._timebase.utc_ns(now_ns) / 1e9))
+        self._events.append({"utc": utc, "name": name, "text": text})
+        if name in ("mark", "remark"):
+            self._marks.append(OperatorMark(now_ns, utc, text))
+
+    def forget_mark_times(self) -> None:
+        """Keep what was said, but not when: another run of samples begins, and the marks are at no time of it."""
+        self._marks = deque((replace(mark, at_ns=None) for mark in self._marks), _MARKS)
+
+    def clear_marks(self) -> None:
+        """Forget the marks: another recording begins."""
+        self._marks.clear()
+
+    def events(self) -> list[EventLine]:
+        """Events for viewers, oldest first."""
+        return list(self._events)
+
+    def marks(self, started_ns: int | None) -> list[MarkLine]:
+        """Marks for viewers, oldest first, with times since `started_ns`, when the present run of samples began."""
+        return [{"t": _seconds(mark.at_ns, started_ns), "utc": mark.utc, "text": mark.text} for mark in self._marks]
+
+
+def _seconds(at_ns: int | None, started_ns: int | None) -> float | None:
+    return None if at_ns is None or started_ns is None else max(0.0, (at_ns - started_ns) / 1e9)

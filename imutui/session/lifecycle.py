@@ -1,0 +1,50 @@
+"""Where an acquisition stands, from connecting to its end; asked and told by every thread of its process."""
+
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from imutui.session.snapshot import SessionState
+
+
+class Lifecycle:
+    """State, error and exit code of one acquisition.
+
+    Attributes
+    ----------
+    state : str
+        "connecting" until the first packet, then "running"; "stopping" once the end is asked for; "stopped", or
+        "failed", at the end.
+    error : str or None
+        Why it failed, for the user; the first reason counts.
+    exit_code : int
+        Of the process; 0 unless it failed.
+    streaming, ended : threading.Event
+        Set with the first packet, and when nothing more will happen.
+    """
+
+    def __init__(self) -> None:
+        self.state: SessionState = "connecting"
+        self.error: str | None = None
+        self.exit_code = 0
+        self.streaming = threading.Event()
+        self.ended = threading.Event()
+
+    def first_packet(self) -> None:
+        """Packets come."""
+        self.state = "running" if self.state == "connecting" else self.state
+        self.streaming.set()
+
+    def stop(self) -> None:
+        """The end is asked for."""
+        self.state = "stopping" if self.state in ("connecting", "running") else self.state
+
+    def fail(self, exit_code: int, error: str) -> None:
+        """Something makes it end; what comes after the first reason is its consequence and is not kept."""
+        if not self.exit_code:
+            self.exit_code, self.error = exit_code, error
+
+    def end(self) -> None:
+        """Nothing more will happen."""
+        self.state = "failed" if self.exit_code else "stopped"
+        self.ended.set()

@@ -1,0 +1,122 @@
+"""Fills the part of the snapshot that tells of the filter's estimates; loads statistics, as the filter does."""
+
+import numpy as np
+
+from filters.imu import CHANNELS
+from filters.kalman.runner import Estimator
+from imutui.logbook import results
+from imutui.logbook.session_info import SessionInfo
+from imutui.session.observe_filter import AXES, bias_limits
+from imutui.session.snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot, RemainderSnapshot
+
+
+def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
+    """What a screen shows of the filter, in the instrument's axes and units.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Between two samples.
+    info : SessionInfo
+        Axes and units.
+    """
+    latest = estimator.latest
+    out: FilterSnapshot = {
+        "name": info.filter,
+        "reference": info.reference,
+        "t": None if latest is None else latest.t,
+        "samples": estimator.samples,
+        "waiting": None,
+        "converged": estimator.converged,
+        "biases": _biases(estimator, info),
+        "nis": results.nis_fields(estimator),
+        "remainder": _remainder(estimator, info),
+        "effects": _effects(estimator),
+        "state": None,
+        "state_sd": None,
+        "alarms": estimator.alarms(),
+        "failure": None,
+        "rejected": estimator.rejected,
+        "confounded": estimator.confounded(),
+    }
+    if latest is not None:
+        axes, g_unit = info.axes(), info.g_unit
+        seen = results.seen_axes(estimator, axes)
+        nav, P = latest.belief.nav, latest.belief.P
+        state = results.state_fields(nav, axes, g_unit, seen)
+        sd = results.sd_fields(P, nav, axes, g_unit, seen)
+        out["state"] = {
+            "position_deg_m": state["position_deg_m"],
+            "velocity_mps": state["velocity_mps"],
+            "rpy_deg": state["rpy_deg"],
+        }
+        out["state_sd"] = {
+            "position_m": sd["position_m"],
+            "velocity_mps": sd["velocity_mps"],
+            "rpy_deg": sd["rpy_deg"],
+        }
+    return out
+
+
+def _remainder(estimator: Estimator, info: SessionInfo) -> list[RemainderSnapshot]:
+    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
+    axes, found = info.axes(), estimator.monitor.remainder()
+    ratio = np.full(6, np.nan)
+    if found.ratio is not None:
+        parts = found.ratio[3:], found.ratio[:3]
+        ratio = np.concatenate([results.to_instrument_order(part, axes) for part in parts])
+        accel, gyro = np.split(results.seen_axes(estimator, axes), 2)
+        ratio[~np.concatenate([gyro, accel])] = np.nan
+    return [
+        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
+        for channel, r in zip(CHANNELS, ratio, strict=True)
+    ]
+
+
+def _effects(estimator: Estimator) -> list[EffectSnapshot]:
+    """States of the effects that joined the filter, each in the unit of its file."""
+    if estimator.latest is None:
+        return []
+    out: list[EffectSnapshot] = []
+    for field in results.effect_fields(estimator):
+        label, _, unit = field["name"].removesuffix(")").partition(" (")
+        out.append({"label": label, "value": field["value"], "sd": field["sd"], "unit": unit})
+    return out
+
+
+def _biases(estimator: Estimator, info: SessionInfo) -> list[BiasSnapshot]:
+    axes, g_unit = info.axes(), info.g_unit
+    spec = estimator.settings.spec
+    latest, convergence = estimator.latest, estimator.monitor.convergence()
+    values, sds = None, None
+    seen = results.seen_axes(estimator, axes)
+    since = results.converged_since(estimator, axes)
+    change = convergence.change if convergence.change is not None else np.full(6, np.nan)
+    changes = {
+        "gyro": np.rad2deg(axes.gyro_to_instrument(change[3:])),
+        "accel": axes.accel_to_instrument(change[:3]) / g_unit * 1e3,
+    }
+    if latest is not None:
+        nav = latest.belief.nav
+        final = results.state_fields(nav, axes, g_unit, seen)
+        spread = results.sd_fields(latest.belief.P, nav, axes, g_unit, seen)
+        values = {"gyro": final["gyro_bias_dps"], "accel": final["accel_bias_mg"]}
+        sds = {"gyro": spread["gyro_bias_dps"], "accel": spread["accel_bias_mg"]}
+    out: list[BiasSnapshot] = []
+    for kind, unit, limit in bias_limits(spec, g_unit):
+        for i, axis in enumerate(AXES):
+            sd = sds[kind][i] if sds else None
+            moved = changes[kind][i]
+            out.append(
+                {
+                    "name": f"{axis} {kind}",
+                    "value": values[kind][i] if values else None,
+                    "sd3": None if sd is None else 3.0 * sd,
+                    "unit": unit,
+                    "limit": limit,
+                    "change_10s": float(moved) if np.isfinite(moved) else None,
+                    "converged_s": since[f"{kind}_bias"][i],
+                    "observable": bool(seen[i + 3 * (kind == "gyro")]),
+                }
+            )
+    return out

@@ -1,0 +1,53 @@
+"""The part of the snapshot that tells of the filter, before there are estimates (`observe_estimator` has those)."""
+
+import numpy as np
+
+from filters.imu import CHANNELS, IMU400CD_200, ImuSpec
+from imutui.logbook.session_info import SessionInfo
+from imutui.session.snapshot import FilterSnapshot
+
+AXES = ("x", "y", "z")
+_NO_UPDATE = "no update yet"
+
+
+def before_estimates(info: SessionInfo) -> FilterSnapshot:
+    """What a screen shows of a filter whose code may not even be loaded yet: what its settings say."""
+    return {
+        "name": info.filter,
+        "reference": info.reference,
+        "t": None,
+        "samples": 0,
+        "waiting": None,
+        "converged": False,
+        "biases": [
+            {
+                "name": f"{axis} {kind}",
+                "value": None,
+                "sd3": None,
+                "unit": unit,
+                "limit": limit,
+                "change_10s": None,
+                "converged_s": None,
+                "observable": True,
+            }
+            for kind, unit, limit in bias_limits(IMU400CD_200, info.g_unit)
+            for axis in AXES
+        ],
+        "nis": {"mean": None, "first": None, "dof": 0, "band95": [None, None], "is_test": False, "why": _NO_UPDATE},
+        "remainder": [{"channel": channel, "ratio": None, "windows": 0} for channel in CHANNELS],
+        "effects": [],
+        "state": None,
+        "state_sd": None,
+        "alarms": [],
+        "failure": None,
+        "rejected": 0,
+        "confounded": [],
+    }
+
+
+def bias_limits(spec: ImuSpec, g_unit: float) -> tuple[tuple[str, str, float], ...]:
+    """Kind, unit and the data sheet's limit of the biases, g of so many m/s² for the accelerometers' mg."""
+    return (
+        ("gyro", "deg/s", float(np.rad2deg(spec.gyro_bias_limit))),
+        ("accel", "mg", spec.accel_bias_limit / g_unit * 1e3),
+    )

@@ -1,0 +1,95 @@
+"""What viewers ask of an acquisition over its socket, and what it replies: the shapes of both, as JSON objects.
+
+Records only; `python -m imutui.session` answers, `client` asks, `ipc` carries. A request that could not be
+carried out gets a `Refusal`.
+"""
+
+from typing import TYPE_CHECKING, Literal, NotRequired, TypedDict
+
+from imutui.session.snapshot import ProfileDescription, Snapshot
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
+
+class RecordingWishFields(TypedDict, total=False):
+    """Fields of `imutui.session.plan.RecordingWish`; what lacks is as the plan has it."""
+
+    note: str
+    operator: str
+    place: str
+    table: str
+    rotate_minutes: float | None
+    rotate_mb: float | None
+
+
+class FilterChanges(TypedDict, total=False):
+    """What the filter takes from now on; what lacks stays as it is.
+
+    `reference` is a name, `reference_file` name and text of a profile or trajectory, `effects` the text of an effects
+    file, empty for none.
+    """
+
+    reference: str
+    reference_file: tuple[str, str]
+    effects: str
+
+
+class Request(TypedDict):
+    """Any request; the fields beyond `ask` belong to the kinds that say so."""
+
+    ask: Literal[
+        "snapshot", "mark", "record", "configure", "zero", "profile", "guide", "stop_recording", "stop", "wait"
+    ]
+    since: NotRequired[int]
+    """snapshot: number of the first packet wanted in the series."""
+    text: NotRequired[str]
+    """mark: what the operator says."""
+    wish: NotRequired[RecordingWishFields]
+    """record, guide: of the recording that begins."""
+    changes: NotRequired[FilterChanges]
+    """configure."""
+    argument: NotRequired[int]
+    """zero: length of the average."""
+    do: NotRequired[str]
+    """guide: begin, next, cancel, resume."""
+    timeout_s: NotRequired[float | None]
+    """wait: how long at most; None for ever."""
+
+
+class Reply(TypedDict, total=False):
+    """What is replied; which fields there are besides `ok` depends on the request."""
+
+    ok: Literal[True]
+    snapshot: Snapshot
+    """snapshot."""
+    path: str
+    """record: of the file that has begun."""
+    said: str
+    """zero: what came of it."""
+    profile: ProfileDescription | None
+    """profile."""
+    result: "ResultDocument | None"
+    """stop_recording, stop, wait: of the last recording."""
+    error: str | None
+    """stop, wait: why the acquisition failed, if it did."""
+    exit_code: int
+    """stop, wait: of the acquisition's process."""
+    runs: bool
+    """wait: true if it runs still; `result`, `error` and `exit_code` are not there then."""
+
+
+class Refusal(TypedDict):
+    """What could not be carried out, and why, for the user."""
+
+    ok: Literal[False]
+    error: str
+
+
+class StartReport(TypedDict):
+    """First line of the acquisition process on stdout: whether it runs; `error` and `exit_code` if it does not."""
+
+    ok: bool
+    pid: NotRequired[int]
+    error: NotRequired[str]
+    exit_code: NotRequired[int]

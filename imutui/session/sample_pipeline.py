@@ -1,0 +1,231 @@
+"""One run of output samples: packets to the disk first, then averaged to samples, then through the filter.
+
+Starting to record starts a new run, so that the file holds every sample that its filter has seen and a replay gives the
+same estimates. There is a run without a file as well: viewers see readings and estimates before anything is recorded.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from filters.kalman.augmentation import MakeEffects
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
+from imutui.instrument.clock import Stamp
+from imutui.instrument.crossbow import Packet, Scaling
+from imutui.instrument.scaling import COUNT_LIMITS
+from imutui.logbook import schemas
+from imutui.logbook.session_info import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session.averaging import Averager, Sample
+from imutui.session.live_filter import LiveFilter
+from imutui.session.timebase import Timebase
+
+_RATE_SPAN_NS = 10_000_000_000
+
+
+@dataclass(slots=True)
+class LineCounters:
+    """What came over the line, and what did not, since the run of samples began."""
+
+    packets: int = 0
+    lost_packets: int = 0
+    bad_checksums: int = 0
+    discarded_bytes: int = 0
+
+
+@dataclass(slots=True)
+class SampleRate:
+    """Samples a second over the last 10 s (at least two samples)."""
+
+    stamps: list[int] = field(default_factory=list)
+
+    def add(self, stamp_ns: int) -> None:
+        """Take a sample's stamp."""
+        self.stamps.append(stamp_ns)
+        while len(self.stamps) > 3 and stamp_ns - self.stamps[1] > _RATE_SPAN_NS:
+            self.stamps.pop(0)
+
+    def hz(self) -> float | None:
+        """Rate, or None before there are three samples."""
+        if len(self.stamps) < 3:
+            return None
+        return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
+
+
+class SamplePipeline:
+    """Packets in; raw packets, samples and estimates out, to the file if there is one.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Of this run.
+    timebase : Timebase
+        Monotonic to UTC.
+    writer : LogWriter or None
+        None when not recording.
+    motion : Profile, Trajectory or None
+        What the filter's reference needs.
+    effects : callable or None
+        Makes the effects that join the filter.
+
+    Attributes
+    ----------
+    counters : LineCounters
+        Of the line.
+    samples, marks : int
+        How many so far.
+    rate : SampleRate
+        Of the samples.
+    filter : LiveFilter or None
+        None if nothing is filtered.
+    started_ns, flushed_ns : int or None
+        When the first packet was sampled, and when all was last seen onto the disk, monotonic.
+
+    Raises
+    ------
+    ValueError
+        If the filter's settings cannot be.
+    """
+
+    def __init__(
+        self,
+        info: SessionInfo,
+        timebase: Timebase,
+        writer: LogWriter | None,
+        motion: Profile | Trajectory | None = None,
+        effects: MakeEffects | None = None,
+    ) -> None:
+        self.info = info
+        self.counters = LineCounters()
+        self.samples = 0
+        self.marks = 0
+        self.rate = SampleRate()
+        self.started_ns: int | None = None
+        self.flushed_ns: int | None = None
+        self.filter = LiveFilter(info, motion, effects) if info.filter != "none" else None
+        self._writer = writer
+        self._timebase = timebase
+        self._axes = info.axes()
+        self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
+        self._at_limit = False
+        self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
+
+    def packet(self, packet: Packet, stamp: Stamp, host_ns: int) -> None:
+        """Take a packet; raises OSError if the disk does not take it."""
+        counts = (*packet.rates, *packet.accels)
+        at_limit = any(n in COUNT_LIMITS for n in counts)
+        if self._writer is not None:
+            self._write_raw(self._writer, packet, stamp, host_ns, at_limit=at_limit)
+        if self.started_ns is None:
+            self.started_ns = stamp.monotonic_ns
+            self._flush()  # the first packet is on the disk before the filter is loaded, which takes its time
+        self.counters.packets += 1
+        self.counters.lost_packets += stamp.lost
+        if self._averager is None:
+            values = np.array(counts, float)
+            self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns, valid=not at_limit)
+        else:
+            sample = self._averager.add(stamp.monotonic_ns, counts, packet.temperature)
+            if sample is not None:
+                self._sample(sample, host_ns, valid=not self._at_limit)
+                self._at_limit = False
+            self._at_limit |= at_limit
+
+    def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
+        """Take what the line has cost since the packet before."""
+        self.counters.bad_checksums += bad_checksums
+        self.counters.discarded_bytes += discarded_bytes
+
+    def poll_unanswered(self) -> None:
+        """Take note that a packet was asked for and did not come."""
+        self.counters.lost_packets += 1
+
+    def _write_raw(self, writer: LogWriter, packet: Packet, stamp: Stamp, host_ns: int, *, at_limit: bool) -> None:
+        p, q, r = packet.rates
+        x, y, z = packet.accels
+        flags = schemas.FLAG_LOST_BEFORE if stamp.lost else 0
+        flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
+        flags |= schemas.FLAG_LIMIT if at_limit else 0
+        raw = schemas.RawPacket(
+            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature, packet.ticks, 0, flags
+        )
+        writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
+
+    def _sample(self, sample: Sample, host_ns: int, *, valid: bool) -> None:
+        stamp_ns = self._timebase.utc_ns(sample.stamp_ns)
+        gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
+        accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
+        self.samples += 1
+        self.rate.add(sample.stamp_ns)
+        degc = float(self._scaling.temperature_degc(sample.temperature))
+        if self._writer is not None:
+            log_ns = self._timebase.utc_ns(host_ns)
+            self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=valid)
+            self._writer.message(schemas.TEMPERATURE, schemas.temperature(stamp_ns, degc), log_ns, stamp_ns)
+        # a count at its limit says only "this or more": the filter predicts through it
+        if self.filter is not None and valid:
+            self._filter(self.filter.sample(stamp_ns, gyro, accel, degc), host_ns)
+
+    def _filter(self, messages: Iterator[tuple[int, bytes]], host_ns: int) -> None:
+        for stamp_ns, message in messages:
+            if self._writer is not None:
+                self._writer.encoded(schemas.ESTIMATE, message, self._timebase.utc_ns(host_ns), stamp_ns)
+
+    def event(self, name: str, text: str, now_ns: int, level: int = 20) -> None:
+        """Write a mark, a remark or an event, if recording."""
+        utc = self._timebase.utc_ns(now_ns)
+        self.marks += name in ("mark", "remark")
+        if name == "mark" and self.filter is not None:
+            self.filter.mark(utc, text)
+        if self._writer is not None:
+            self._writer.message(schemas.EVENTS, schemas.event(utc, name, text, level), utc, utc)
+
+    def flush(self, now_ns: int) -> None:
+        """Write reference and diagnostics, and see everything onto the disk; raises OSError if it is not taken."""
+        if self._writer is None:
+            return
+        utc = self._timebase.utc_ns(now_ns)
+        angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
+        reference = schemas.table_reference(utc, self.info.reference, angles, np.zeros(3))
+        self._writer.message(schemas.REFERENCE, reference, utc, utc)
+        level = 1 if self.counters.lost_packets or self.counters.bad_checksums else 0
+        text = "packets were lost or damaged" if level else "ok"
+        values = self._diagnostics(now_ns)
+        self._writer.message(schemas.DIAGNOSTICS, schemas.diagnostics(utc, level, text, values), utc, utc)
+        self._flush()
+
+    def _flush(self) -> None:
+        if self._writer is not None:
+            self._writer.flush()
+            self.flushed_ns = time.monotonic_ns()
+
+    def _diagnostics(self, now_ns: int) -> dict[str, str]:
+        age = (now_ns - self.flushed_ns) / 1e9 if self.flushed_ns is not None else 0.0
+        hz = self.rate.hz()
+        return {
+            "serial_number": self.info.serial_number,
+            "rate_asked_hz": repr(self.info.rate_hz),
+            "rate_measured_hz": "" if hz is None else f"{hz:.4f}",
+            "packets": str(self.counters.packets),
+            "samples": str(self.samples),
+            "lost_packets": str(self.counters.lost_packets),
+            "bad_checksums": str(self.counters.bad_checksums),
+            "resynchronised_bytes": str(self.counters.discarded_bytes),
+            "flush_age_s": f"{age:.3f}",
+        }
+
+    def utc_ns(self, monotonic_ns: int) -> int:
+        """UTC of a monotonic instant, ns."""
+        return self._timebase.utc_ns(monotonic_ns)
+
+    def use_waiting(self, now_ns: int) -> None:
+        """Filter the samples that still wait: the file ends here."""
+        if self.filter is not None:
+            self._filter(self.filter.finish(), now_ns)
+
+    def release_file(self) -> None:
+        """Go on without the file, which is finished."""
+        self._writer = None

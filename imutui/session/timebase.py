@@ -1,0 +1,50 @@
+"""UTC from the monotonic clock: whoever sets the system's clock meanwhile moves no stamp, and is told of."""
+
+import time
+from dataclasses import dataclass
+
+_STEP_NS = 100_000_000
+_READINGS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Timebase:
+    """UTC at start plus the monotonic clock: steps of the system's clock never reach a log."""
+
+    utc_minus_monotonic_ns: int
+
+    @classmethod
+    def now(cls) -> "Timebase":
+        """From the system's clock as it stands."""
+        return cls(utc_minus_monotonic_ns())
+
+    def utc_ns(self, monotonic_ns: int) -> int:
+        """UTC of a monotonic instant, ns."""
+        return monotonic_ns + self.utc_minus_monotonic_ns
+
+
+class ClockStepMonitor:
+    """Notices when the system's clock is set.
+
+    Parameters
+    ----------
+    timebase : Timebase
+        That of the acquisition, which keeps to the clock as it was at the start.
+    """
+
+    def __init__(self, timebase: Timebase) -> None:
+        self._timebase = timebase
+        self._known_ns = 0
+
+    def check(self) -> float | None:
+        """Seconds by which the clock was set since the last look, None if it was not (or by less than 0.1 s)."""
+        step = utc_minus_monotonic_ns() - self._timebase.utc_minus_monotonic_ns - self._known_ns
+        if abs(step) <= _STEP_NS:
+            return None
+        self._known_ns += step
+        return step / 1e9
+
+
+def utc_minus_monotonic_ns() -> int:
+    """System clock less monotonic clock; the least of a few readings, since this thread may be held up between two."""
+    return min(time.time_ns() - time.monotonic_ns() for _ in range(_READINGS))
