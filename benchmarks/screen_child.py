@@ -165,12 +165,17 @@ class Whole(ImutuiApp):
     CSS_PATH = Path(application.__file__).with_name("app.tcss")
     account: Account
 
-    def draw(self, event: Poller.Arrived) -> None:
+    def on_mount(self) -> None:
         """Draw as the application does, and count."""
-        super().draw(event)
-        if isinstance(self.page, LivePage):
-            self.page._span = SPAN_S
-        self.account.frame(self._frames.take_age())
+        draw = self.drawing.draw
+
+        def counted(event: Poller.Arrived) -> None:
+            draw(event)
+            if isinstance(self.page, LivePage):
+                self.page._span = SPAN_S
+            self.account.frame(self.drawing.frames.take_age())
+
+        self.drawing.draw = counted  # type: ignore[method-assign]
 
 
 def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str) -> None:
