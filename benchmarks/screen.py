@@ -13,28 +13,23 @@ sshd and ssh moved over the loopback interface, if they are installed.
 import argparse
 import json
 import os
-import pty
-import select
 import statistics
-import struct
-import subprocess
 import sys
 import tempfile
-import termios
 import time
 import zlib
 from dataclasses import dataclass
-from fcntl import ioctl
 from pathlib import Path
 
 from machine import describe, told
+from ssh_link import Link, missing
+from terminals import in_terminal
 
 from imutui.session import client as session
 from imutui.session.plan import Plan
 
 NAME = f"bench-screen-{os.getpid()}"
 CHILD = str(Path(__file__).with_name("screen_child.py"))
-ENVIRONMENT = {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
 OURS, PEERS = ("scroll", "sweep"), ("braille", "hd")
 
 
@@ -60,54 +55,6 @@ class Cost:
     kilobytes: float
     packed: float
     ages_ms: list[float]
-
-
-def in_terminal(
-    command: list[str], size: tuple[int, int], until: bytes = b"", limit_s: float = 120.0
-) -> list[tuple[float, bytes]]:
-    """Run a program in a terminal that answers; returns what it wrote and when.
-
-    Parameters
-    ----------
-    command : list of str
-        The program.
-    size : tuple of int
-        Columns and rows.
-    until : bytes
-        End it once it has written this; empty waits for its own end.
-    limit_s : float
-        End it after that in any case.
-    """
-    master, slave = pty.openpty()
-    ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    process = subprocess.Popen(
-        command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True, env={**os.environ, **ENVIRONMENT}
-    )
-    os.close(slave)
-    deadline = time.monotonic() + limit_s
-    written: list[tuple[float, bytes]] = []
-    seen = b""
-    while time.monotonic() < deadline:
-        if select.select([master], [], [], 0.2)[0]:
-            try:
-                data = os.read(master, 1 << 16)
-            except OSError:
-                break
-            if not data:
-                break
-            written.append((time.time(), data))
-            if b"\x1b[?2026$p" in data:
-                os.write(master, b"\x1b[?2026;2$y")
-            seen += data if until else b""
-            if until and until in seen:
-                break
-        elif process.poll() is not None:
-            break
-    if process.poll() is None:
-        process.terminate()
-    os.close(master)
-    process.wait()
-    return written
 
 
 def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost:
@@ -157,8 +104,6 @@ def compare(kind: str, size: tuple[int, int], seconds: float) -> dict[str, Cost]
 
 def through_ssh(mode: str, size: tuple[int, int], seconds: float) -> float | None:
     """Kilobytes a second that the whole screen costs through ssh -C over loopback; None without sshd."""
-    from ssh_link import Link, missing
-
     if missing():
         return None
     with Link() as link:

@@ -23,7 +23,9 @@ from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import View
 from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.connection.poller import Poller
-from imutui.tui.pages import SCREENS, LivePage
+from imutui.tui.pages.live.page import LivePage
+from imutui.tui.pages.registry import SCREENS
+from imutui.tui.terminal import textual_private
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
 from imutui.tui.terminal.painter import Painter
@@ -79,6 +81,8 @@ class Panels(App[None]):
         self._mode, self._peer, self._seconds, self._result = mode, peer, seconds, result
         super().__init__()
         self._painter = Painter()
+        if not peer:
+            textual_private.draw_through(self, self._painter.exact)
         self._series = PacketSeries(7)
         self._noise = np.random.default_rng(1).standard_normal((8192, 7))
         self._born = time.monotonic() - SPAN_S
@@ -111,9 +115,6 @@ class Panels(App[None]):
     def get_driver_class(self) -> Any:
         """As the application has it."""
         return super().get_driver_class() if self._peer else measured(super().get_driver_class())
-
-    def _display(self, screen: Any, renderable: Any) -> None:
-        super()._display(screen, renderable if self._peer else self._painter.exact(renderable))
 
 
 def peer_panel(title: str, names: tuple[str, ...], columns: slice, marker: str) -> Widget:
@@ -164,24 +165,28 @@ class Whole(ImutuiApp):
     CSS_PATH = Path(application.__file__).with_name("app.tcss")
     account: Account
 
-    def on_poller_arrived(self, message: Poller.Arrived) -> None:
+    def on_mount(self) -> None:
         """Draw as the application does, and count."""
-        super().on_poller_arrived(message)
-        message.prevent_default()  # Textual would call the application's own handler as well
-        if isinstance(self.page, LivePage):
-            self.page._span = SPAN_S
-        self.account.frame(self._frames.take_age())
+        draw = self.drawing.draw
+
+        def counted(event: Poller.Arrived) -> None:
+            draw(event)
+            if isinstance(self.page, LivePage):
+                self.page._span = SPAN_S
+            self.account.frame(self.drawing.frames.take_age())
+
+        self.drawing.draw = counted  # type: ignore[method-assign]
 
 
 def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str) -> None:
     """The application on a running acquisition, its live page in front."""
     if peer:
         PeerPage.marker, mode = mode, "scroll"
-        Whole.MODES = dict(SCREENS) | {"live": PeerPage}
+        SCREENS["live"] = (__name__, "PeerPage")
+    if peer:  # its updates are Textual's own
+        textual_private.HIDDEN.update(textual_private.DRAWING)
     app = Whole(session.attach(name), appearance=Appearance(plot=mode, fps=FPS))
     app.account = Account(seconds, result, lambda: app.exit(0))
-    if peer:  # its updates are Textual's own
-        app._painter.exact = lambda update: update  # type: ignore[method-assign]
     app.run()
 
 

@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Self
 
 from machine import describe
-from screen import ENVIRONMENT
+from terminals import ENVIRONMENT
 
 from filters.kalman import runner
 from imutui.session import client as session

@@ -1,4 +1,4 @@
-"""The application: keys and pages. What they do stands in `connecting`, `recording`, `leaving` and `copying`.
+"""The application: keys and pages. What they do: `connecting`, `recording`, `drawing`, `leaving`, `copying`.
 
 Calls to the acquisition run in threads; the event loop only takes their results. So a slow instrument never
 freezes the screen, and a frozen terminal never delays the acquisition.
@@ -23,18 +23,16 @@ from imutui.tui import copying, palette
 from imutui.tui.connecting import Connector, FromPoller
 from imutui.tui.connection.poller import Poller
 from imutui.tui.context import AppContext
+from imutui.tui.drawing import Drawing
 from imutui.tui.leaving import Leaving
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import PAGES, Page
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
-from imutui.tui.terminal import glyphs, textual_private
+from imutui.tui.terminal import glyphs
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
-from imutui.tui.terminal.frames import FrameMonitor
-from imutui.tui.terminal.pacing import PacingController, is_remote
-from imutui.tui.terminal.painter import Painter
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
@@ -96,14 +94,10 @@ class ImutuiApp(App[int]):
             self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         super().__init__()
         self.appearance = appearance or Appearance()
-        pacing = PacingController(self.appearance.plot, self.appearance.fps, remote=is_remote(os.environ))
-        self._painter = Painter()
-        textual_private.draw_through(self, self._painter.exact)  # only the cells that changed are sent
-        self._frames = FrameMonitor(pacing)
         self._first_client = client
         self._first_plan = plan
         self.context = AppContext(self)
-        self.context.connection.set_pacing(self._frames.pacing)
+        self.drawing = Drawing(self.context, self.appearance)
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         usual = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
         self._connector = Connector(self.context, usual)
@@ -117,7 +111,7 @@ class ImutuiApp(App[int]):
 
     def on_mount(self) -> None:
         """Begin with the acquisition that was given, if any."""
-        self.app_resume_signal.subscribe(self, self._repaint)
+        self.app_resume_signal.subscribe(self, self.drawing.repaint)
         if self._first_client is not None:
             self._connector.look_at(self._first_client)
             return
@@ -141,64 +135,33 @@ class ImutuiApp(App[int]):
         self._connector.give_up()
         self._connector.wait()
 
-    # drawing
-
     def get_driver_class(self) -> type[Driver]:
         """Textual's driver for this terminal, made to measure."""
         return measured(super().get_driver_class())
-
-    def _repaint(self, _: object) -> None:
-        """Back from the shell: nothing of what was drawn is there any more."""
-        self._painter.forget()
-        for screen in self.screen_stack:
-            screen.refresh(layout=True)
-            for widget in screen.walk_children():
-                widget.refresh()
-
-    def draw(self, event: Poller.Arrived) -> None:
-        """Draw a snapshot if the terminal has taken the last one; only the page in front draws."""
-        draws = self._frames.admit(textual_private.driver_of(self), event.snapshot, event.asked_at)
-        self.context.connection.set_pacing(self._frames.pacing, self._frames.debug)
-        if draws:
-            self.context.redraw()
 
     # what comes from the acquisition and from pages
 
     def on_from_poller(self, message: FromPoller) -> None:
         """A snapshot has come, or the acquisition does not answer."""
         if isinstance(message.event, Poller.Arrived):
-            self._connector.take(message.event, self.draw)
+            self._connector.take(message.event, self.drawing.draw)
         else:
             self._connector.lost(message.event)
 
     @on(requests.ConnectRequest)
     def connect_asked(self, message: requests.ConnectRequest) -> None:
         """The connect page asks to start, to look at what runs, to stop, or to give up."""
-        match message:
-            case requests.Start():
-                self._connector.start_with(message.changes)
-            case requests.StartDemo():
-                self._connector.start_demo()
-            case requests.Resume():
-                self._connector.resume(message.name)
-            case requests.Cancel():
-                self._connector.cancel()
-            case requests.Stop():
-                self._leaving.ask_to_stop()
+        if isinstance(message, requests.Stop):
+            self._leaving.ask_to_stop()
+        else:
+            self._connector.answer(message)
 
     @on(requests.LogsRequest)
     async def logs_asked(self, message: requests.LogsRequest) -> None:
         """A page asks the logs page to trace the recording, or to load effects into the live filter."""
-        match message:
-            case requests.Trace():
-                await self.switch_mode("logs")
-                self.context.logs_page.trace_wanted(message.path)
-            case requests.ChooseEffects():
-                if self.context.connected("load effects into"):
-                    await self.switch_mode("logs")
-                    self.context.logs_page.action_effects()
-            case requests.LoadEffects():
-                self.context.logs_page.load_effects(message.name, message.text)
+        if not isinstance(message, requests.ChooseEffects) or self.context.connected("load effects into"):
+            await self.switch_mode("logs")
+            self.context.logs_page.answer(message)
 
     def on_offer_profile(self, message: requests.OfferProfile) -> None:
         """The table page offers a profile that was just written."""
@@ -262,8 +225,7 @@ class ImutuiApp(App[int]):
 
     def action_plot_mode(self) -> None:
         """Let plots scroll, or sweep, or be away, or let that be chosen."""
-        self.context.connection.set_pacing(self._frames.controller.cycle(), self._frames.debug)
-        self.context.redraw()
+        self.drawing.cycle_plots()
 
     def action_debug_line(self) -> None:
         """Show what drawing costs, or hide it."""

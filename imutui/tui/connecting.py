@@ -14,6 +14,7 @@ from imutui.tui.background import in_thread
 from imutui.tui.connection.attempt import Attempt
 from imutui.tui.connection.poller import Poller
 from imutui.tui.context import FAULTS, AppContext
+from imutui.tui.pages import requests
 from imutui.tui.pages.dialogs.quit import ended_dialog
 
 _OVER = ("stopped", "failed")
@@ -52,7 +53,20 @@ class Connector:
         """Whether an attempt is under way."""
         return self._attempt is not None
 
-    def start_with(self, changes: dict[str, object]) -> None:
+    def answer(self, request: requests.ConnectRequest) -> None:
+        """Do what the connect page asks."""
+        match request:
+            case requests.Start():
+                self._start_with(request.changes)
+            case requests.StartDemo():
+                self._start_demo()
+            case requests.Resume():
+                self._resume(request.name)
+            case requests.Cancel():
+                self.give_up()
+                self._context.connect_page.ready()
+
+    def _start_with(self, changes: dict[str, object]) -> None:
         """Start an acquisition with some fields of its plan."""
         try:
             plan = replace(self.defaults, **changes)  # type: ignore[arg-type]  # by name: Plan checks them itself
@@ -61,15 +75,15 @@ class Connector:
             return
         self.start(plan)
 
-    def start_demo(self) -> None:
+    def _start_demo(self) -> None:
         """Start the demo, or look at the one that runs."""
         plan = demo(self.defaults)
         if plan.name in session.running():
-            self.resume(plan.name)
+            self._resume(plan.name)
         else:
             self.start(plan)
 
-    def resume(self, name: str) -> None:
+    def _resume(self, name: str) -> None:
         """Look at a running acquisition."""
         self._try(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
 
@@ -101,11 +115,6 @@ class Connector:
             self._attempt = None
             page.ready()
             self.look_at(client)
-
-    def cancel(self) -> None:
-        """Give up connecting, and offer the form again."""
-        self.give_up()
-        self._context.connect_page.ready()
 
     def give_up(self) -> None:
         """Have what is being started stopped once it can be."""

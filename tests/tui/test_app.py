@@ -108,7 +108,7 @@ async def test_a_slow_link_is_said_in_words() -> None:
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "scroll, autoscale")
         for second in range(0, 12, 3):
-            app._frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
+            app.drawing.frames.controller.judge(time.monotonic() + second, Load(stuck_s=2.0))
             if second == 0:
                 await shows(pilot, "last 30 s, sweep: link is slow, autoscale")
         await shows(pilot, "no plot: link is slow", "1000.981")

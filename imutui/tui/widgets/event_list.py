@@ -8,7 +8,7 @@ from imutui.tui.widgets.text_lines import TextLines
 
 
 class EventList(TextLines):
-    """As many events as there are lines."""
+    """The last events of the acquisition, newest at the bottom: as many as there are lines."""
 
     DEFAULT_CSS = "EventList { height: 100%; padding: 0 1; }"
 

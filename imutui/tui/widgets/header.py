@@ -13,7 +13,7 @@ _PORT_ROOM = 14
 
 
 class StatusHeader(TextLines):
-    """Two lines.
+    """Two lines: unit, port, recording and time; pages and the filter's badge.
 
     Parameters
     ----------

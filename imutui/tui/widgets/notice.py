@@ -9,7 +9,7 @@ from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 
 class Notice(TextLines):
-    """One line, more for a long message."""
+    """The most urgent message in one line, more for a long one."""
 
     # docked: whatever else has to give way, what is said is seen
     DEFAULT_CSS = (

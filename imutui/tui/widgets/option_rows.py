@@ -9,7 +9,7 @@ from textual.widgets.option_list import Option
 
 
 class OptionRows(OptionList, inherit_bindings=False):
-    """Lines that change in place."""
+    """A list of lines that change in place, one of them under the cursor."""
 
     DEFAULT_CSS = """
     OptionRows {

@@ -12,7 +12,7 @@ LEVEL_STYLES = {"good": "bold $text-success", "wait": "bold $text-warning", "bad
 
 
 class TextLines(Widget):
-    """Lines of text that fill the width; subclasses say which, in `lines`."""
+    """Shows a view as lines of text that fill the width; subclasses say which, in `lines`."""
 
     DEFAULT_CSS = "TextLines { width: 1fr; height: auto; }"
 

@@ -81,7 +81,7 @@ async def test_the_terminal_has_what_the_application_shows(
     app = ImutuiApp(FakeClient())  # type: ignore[arg-type]
 
     def send(shown_on: Any, renderable: Any) -> None:
-        update = app._painter.exact(renderable)
+        update = app.drawing.painter.exact(renderable)
         if update is not None and not app._batch_count:
             stream.feed(update.render_segments(app.console))
 

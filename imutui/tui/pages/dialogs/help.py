@@ -113,7 +113,7 @@ MOUSE
 
 
 class HelpDialog(ModalScreen[None]):
-    """Text to scroll."""
+    """Pages, keys and words of the screen in plain language, to scroll."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,question_mark,f1,ctrl+c", "dismiss_help", "close", priority=True),

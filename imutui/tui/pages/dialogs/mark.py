@@ -11,7 +11,7 @@ from textual.widgets import Input, Static
 
 
 class MarkDialog(ModalScreen[str | None]):
-    """Returns the text, None for Esc. The mark is set at Enter."""
+    """A field for a mark's text; returns it, None for Esc. The mark is set at Enter."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,ctrl+c", "cancel", "cancel", priority=True)]
 

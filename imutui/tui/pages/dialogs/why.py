@@ -15,7 +15,7 @@ from imutui.tui.terminal.glyphs import choose
 
 
 class WhyDialog(ModalScreen[None]):
-    """Text to scroll, as of the moment it was asked for.
+    """Every rule, alarm and number of the filter, as of the moment it was asked for, to scroll.
 
     Parameters
     ----------

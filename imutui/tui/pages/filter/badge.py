@@ -12,7 +12,7 @@ _WHY = "  w why "
 
 
 class FilterBadge(TextLines):
-    """Two lines at the top of the page."""
+    """The verdict on the filter in two lines: word, reason, and what to do."""
 
     DEFAULT_CSS = "FilterBadge { height: 2; }"
 

@@ -31,7 +31,7 @@ def convergence(bias: BiasSnapshot) -> str:
 
 
 class BiasTable(TextLines):
-    """Seven lines: a head and six biases, one of them selected."""
+    """Estimate, certainty, place within the limit, drift and convergence of six biases, one of them selected."""
 
     DEFAULT_CSS = "BiasTable { width: 80; height: 7; }"
 

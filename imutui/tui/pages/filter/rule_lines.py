@@ -10,7 +10,7 @@ from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 
 
 class RuleLines(TextLines):
-    """A head and the rules, for the room beside the table."""
+    """Why the badge is what it is, beside the table: a head, and each rule with what it found."""
 
     DEFAULT_CSS = "RuleLines { height: 100%; padding: 0 1; }"
 

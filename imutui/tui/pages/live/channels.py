@@ -16,7 +16,7 @@ _UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
 
 
 class ChannelTable(TextLines):
-    """Eight lines: a head and seven channels."""
+    """Counts, value, mean, standard deviation and extremes of seven channels, below a head."""
 
     DEFAULT_CSS = "ChannelTable { width: 80; height: 8; }"
     _shown_at = 0.0

@@ -9,11 +9,12 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widget import Widget
-from textual.widgets import OptionList, Static
+from textual.widgets import Static
 
 from imutui.jobs.worker import CANCELLED, DONE
 from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
+from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.path import PathDialog
@@ -81,7 +82,12 @@ class LogsPage(Page):
     def on_mount(self) -> None:
         """Look, and keep looking."""
         super().on_mount()
-        self.set_interval(_LOOK_EVERY_S, self._look_again)
+
+        def look_again() -> None:
+            if self.is_current:
+                self._look()
+
+        self.set_interval(_LOOK_EVERY_S, look_again)
         self._look()
 
     def on_screen_resume(self) -> None:
@@ -116,10 +122,6 @@ class LogsPage(Page):
         return self._recordings.opened or Path(getattr(self.app, "logs_folder", "logs"))
 
     # the list
-
-    def _look_again(self) -> None:
-        if self.is_current:
-            self._look()
 
     @work(exclusive=True, group="look")
     async def _look(self) -> None:
@@ -157,9 +159,6 @@ class LogsPage(Page):
         """Say more of it."""
         self._say_detail()
 
-    def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
-        """A click only puts the cursor there."""
-
     def action_pick(self) -> None:
         """Choose, or choose no more; on to the next."""
         here = self._here
@@ -186,11 +185,17 @@ class LogsPage(Page):
         if paths:
             self._begin(jobs.trace(paths, self._recordings.writing()))
 
-    def trace_wanted(self, path: Path) -> None:
-        """Trace a recording that another page names."""
-        self._wanted = path
-        self._look()
-        self._begin(jobs.trace([path], self._recordings.writing()))
+    def answer(self, request: requests.LogsRequest) -> None:
+        """Do what another page asks: trace a recording that it names, offer effects, or load some."""
+        match request:
+            case requests.Trace():
+                self._wanted = request.path
+                self._look()
+                self._begin(jobs.trace([request.path], self._recordings.writing()))
+            case requests.ChooseEffects():
+                self.action_effects()
+            case requests.LoadEffects():
+                self._effects.load(request.name, request.text)
 
     def _begin(self, job: jobs.Job) -> None:
         if self._job_line.job is not None:
@@ -203,9 +208,7 @@ class LogsPage(Page):
         job, state, failure = message.job, message.worker.state, message.worker.failure
         if state == DONE:
             self._outcome = job.made(message.worker.result)
-            if self._in_front():
-                self._show_outcome()
-            else:
+            if not self._show_outcome():
                 self.post_message(self.Say(f"{job.what} is done: 6 shows it", "good"))
         elif state == CANCELLED:
             self.post_message(self.Say(f"cancelled: {job.what}", "wait"))
@@ -213,21 +216,18 @@ class LogsPage(Page):
             self.post_message(self.Say(f"{job.what}: {failure.sentence()}", "bad"))
         self._look()
 
-    def _in_front(self) -> bool:
-        return self.app.current_mode == "logs" and not isinstance(self.app.screen, ModalScreen)
-
-    def _show_outcome(self) -> None:
-        if self._outcome is not None and self._in_front():
-            outcome, self._outcome = self._outcome, None
-            self.app.push_screen(ResultPage(outcome))
+    def _show_outcome(self) -> bool:
+        """Show the result that waits, if this page is in front; whether it was shown."""
+        in_front = self.app.current_mode == "logs" and not isinstance(self.app.screen, ModalScreen)
+        if self._outcome is None or not in_front:
+            return False
+        outcome, self._outcome = self._outcome, None
+        self.app.push_screen(ResultPage(outcome))
+        return True
 
     def action_effects(self) -> None:
         """Choose effects for the live filter."""
         self._effects.choose(self.folder)
-
-    def load_effects(self, name: str, content: str) -> None:
-        """Have the live filter take effects; it begins anew."""
-        self._effects.load(name, content)
 
     # other folders, and back
 
@@ -257,8 +257,9 @@ class LogsPage(Page):
             self.app.call_later(self.app.run_action, "live")
             return
         answers = [Answer("y", "yes", "yes, cancel it"), Answer("n", "no", "no, let it go on")]
-        self.app.push_screen(ChoiceDialog(f"Cancel {job.what}?", "Nothing of it is kept.", answers), self._cancel)
 
-    def _cancel(self, answer: str | None) -> None:
-        if answer == "yes":
-            self._job_line.cancel("cancelling")
+        def cancel(answer: str | None) -> None:
+            if answer == "yes":
+                self._job_line.cancel("cancelling")
+
+        self.app.push_screen(ChoiceDialog(f"Cancel {job.what}?", "Nothing of it is kept.", answers), cancel)

@@ -11,7 +11,7 @@ _BAR = 30
 
 
 class GuideHead(TextLines):
-    """As high in one state as in another, so that the list below stays where it is."""
+    """Which profile, what to do now, what then, and how long still; always as high, so that the list below stays."""
 
     DEFAULT_CSS = "GuideHead { height: 6; padding: 0 1; }"
 
