@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from filters.types import Array
 
@@ -169,6 +168,9 @@ def _fit(tau: Array, avar: Array, dof: Array) -> tuple[float, float, float, floa
     # a stuck channel leaves the rounding of its mean, if that
     if not np.all(avar > 0.0):
         return 0.0, 0.0, 0.0, 0.0
+    # here, since only who asks for a log's own noise should wait for it
+    from scipy import optimize
+
     # c/τ² with both signs, because the solver knows no negative numbers
     terms = np.stack([1.0 / tau, np.ones_like(tau), tau / 3.0, tau**-2, -(tau**-2)], axis=1)
     model = avar

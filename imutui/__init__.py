@@ -1,6 +1,11 @@
 """imutui: acquire, calibrate and trace an IMU on a turn table, from a terminal."""
 
+from imutui import compile_cache
+
 __version__: str
+
+# before anything of this package imports numba
+compile_cache.use()
 
 
 def __getattr__(name: str) -> str:

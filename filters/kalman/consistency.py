@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
@@ -53,17 +52,31 @@ def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]
     """
     tail = 0.5 * (1.0 - level)
     total = dof * count
-    # scipy.stats has the same quantiles, and would double the start-up time of every command
+    # here, since who only runs a filter should not wait for it; scipy.stats has the same quantiles and takes far longer
+    from scipy.special import chdtri
+
     return float(chdtri(total, 1.0 - tail) / count), float(chdtri(total, tail) / count)
 
 
 GATE_TAIL = 1e-9
 """Probability with which a good innovation is rejected: once in 24 h of 133 Hz, a hundredth."""
+# upper quantiles of chi-square at that tail, 1 to 9 degrees of freedom; a test holds them against scipy
+_GATES = (
+    37.324893051362324,
+    41.44653167389282,
+    44.841275330562404,
+    47.87945573114794,
+    50.69219370154303,
+    53.344573117300236,
+    55.87478101282902,
+    58.307613127485624,
+    60.6603083737724,
+)
 
 
 def nis_gates() -> Array:
     """NIS beyond which an innovation is rejected, by number of rows 0 to 9, shape (10,)."""
-    return np.array([np.inf] + [float(chdtri(dof, GATE_TAIL)) for dof in range(1, 10)])
+    return np.array([np.inf, *_GATES])
 
 
 @dataclass(frozen=True, slots=True)

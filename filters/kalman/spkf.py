@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from filters import state
 from filters.imu import Noise
@@ -238,14 +237,38 @@ def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Arra
     PHt = P[:, rows]
     S = PHt[rows] + np.diag(R_sd**2)
     L = cholesky(S, "innovation covariance")
-    # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
-    whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
-    K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
-    nis = float(whitened[:, -1] @ whitened[:, -1])
+    K, nis = gain_and_nis(L, PHt, nu)
     A = np.eye(len(P))
     A[:, rows] -= K
     after = A @ P @ A.T + (K * R_sd**2) @ K.T
     return K, 0.5 * (after + after.T), Innovation(nu, S, nis)
+
+
+def gain_and_nis(L: Array, PHt: Array, nu: Array) -> tuple[Array, float]:
+    """K = P Hᵀ S⁻¹ and νᵀ S⁻¹ ν, from the lower factor of S.
+
+    Parameters
+    ----------
+    L : Array
+        S = L Lᵀ, shape (m, m).
+    PHt : Array
+        P Hᵀ, shape (n, m).
+    nu : Array
+        Innovation, shape (m,).
+
+    Returns
+    -------
+    K : Array
+        Shape (n, m).
+    nis : float
+    """
+    # here, since the compiled filter shares this module's records and should not wait for it
+    from scipy import linalg
+
+    # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
+    whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
+    K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
+    return K, float(whitened[:, -1] @ whitened[:, -1])
 
 
 def cholesky(P: Array, name: str) -> Array:

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from filters import attitude, earth
 from filters.kalman import spkf, strapdown
-from filters.kalman.spkf import DivergenceError, Innovation
+from filters.kalman.spkf import DivergenceError, Innovation, cholesky, gain_and_nis
 from filters.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, NAVIGATION, POSITION, SIZE, VELOCITY, NavState
 from filters.types import Array
 
@@ -117,7 +116,7 @@ def predict(
         raise ValueError(f"`dt` is {dt}, not positive")
     if not SIZE + kappa > 0.0:
         raise ValueError(f"`kappa` is {kappa}: n + kappa must be positive, n = {SIZE}")
-    L = np.sqrt(SIZE + kappa) * _cholesky(belief.P, "state covariance")
+    L = np.sqrt(SIZE + kappa) * cholesky(belief.P, "state covariance")
     weights = np.full(2 * SIZE + 1, 0.5 / (SIZE + kappa))
     weights[0] = kappa / (SIZE + kappa)
 
@@ -181,11 +180,8 @@ def correct(
     R = T @ T.T
     PHt = belief.P[:, rows]
     S = PHt[rows] + R
-    L = _cholesky(S, "innovation covariance")
-    # one triangular solve serves the gain and NIS: S⁻¹ = L⁻ᵀ L⁻¹
-    whitened = linalg.solve_triangular(L, np.column_stack([PHt.T, nu]), lower=True, check_finite=False)
-    K = linalg.solve_triangular(L, whitened[:, :-1], lower=True, trans=1, check_finite=False).T
-    nis = float(whitened[:, -1] @ whitened[:, -1])
+    L = cholesky(S, "innovation covariance")
+    K, nis = gain_and_nis(L, PHt, nu)
     # only position has other units than the innovation that is handed out
     units = np.ones(SIZE)
     units[POSITION] = 1.0 / np.diag(T_known)[POSITION]
@@ -377,11 +373,3 @@ def _refuse_vertical(x: Array) -> None:
         raise DivergenceError("the state is not finite")
     if abs(x[PITCH]) > _PITCH_LIMIT:
         raise DivergenceError(f"pitch is {np.rad2deg(x[PITCH]):.2f}°: Euler angles are singular at 90°")
-
-
-def _cholesky(P: Array, name: str) -> Array:
-    """Lower factor of P; its definiteness does not depend on the states' units, so nothing is added to help it."""
-    try:
-        return np.asarray(np.linalg.cholesky(P), float)
-    except np.linalg.LinAlgError as error:
-        raise DivergenceError(f"the {name} is not positive definite") from error
