@@ -66,10 +66,10 @@ class Connector:
                 self.give_up()
                 self._context.connect_page.ready()
 
-    def _start_with(self, changes: dict[str, object]) -> None:
+    def _start_with(self, changes: requests.PlanChanges) -> None:
         """Start an acquisition with some fields of its plan."""
         try:
-            plan = replace(self.defaults, **changes)  # type: ignore[arg-type]  # by name: Plan checks them itself
+            plan = replace(self.defaults, **changes)
         except ValueError as error:
             self._context.connect_page.ready(str(error))
             return

@@ -1,9 +1,19 @@
 """What pages ask of the application, or through it of another page."""
 
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from textual.message import Message
+
+
+class PlanChanges(TypedDict):
+    """Fields of a plan that the connect page asks for."""
+
+    port: str
+    rate_hz: float
+    sampling: str
+    filter: str
+    reference: str
 
 
 class ConnectRequest(Message):
@@ -13,7 +23,7 @@ class ConnectRequest(Message):
 class Start(ConnectRequest):
     """Start an acquisition whose plan has these fields otherwise than usual."""
 
-    def __init__(self, changes: dict[str, Any]) -> None:
+    def __init__(self, changes: PlanChanges) -> None:
         super().__init__()
         self.changes = changes
 

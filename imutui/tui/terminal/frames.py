@@ -2,7 +2,8 @@
 
 import time
 from collections import deque
-from typing import Any
+
+from textual.driver import Driver
 
 from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
@@ -39,7 +40,7 @@ class FrameMonitor:
         """What is drawn now."""
         return self.controller.pacing
 
-    def admit(self, driver: Any, snapshot: Snapshot, asked_at: float) -> bool:
+    def admit(self, driver: Driver | None, snapshot: Snapshot, asked_at: float) -> bool:
         """A snapshot has come; returns whether it should be drawn.
 
         A terminal that still chews on the last frame gets none: drawing into a full queue would stop the UI, and
@@ -47,7 +48,7 @@ class FrameMonitor:
 
         Parameters
         ----------
-        driver : Driver
+        driver : Driver or None
             Of the terminal; one that does not measure is taken as one that keeps up.
         snapshot : Snapshot
             The data.
@@ -81,7 +82,7 @@ class FrameMonitor:
             self._age_s = self._fresh_age_s = written - self._sampled_at
             self._sampled_at = None
 
-    def _count(self, now: float, driver: Any) -> None:
+    def _count(self, now: float, driver: Driver | None) -> None:
         sent = driver.meter.bytes if isinstance(driver, Measured) else 0
         self._frames.append((now, sent, time.process_time()))
         while now - self._frames[0][0] > _WINDOW_S:
