@@ -20,7 +20,7 @@ from typing import Any
 import typer.models
 
 from filters import simulation
-from filters.effects import additive, catalogue, events, reference_errors
+from filters.effects import additive, catalogue, reference_errors, run_specific
 from filters.effects.hypothesis import Hypothesis
 from filters.imu import CHANNELS
 from imutui.cli import COMMANDS
@@ -139,7 +139,7 @@ def _title(name: str, note: dict[str, str]) -> str:
     """The few words that the tracer has for it, else those of the notes."""
     for h in _hypotheses(name):
         return getattr(h, "text", h.label)
-    for kind in (events.Tone, events.Step, events.Telegraph):
+    for kind in (run_specific.Tone, run_specific.Step, run_specific.Telegraph):
         if kind.effect == name:
             return kind.text
     return note["title"]

@@ -4,6 +4,7 @@ What the filter needs (compiler, compiled step, statistics) takes seconds to loa
 longer to compile. It is loaded in a thread after the first packet is on the disk; nothing here imports it before.
 """
 
+import importlib
 import threading
 import time
 from collections.abc import Iterator
@@ -42,7 +43,8 @@ def preparing_s() -> float:
 
 def load() -> None:
     """Load the filter's modules here and now, without compiling anything."""
-    import imutui.logbook.estimates  # noqa: F401 - for what they import
+    for module in ("filters.kalman.engines", "imutui.logbook.estimates"):
+        importlib.import_module(module)
 
 
 def _prepare() -> None:

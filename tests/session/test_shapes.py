@@ -1,0 +1,109 @@
+"""What viewers get has the shape that `snapshot` and `results` say, from an acquisition and from the tests' fake."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.fake_client import FakeClient
+from helpers.shapes import mismatches
+from helpers.units import Still, served
+
+from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.port import Port
+from imutui.instrument.virtual import UnitOptions, VirtualUnit
+from imutui.logbook.results import ResultDocument
+from imutui.session import handshake, live_filter
+from imutui.session.engine import Engine
+from imutui.session.plan import Plan, RecordingWish
+from imutui.session.snapshot import ProfileDescription, Snapshot
+
+PROFILE = """
+align = "marks"
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 0.2
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = 5.0
+seconds = 2.0
+"""
+
+
+def travelled(record: Any) -> Any:
+    """As it comes out of the socket."""
+    return json.loads(json.dumps(record, allow_nan=False))
+
+
+def looked_at(engine: Engine) -> Any:
+    """A snapshot, after its journey, which is found to have its shape."""
+    seen = travelled(engine.call(lambda acquisition: acquisition.snapshot(0), timeout=60.0, late=True))
+    assert mismatches(seen, Snapshot, "snapshot") == []
+    return seen
+
+
+@pytest.mark.parametrize("record", [False, True])
+@pytest.mark.parametrize("filtering", ["none", "level", "profile"])
+def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str) -> None:
+    """With and without file, filter and guide; before there are estimates, with them, and after the end."""
+    fields: dict[str, Any] = {"filter": "none"} if filtering == "none" else {"reference": filtering}
+    if filtering == "profile":
+        fields["reference_file"] = ("steps.toml", PROFILE)
+    with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
+        plan = Plan(path, logs=str(home / "logs"), record=record, **fields)
+        identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
+        engine = Engine(plan, port, identity)
+        engine.start()
+        first = looked_at(engine)
+        assert (first["recording"] is not None) == record
+        assert (first["filter"] is not None) == (filtering != "none")
+        if filtering == "profile":
+            if record:
+                engine.call(lambda acquisition: acquisition.stop_recording(), timeout=120.0)
+            engine.call(lambda acquisition: acquisition.guide("begin", RecordingWish()))
+            engine.call(lambda acquisition: acquisition.guide("next", RecordingWish()))
+            assert looked_at(engine)["guide"]["state"] == "hold"
+            described = travelled(engine.call(lambda acquisition: acquisition.profile()))
+            assert mismatches(described, ProfileDescription, "profile") == []
+        elif record:
+            engine.call(lambda acquisition: acquisition.mark("here"))
+            assert looked_at(engine)["marks"][0]["text"] == "here"
+        if filtering != "none":
+            assert live_filter.ready.wait(120.0)
+            while looked_at(engine)["filter"]["t"] is None:
+                pass
+        engine.request_stop()
+        assert engine.lifecycle.ended.wait(60.0)
+        last = looked_at(engine)
+        assert last["state"] == "stopped"
+        if record or filtering == "profile":
+            assert mismatches(travelled(engine.result), ResultDocument, "result") == []
+        else:
+            assert engine.result is None
+
+
+@pytest.mark.parametrize("recording", [False, True])
+def test_the_fake_of_the_tests_has_the_shape_of_a_real_acquisition(recording: bool) -> None:
+    """So that no screen is tested against what no acquisition says."""
+    fake = FakeClient()
+    fake.recording = recording
+    assert mismatches(travelled(fake.snapshot()), Snapshot, "snapshot") == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"packets": None}, "snapshot.packets is None, not <class 'int'>"),
+        ({"silent_s": "long"}, "snapshot.silent_s is 'long'"),
+        ({"guide": {"state": "go"}}, "snapshot.guide.begun is missing"),
+        ({"state": "asleep"}, "snapshot.state is 'asleep', not one of"),
+        ({"extra": 1}, "snapshot.extra is not in Snapshot"),
+    ],
+)
+def test_what_has_another_shape_is_found(change: dict[str, Any], said: str) -> None:
+    """A field too many, too few, or of another kind, by its path."""
+    found = mismatches(travelled(FakeClient().snapshot() | change), Snapshot, "snapshot")
+    assert found
+    assert found[0].startswith(said)
