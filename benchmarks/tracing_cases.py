@@ -18,7 +18,7 @@ from filters.earth import earth_rate_n
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec
 from filters.motion.profile import Dwell, Profile, Rate, Sine, attitudes, body_rate
 from filters.simulation import Effect, PowerOn, Recording, Scenario, Temperature, Unit
-from filters.tracing.residual import Run, rest_attitudes
+from filters.tracing.run import Run, rest_attitudes
 from filters.types import Array
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

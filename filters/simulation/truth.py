@@ -142,9 +142,7 @@ class Tilt:
 
     channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = tuple(
-        Parameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east")
-    )
+    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east"))
 
     def __init__(self, setup: Setup) -> None:
         self._tilt = np.array([setup.number("north"), setup.number("east"), 0.0])

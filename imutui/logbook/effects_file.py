@@ -32,15 +32,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from filters.effects.records import Included, State, Trace
+from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.imu import CHANNELS
 from filters.kalman.augmentation import Effects, MakeEffects
 from imutui.logbook.session_info import SessionInfo
+
+if TYPE_CHECKING:
+    from filters.tracing.result import Trace
 
 ATTACHMENT = "effects.toml"
 """Name under which the effects travel in a log."""
@@ -251,7 +254,7 @@ def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
 # ---------------------------------------------------------------------------------------------------------- writing
 
 
-def dumps(trace: Trace, source: str) -> str:
+def dumps(trace: "Trace", source: str) -> str:
     """Text of an effects file; without effects too it is a valid one.
 
     Parameters
