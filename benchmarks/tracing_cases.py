@@ -20,7 +20,7 @@ from filters.motion.kinematics import attitudes, body_rate
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, PowerOn, Recording, Scenario, Temperature, Unit
-from filters.tracing.residual import Run, rest_attitudes
+from filters.tracing.run import Run, rest_attitudes
 from filters.types import Array
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

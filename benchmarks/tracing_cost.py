@@ -19,7 +19,7 @@ import numpy as np
 import tracing_cases as cases
 
 from filters.imu import STANDARD_GRAVITY, AxisMap
-from filters.tracing.residual import Run
+from filters.tracing.run import Run
 from filters.tracing.trace import trace
 
 RATE = 133.0

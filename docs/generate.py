@@ -52,7 +52,7 @@ Beside these names the tracer tries free curves over whatever was logged. They a
 FAMILIES = {
     "additive": ("Errors of a sensor", "Functions of temperature, time and what the sensor senses."),
     "motion": ("Errors of the reference and of the whole unit", "Known functions of the motion, most of them shared."),
-    "event": ("Events", "What happens within a run and is not the same in the next."),
+    "run_specific": ("Events", "What happens within a run and is not the same in the next."),
     "drift": ("Drift", "Processes that nothing logged drives."),
     "noise": ("Noise", "The size and the colour of the noise."),
     "fault": ("Faults of the data", "Readings and stamps that are not what the sensor felt."),

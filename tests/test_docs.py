@@ -16,7 +16,7 @@ from filters.effects.catalogue import EFFECTS
 from imutui import config, scenario
 from imutui.cli import COMMANDS
 from imutui.logbook import effects_file, schemas
-from imutui.tui.pages import PAGES
+from imutui.tui.pages.base import PAGES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -1,9 +1,7 @@
-"""Records of what a trace finds, in the shape that reports, files and the filter take."""
+"""Records of effects that join the filter, as a trace finds them and files keep them."""
 
 from dataclasses import dataclass, field
 from typing import Any
-
-from filters.types import Array
 
 
 @dataclass(frozen=True)
@@ -53,36 +51,3 @@ class Included:
     include_as: str
     parameters: dict[str, Any] = field(default_factory=dict)
     states: tuple[State, ...] = ()
-
-
-@dataclass(frozen=True)
-class RunSeries:
-    """Block means of one run, for figures: t (n,) s; before, after (n, 6) rad/s and m/s², NaN without weight."""
-
-    run: str
-    period: float
-    t: Array
-    before: Array
-    after: Array
-
-
-@dataclass(frozen=True)
-class Trace:
-    """All that a trace gives.
-
-    Attributes
-    ----------
-    document : dict
-        Contracts section 6 but for `runs` (whoever read the logs knows those), JSON-ready.
-    included : tuple of Included
-        What joins the filter.
-    correlation : Array
-        Of all states of `included` in order, shape (p, p).
-    series : tuple of RunSeries
-        Residuals of all runs, the held-out one last.
-    """
-
-    document: dict[str, Any]
-    included: tuple[Included, ...]
-    correlation: Array
-    series: tuple[RunSeries, ...]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from filters.motion.kinematics import PieceTable, Swing, each, envelope, piece_table
-from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine, check_positive
+from filters.motion.segments import Dwell, Sampled, Segment, check_positive
 from filters.types import Array
 
 ALIGNS = ("none", "marks", "gyro")
@@ -215,46 +215,3 @@ def from_samples(
         raise ValueError(f"`t` and the angles have shapes {[column.shape for column in columns]}, not one length")
     angles = tuple((o, m, i) for o, m, i in np.stack(columns[1:], axis=-1).tolist())
     return Profile((Sampled(tuple(columns[0].tolist()), angles),), sign, align, offset_sd)
-
-
-def to_toml(profile: Profile) -> str:
-    """Text of a TOML document that `from_document` reads as the same profile, to a billionth of a degree.
-
-    Parameters
-    ----------
-    profile : Profile
-        Without sampled angles, which belong into a CSV file.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError
-        If a segment is sampled.
-    """
-    head = [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
-    if profile.offset_sd is not None:
-        head.append(f"offset_sd_s = {profile.offset_sd!r}")
-    head += [f"slew_dps = {_degrees(profile.slew)!r}", f"accel_dps2 = {_degrees(profile.accel)!r}"]
-    return "\n\n".join(["\n".join(head), *map(_segment_text, profile.segments)]) + "\n"
-
-
-def _segment_text(segment: Segment) -> str:
-    match segment:
-        case Dwell():
-            lines = ['kind = "dwell"', f"angles_deg = {[_degrees(angle) for angle in segment.angles]}"]
-        case Rate():
-            lines = ['kind = "rate"', f'axis = "{segment.axis}"', f"rate_dps = {_degrees(segment.rate)!r}"]
-        case Sine():
-            lines = ['kind = "sine"', f'axis = "{segment.axis}"', f"amplitude_deg = {_degrees(segment.amplitude)!r}"]
-            lines.append(f"hz = {float(segment.hz)!r}")
-        case Sampled():
-            raise ValueError("`profile` has sampled angles: they belong into a CSV file")
-    return "\n".join(["[[segment]]", *lines, f"seconds = {float(segment.seconds)!r}"])
-
-
-def _degrees(radians: float) -> float:
-    # what was written in degrees comes back as it was written
-    return round(math.degrees(radians), 9)

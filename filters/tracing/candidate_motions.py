@@ -14,8 +14,9 @@ import numpy as np
 
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Segment, Sine
-from filters.tracing.design_matrix import Stack
-from filters.tracing.residual import Run
+from filters.tracing.result import Thermal
+from filters.tracing.run import Run
+from filters.tracing.stack import Stack
 from filters.types import Array
 
 STILL_HZ, MOVING_HZ, SWINGING_HZ = 2.0, 10.0, 20.0
@@ -32,9 +33,6 @@ _SWING_DEG, _SWING_HZ = 20.0, (0.3, 0.8)
 _SWING = f"by {_SWING_DEG:.0f} deg at {_SWING_HZ[0]} and {_SWING_HZ[1]} Hz"
 _LEVEL = Dwell((0.0, 0.0, 0.0), 10.0)
 _POINTS = 31
-
-Thermal = tuple[tuple[float, float], ...]
-"""Temperature in the case: s since power-on, degC, straight lines between."""
 
 SIX = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0))
 """Each axis up and down: outer, middle, inner, deg."""

@@ -16,7 +16,6 @@ among misalignment and scale factor there; what to call all that (`imutui.jobs.o
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +28,12 @@ from filters.imu import IMU400CD_200, AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Sine
 from filters.state import PAPER_SITE, Site
-from filters.tracing import residual
-from filters.tracing.design_matrix import Design, Stack, Term, columns_on
-from filters.tracing.residual import Run
+from filters.tracing.blocks import average
+from filters.tracing.columns import Term, columns_on
+from filters.tracing.design_matrix import Design
+from filters.tracing.run import Run
+from filters.tracing.stack import Stack
+from filters.tracing.trace_document import LimitEntry
 from filters.types import Array
 
 DETECTABLE = 5.0
@@ -47,7 +49,7 @@ _MOST_SAMPLES = 400_000
 # ------------------------------------------------------------------------------------------------- of the runs at hand
 
 
-def limits(design: Design, channels: list[int], effect: str, found: Collection[object]) -> list[dict[str, Any]]:
+def limits(design: Design, channels: list[int], effect: str, found: Collection[object]) -> list[LimitEntry]:
     """Limits of one effect.
 
     Parameters
@@ -63,8 +65,8 @@ def limits(design: Design, channels: list[int], effect: str, found: Collection[o
 
     Returns
     -------
-    list of dict
-        effect, channels, limit, unit, text; a deterministic effect of several parameters has a limit for each. One
+    list of LimitEntry
+        A deterministic effect of several parameters has a limit for each. One
         without limit where the log can't show the effect at all, or it has no size to be too small.
     """
     if EFFECTS[effect].kind in ("run_specific", "drift"):
@@ -78,7 +80,7 @@ def limits(design: Design, channels: list[int], effect: str, found: Collection[o
     return [{"effect": effect, "channels": [], "limit": None, "unit": "", "text": text}]
 
 
-def _of_term(design: Design, term: Term) -> list[dict[str, Any]]:
+def _of_term(design: Design, term: Term) -> list[LimitEntry]:
     """Limit of each parameter, the others being nothing."""
     h = term.hypothesis
     out = []
@@ -94,7 +96,7 @@ def _of_term(design: Design, term: Term) -> list[dict[str, Any]]:
     return out
 
 
-def _of_process(design: Design, c: int, effect: str) -> dict[str, Any]:
+def _of_process(design: Design, c: int, effect: str) -> LimitEntry:
     """Limit of a tone's amplitude, of a jump halfway, of a drift's level, from length and white density alone."""
     stack = design.stack
     total = stack.seconds(c)
@@ -112,7 +114,7 @@ def _of_process(design: Design, c: int, effect: str) -> dict[str, Any]:
     return _entry(effect, [CHANNELS[c]], DETECTABLE * white * float(size) / si, own, words)
 
 
-def _entry(effect: str, channels: list[str], limit: float, unit: str, words: str) -> dict[str, Any]:
+def _entry(effect: str, channels: list[str], limit: float, unit: str, words: str) -> LimitEntry:
     said = f" {unit}" if unit != "1" else ""
     text = f"below what this log can show (limit {limit:.3g}{said}{', ' + words if words else ''})"
     return {"effect": effect, "channels": channels, "limit": limit, "unit": unit, "text": text}
@@ -189,7 +191,7 @@ def _stack(profile: Profile, axes: AxisMap, site: Site) -> tuple[Stack, NDArray[
     hz = min(max(_HZ, _PER_PERIOD * fastest), _MOST_SAMPLES / profile.duration)
     t = np.arange(max(2, round(profile.duration * hz))) / hz
     run = Run("", t, np.zeros((t.size, 6)), None, profile.angles(t), profile.rates(t), axes, site)
-    stack = Stack.of([residual.blocks(run, max(_BLOCK_S, 1.0 / hz))])
+    stack = Stack.of([average(run, max(_BLOCK_S, 1.0 / hz))])
     segment = profile.index(stack.t)
     if profile.align == "marks":
         half = 0.5 * stack.period

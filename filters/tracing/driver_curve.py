@@ -22,17 +22,6 @@ class Curve:
     sd: Array
     y_unit: str
 
-    def document(self) -> dict[str, object]:
-        """As the report has it."""
-        return {
-            "driver": self.driver,
-            "unit": self.unit,
-            "x": self.x.tolist(),
-            "y": self.y.tolist(),
-            "sd": self.sd.tolist(),
-            "y_unit": self.y_unit,
-        }
-
 
 def curve(driver: Driver, theta: Array, covariance: Array) -> Curve | None:
     """Curve with its standard deviations at the knots, or over the turn; None for a driver with one slope only."""

@@ -16,21 +16,22 @@ What it leaves out: what can be done at all (`filters.tracing.candidate_motions`
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from filters.effects.run_specific import RunSpecific
-from filters.motion import profile
-from filters.tracing import candidate_motions, residual
+from filters.tracing import candidate_motions
+from filters.tracing.blocks import average
 from filters.tracing.candidate_motions import CandidateMotion
-from filters.tracing.design_matrix import Design, Stack, Term, columns_on
-from filters.tracing.residual import Run
+from filters.tracing.columns import ColumnsByTerm, Term, columns_on
+from filters.tracing.design_matrix import Design
+from filters.tracing.result import SeparatingExperiment
+from filters.tracing.run import Run
+from filters.tracing.stack import Stack
+from filters.tracing.trace_document import SEPARATES
 from filters.tracing.whitening import unbiased, whiten
 from filters.types import Array
 
-SEPARATES = 5.0
-"""A d of this separates."""
 _NOTHING = 1.0
 _UNIT_S = 600.0
 _BLOCK_S = {candidate_motions.STILL_HZ: 2.0, candidate_motions.MOVING_HZ: 0.5}
@@ -122,9 +123,7 @@ class CandidateRuns:
 
     def _stack(self, candidate: CandidateMotion) -> Stack:
         if id(candidate) not in self._stacks:
-            blocks = residual.blocks(
-                candidate.run(self._like), _BLOCK_S.get(candidate.rate_hz, self.design.stack.period)
-            )
+            blocks = average(candidate.run(self._like), _BLOCK_S.get(candidate.rate_hz, self.design.stack.period))
             self._stacks[id(candidate)] = Stack.of([blocks])
         return self._stacks[id(candidate)]
 
@@ -140,16 +139,16 @@ class _Pair:
         self._known = self._triangle(design.stack, {})
         self._before = _unfollowed(self._known)
 
-    def added(self, stack: Stack, columns: dict[tuple[object, int], Array]) -> float:
+    def added(self, stack: Stack, columns: ColumnsByTerm) -> float:
         """D that a further run adds, with the columns of all that lasts on it."""
         both = np.vstack([self._known, self._triangle(stack, columns)])
         return math.sqrt(max(0.0, _unfollowed(both) ** 2 - self._before**2))
 
-    def _triangle(self, stack: Stack, made: dict[tuple[object, int], Array]) -> Array:
+    def _triangle(self, stack: Stack, made: ColumnsByTerm) -> Array:
         """R of the QR decomposition of whitened columns of all channels: the others, then that of A."""
         return np.asarray(np.linalg.qr(np.vstack([self._white(stack, made, c) for c in self._channels]), mode="r"))
 
-    def _white(self, stack: Stack, made: dict[tuple[object, int], Array], c: int) -> Array:
+    def _white(self, stack: Stack, made: ColumnsByTerm, c: int) -> Array:
         parts = [self._columns(stack, made, term, c) for term in self._others]
         raw = np.column_stack([*parts, self._columns(stack, made, self._a, c) @ self._theta])
         design = self._design
@@ -161,7 +160,7 @@ class _Pair:
             return unbiased(raw, stack.run, variance)
         return whiten(raw, stack.t, stack.starts, variance, drift)[0]
 
-    def _columns(self, stack: Stack, made: dict[tuple[object, int], Array], term: Term, c: int) -> Array:
+    def _columns(self, stack: Stack, made: ColumnsByTerm, term: Term, c: int) -> Array:
         """Columns of a term on a channel; an event of the runs at hand does not happen again."""
         if c not in term.places:
             return np.zeros((stack.t.size, term.size))
@@ -186,7 +185,7 @@ def separating(
     run: Run,
     rest: Sequence[Term] = (),
     candidate_runs: CandidateRuns | None = None,
-) -> dict[str, Any] | None:
+) -> SeparatingExperiment | None:
     """The run to make next to tell an effect from its rivals.
 
     Parameters
@@ -210,11 +209,8 @@ def separating(
 
     Returns
     -------
-    dict or None
-        `a`, `b` effects, b the hardest of the rivals that it separates; `profile` text of a table profile; `thermal`
-        temperature in the case, [[s, degC], …] or None; `duration_s`; `d_expected` against b; `motion` a sentence for
-        an operator, which says so if d is below 5; `leaves` effects of the rivals that stay possible. None if nothing
-        would tell them apart at all.
+    SeparatingExperiment or None
+        None if nothing would tell them apart at all.
     """
     a, theta, rivals = _possible(design, a, theta, rivals, rest)
     if not rivals:
@@ -223,18 +219,17 @@ def separating(
     if options[0].expected < _NOTHING:
         return None
     best = options[0]
-    left = [b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated]
-    thermal = best.candidate.thermal
-    return {
-        "a": a.hypothesis.effect,
-        "b": rivals[best.hardest].hypothesis.effect,
-        "profile": profile.to_toml(best.candidate.profile),
-        "thermal": None if thermal is None else [list(point) for point in thermal],
-        "duration_s": best.candidate.seconds,
-        "d_expected": best.expected,
-        "motion": _sentence(options, left),
-        "leaves": left,
-    }
+    unseparated = tuple(b.hypothesis.effect for n, b in enumerate(rivals) if n not in best.separated)
+    return SeparatingExperiment(
+        a=a.hypothesis.effect,
+        b=rivals[best.hardest].hypothesis.effect,
+        profile=best.candidate.profile,
+        thermal=best.candidate.thermal,
+        duration_s=best.candidate.seconds,
+        d_expected=best.expected,
+        motion=_sentence(options, unseparated),
+        leaves=unseparated,
+    )
 
 
 def _possible(
@@ -255,15 +250,15 @@ def _absurd(term: Term, theta: Array) -> bool:
     return any(p.prior > 0.0 and abs(value / p.si) > _ABSURD * p.prior for p, value in sizes)
 
 
-def _sentence(options: Sequence[EvaluatedMotion], left: Sequence[str]) -> str:
+def _sentence(options: Sequence[EvaluatedMotion], unseparated: Sequence[str]) -> str:
     """What to do; without a chamber too, if that will do as well; or that nothing will."""
     best = options[0]
     if not best.separated:
         nearest = f"nearest comes d = {best.expected:.1f} of {SEPARATES:.0f}: {best.candidate.instruction}"
         return f"nothing known separates them; {nearest}"
     text = best.candidate.instruction
-    if left:
-        text += f" ({' and '.join(left)} would stay possible)"
+    if unseparated:
+        text += f" ({' and '.join(unseparated)} would stay possible)"
     plain = next((o for o in options if not o.candidate.chamber), best)
     if plain is best or not set(plain.separated) >= set(best.separated):
         return text

@@ -6,7 +6,9 @@ import numpy as np
 
 from filters.channels import CHANNELS
 from filters.effects import additive, reference_errors
-from filters.tracing.design_matrix import Design, Term
+from filters.effects.hypothesis import Hypothesis
+from filters.tracing.columns import Term
+from filters.tracing.design_matrix import Design
 from filters.types import Array
 
 _COLLINEAR = 0.995
@@ -20,10 +22,6 @@ class UntestableEffect:
     reason: str
     partner: str | None
     rho: float | None
-
-    def document(self) -> dict[str, object]:
-        """As the report has it."""
-        return {"effect": self.effect, "reason": self.reason, "with": self.partner, "rho": self.rho}
 
 
 def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
@@ -51,9 +49,13 @@ def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
 
 def _catalogue() -> dict[str, str]:
     """Deterministic effects and what they are functions of."""
-    kinds: list[type] = [type(h) for c in (0, 3) for h in additive.hypotheses(c)]
-    kinds += [type(s) for s in reference_errors.shared()] + [reference_errors.Harmonic]
-    return {k.effect: k.source for k in dict.fromkeys(kinds)}  # type: ignore[attr-defined]
+    return {h.effect: h.source for h in _deterministic()}
+
+
+def _deterministic() -> list[Hypothesis]:
+    """Hypotheses of all deterministic effects."""
+    of_channels = [h for c in (0, 3) for h in additive.hypotheses(c)]
+    return [*of_channels, *reference_errors.shared(), *reference_errors.harmonics(0)]
 
 
 def _hidden(effect: str, source: str, design: Design) -> UntestableEffect:

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.effects.drivers import Driver
-from filters.tracing.design_matrix import Design, Term
+from filters.tracing.columns import Term
+from filters.tracing.design_matrix import Design
+from filters.tracing.stack import CHI2_MEDIAN, FOLDS
 from filters.types import Array
 
 _Bools = NDArray[np.bool_]
@@ -14,7 +16,6 @@ _Bools = NDArray[np.bool_]
 WINDOW_S = 2.0
 _ACCEPT = 14.0
 _TERMS = 3
-_CHI2_MEDIAN = 0.4549364
 _LEAST_RATIO = 1.08
 
 
@@ -40,7 +41,7 @@ class NoiseDriver:
         return self.high / self.low
 
 
-def levels(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
+def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
     Parameters
@@ -80,7 +81,7 @@ def _channel(design: Design, c: int, terms: list[Term]) -> tuple[Array, list[Noi
     counts = np.diff(np.append(edges, stack.t.size))[:, None]
     X = np.add.reduceat(design.columns, edges, axis=0) / counts
     steps = np.diff(v)[good[1:] & good[:-1]]
-    sd = np.sqrt(np.median(steps**2) / _CHI2_MEDIAN / 2.0)
+    sd = np.sqrt(np.median(steps**2) / CHI2_MEDIAN / 2.0)
     return _greedy(design, c, terms, v, X, good, max(sd, 1e-3), stack.cell[edges])
 
 
@@ -159,8 +160,8 @@ def _holds(base: Array, own: Array, y: Array, use: _Bools, sd: float, cell: NDAr
     rows = use
     both = np.column_stack([base, own])
     total = 0.0
-    for fold in range(5):
-        train, test = rows & (cell % 5 != fold), rows & (cell % 5 == fold)
+    for fold in range(FOLDS):
+        train, test = rows & (cell % FOLDS != fold), rows & (cell % FOLDS == fold)
         if train.sum() < both.shape[1] + 8 or not test.any():
             return False
         before = y[test] - base[test] @ _theta(base[train], y[train])

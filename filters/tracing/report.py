@@ -1,267 +1,158 @@
-"""A judgement as a report: fields of contracts section 6, a sentence, what joins the filter, series for figures."""
-
-from typing import Any
+"""An assessment as a report: fields of contracts section 6, a sentence, residuals before and after for figures."""
 
 import numpy as np
 
 from filters.channels import CHANNELS, error_unit
-from filters.effects import lines, run_specific
 from filters.effects.drivers import Driver
-from filters.effects.records import Included, RunSeries, State, Trace
-from filters.effects.run_specific import RunSpecific
-from filters.tracing import driver_curve, selection
-from filters.tracing.assessment import Finding, Judgement
+from filters.effects.lines import SpectralLine
+from filters.effects.run_specific import RunSpecific, Tone
+from filters.tracing import driver_curve
+from filters.tracing.assessment import Assessment
+from filters.tracing.channel_status import statuses
+from filters.tracing.driver_curve import Curve
+from filters.tracing.error_figure import ErrorFigure
+from filters.tracing.findings import Finding
+from filters.tracing.held_out_run import correction
+from filters.tracing.identifiability import UntestableEffect
+from filters.tracing.inclusion import included_effects
+from filters.tracing.noise_structure import NoiseFinding
+from filters.tracing.result import RunSeries, Trace
+from filters.tracing.screening import FaultOfRun
+from filters.tracing.selection import Weak
+from filters.tracing.stack import Stack
+from filters.tracing.trace_document import (
+    DriftEntry,
+    DriverCurveEntry,
+    ErrorEntry,
+    FindingEntry,
+    IntegrityEntry,
+    LineEntry,
+    ParameterEntry,
+    RivalEntry,
+    TraceFindings,
+    UntestableEntry,
+    WeakEntry,
+)
 from filters.tracing.whitening import Drift
 from filters.types import Array
 
 _IMPLAUSIBLE = 5.0
-_SPIKE = 7.0
-_TONE_S = 600.0
+_NARROW_BAND = 0.01  # of the frequency: tones of a channel nearer together are told as one band
 
 
-class Document:
-    """Says what a judgement holds.
-
-    Parameters
-    ----------
-    judged : Judgement
-        With everything judged.
-    """
-
-    def __init__(self, judged: Judgement) -> None:
-        self._judged = judged
-
-    def trace(self) -> Trace:
-        """Everything as records."""
-        included, correlation = self._included()
-        document: dict[str, Any] = {
-            "version": 1,
-            "untestable": [u.document() for u in self._judged.untestable],
-            "integrity": self._integrity(),
-            "lines": [_line(line) for line in self._judged.lines],
-            "noise_level": [
-                {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in self._judged.levels
-            ],
-            "findings": self._documents() + self._judged.structure,
-            "weak": [_weak(w) for w in self._judged.chosen.weak],
-            "drift": [
-                _drift(c, self._judged.design.drift[c])
-                for c in self._judged.channels
-                if self._judged.design.drift[c].level > 0.0
-            ],
-            "remainder": self._judged.remainder,
-            "status": self._judged.status,
-            "separating_experiment": self._judged.experiment,
-            "error": [figure.document() for figure in self._judged.figures],
-            "limits": self._judged.limits,
-            "seed": self._judged.seed,
-        }
-        document["sentence"] = self._sentence()
-        return Trace(document, included, correlation, self._series())
-
-    def _integrity(self) -> list[dict[str, Any]]:
-        merged: dict[tuple[str, tuple[str, ...]], dict[str, Any]] = {}
-        for fault, run in zip(self._judged.faults, self._judged.fault_runs, strict=True):
-            entry = merged.setdefault(
-                (fault.effect, fault.channels),
-                {"effect": fault.effect, "channels": list(fault.channels), "count": 0, "where": "", "size": fault.size},
-            )
-            entry["count"] += fault.count
-            entry["where"] += ("; " if entry["where"] else "") + f"{run}: {fault.where}"
-        return list(merged.values())
-
-    def _documents(self) -> list[dict[str, Any]]:
-        """Findings as the report has them; tones of a channel within 1 % of each other are one narrow band."""
-        out: list[dict[str, Any]] = []
-        bands: list[tuple[Finding, dict[str, Any]]] = []
-        for f in self._judged.found:
-            h = f.term.hypothesis
-            document = self._finding(f)
-            if isinstance(h, run_specific.Tone):
-                first = next((d for g, d in bands if _same_band(g, f)), None)
-                if first is not None:
-                    _merge(first, document)
-                    continue
-                bands.append((f, document))
-            out.append(document)
-        return out
-
-    def _finding(self, f: Finding) -> dict[str, Any]:
-        h = f.term.hypothesis
-        sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
-        params = [
-            {
-                "name": p.name,
-                "value": float(value / p.si),
-                "sd": float(s / p.si),
-                "unit": p.unit,
-                "plausible": bool(p.prior <= 0.0 or abs(value / p.si) <= _IMPLAUSIBLE * p.prior),
-            }
-            for p, value, s in zip(h.parameters(), f.theta, sd, strict=True)
-        ]
-        params += [_shape(name, value) for name, value in h.shape().items() if not isinstance(value, str)]
-        curve = driver_curve.curve(h, f.theta, f.covariance) if isinstance(h, Driver) else None
-        return {
-            "effect": h.effect,
-            "label": h.label,
-            "channels": [CHANNELS[c] for c in f.channels],
-            "params": params,
-            "shape": dict(h.shape()),
-            "score": f.score,
-            "gain": f.gain,
-            "heldout_gain": self._judged.chosen.heldout.get(f.term.key),
-            "share_of_excess": f.share,
-            "driver_curve": None if curve is None else curve.document(),
-            "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
-            "rivals": [
-                {
-                    "effect": r.term.hypothesis.effect,
-                    "label": r.term.hypothesis.label,
-                    "score_difference": r.score_difference,
-                }
-                for r in f.rivals
-            ],
-            "include_as": "S" if isinstance(h, RunSpecific) else "A",
-            "confirmed": f.confirmed,
-        }
-
-    def _included(self) -> tuple[tuple[Included, ...], Array]:
-        """What joins the filter: findings that carry over and were not refuted, and drift."""
-        fit = self._judged.chosen.fit()
-        used = [
-            f for f in self._judged.found if f.confirmed is not False and not isinstance(f.term.hypothesis, RunSpecific)
-        ]
-        out, rows = [], []
-        for f in used:
-            h = f.term.hypothesis
-            at = fit.offsets[self._judged.chosen.terms.index(f.term)]
-            rows += list(range(at, at + f.term.size))
-            sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
-            states = tuple(
-                State(p.name, p.unit, float(v / p.si), float(s / p.si))
-                for p, v, s in zip(h.parameters(), f.theta, sd, strict=True)
-            )
-            parameters: dict[str, Any] = dict(h.shape())
-            if isinstance(h, Driver) and h.knots:
-                parameters["knots"] = list(h.knots)
-            names = tuple(CHANNELS[c] for c in h.channels)
-            out.append(Included(h.effect, names, "A", parameters, states))
-        tones = [f for f in self._judged.found if isinstance(f.term.hypothesis, run_specific.Tone)]
-        P = fit.covariance[np.ix_(rows, rows)] if rows else np.zeros((0, 0))
-        walks = [c for c in self._judged.channels if self._judged.design.drift[c].level > 0.0]
-        out += [_included_drift(c, self._judged.design.drift[c]) for c in walks]
-        out += [
-            Included(
-                "noise_level",
-                (CHANNELS[level.channel],),
-                "N",
-                {"driver": level.driver, "knots": list(level.knots), "ratio": list(level.at)},
-            )
-            for level in self._judged.levels
-            if level.knots and not level.driver.startswith(("since_motion", "table_accel"))
-        ]
-        out += self._gates()
-        out += [_included_tone(f) for f in tones]
-        total = np.eye(len(rows) + len(walks) + 2 * len(tones))
-        if rows:
-            scale = np.sqrt(np.diag(P))
-            total[: len(rows), : len(rows)] = P / np.outer(scale, scale)
-        return tuple(out), total
-
-    def _gates(self) -> list[Included]:
-        """Readings that the filter is to predict through: spikes and limits."""
-        out = []
-        for effect in ("spikes", "saturation"):
-            for c in self._judged.channels:
-                sizes = [
-                    f.size for f in self._judged.faults if f.effect == effect and CHANNELS[c] in f.channels and f.size
-                ]
-                if not sizes:
-                    continue
-                unit = error_unit(c)[1]
-                rough = [b.rough[:, c].sum() / max(1.0, b.pairs[:, c].sum()) for b in self._judged.stack.blocks]
-                limit = _SPIKE * float(np.sqrt(0.5 * np.median(rough))) if effect == "spikes" else min(sizes)
-                out.append(Included(effect, (CHANNELS[c],), "P", {"limit": limit / unit}))
-        return out
-
-    def _series(self) -> tuple[RunSeries, ...]:
-        made = []
-        stacks = [self._judged.stack] if self._judged.heldout is None else [self._judged.stack, self._judged.heldout]
-        for stack in stacks:
-            used = [f for f in self._judged.found if f.confirmed is not False]
-            after = stack.y - self._judged.correction(used, held=stack is self._judged.heldout)
-            for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
-                rows = slice(start, start + blocks.t.size)
-                hide = np.where(blocks.weight > 0.0, 0.0, np.nan)
-                made.append(RunSeries(blocks.run.name, blocks.period, blocks.t, blocks.y + hide, after[rows] + hide))
-        return tuple(made)
-
-    def _sentence(self) -> str:
-        if self._judged.found:
-            f = self._judged.found[0]
-            h = f.term.hypothesis
-            where = ", ".join(CHANNELS[c] for c in f.channels)
-            text = f"{where}: {h.label}"
-            if f.term.size == 1 and f.theta.size:
-                p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
-                text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
-            text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
-            if f.rivals:
-                names = " or ".join(r.term.hypothesis.effect for r in f.rivals[:3])
-                text += f"; this log does not tell it from {names}"
-            more = len(self._judged.found) - 1
-            text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
-            return text + "." + self._error_words(f)
-        drifting = [CHANNELS[c] for c in self._judged.channels if self._judged.design.drift[c].level > 0.0]
-        if drifting:
-            return f"{', '.join(drifting)}: drift that no logged variable explains; nothing else was found."
-        if self._judged.structure:
-            first = self._judged.structure[0]
-            return f"{', '.join(first['channels'])}: {first['label']}; no other effect was found."
-        if self._judged.faults or self._judged.lines or self._judged.levels:
-            return "Faults, lines or an uneven noise level were found, and no effect beyond them."
-        return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
-
-    def _error_words(self, f: Finding) -> str:
-        own = [x for x in self._judged.figures if x.metric == "e10" and x.channel in {CHANNELS[c] for c in f.channels}]
-        if not own:
-            return ""
-        x = max(own, key=lambda figure: figure.before / figure.floor)
-        how = "on a run not used" if x.heldout == "run" else "within the run, which does not show transfer"
-        return f" Error {x.before / x.floor:.2g} → {x.after / x.floor:.2g} × floor {how}."
+def report(assessment: Assessment) -> Trace:
+    """Everything that is known, as records for reports, files and the filter."""
+    included, correlation = included_effects(assessment)
+    return Trace(_document(assessment), included, correlation, _series(assessment), assessment.experiment)
 
 
-def _same_band(a: Finding, b: Finding) -> bool:
-    p, q = a.term.hypothesis, b.term.hypothesis
-    assert isinstance(p, run_specific.Tone)
-    assert isinstance(q, run_specific.Tone)
-    return p.channel == q.channel and abs(p.hz - q.hz) < 0.01 * p.hz
-
-
-def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
-    """Another tone of a narrow band into the first one's finding."""
-    own = into["shape"].setdefault("all_hz", [into["shape"]["hz"]])
-    own.append(more["shape"]["hz"])
-    into["label"] = f"narrow band at {min(own):.5g}-{max(own):.5g} Hz"
-    into["score"] += more["score"]
-    into["gain"] += more["gain"]
-
-
-def _line(line: lines.SpectralLine) -> dict[str, Any]:
-    c = CHANNELS.index(line.channels[0])
-    unit, si = error_unit(c)
-    value = float(line.rms[c]) / si
+def _document(assessment: Assessment) -> TraceFindings:
+    screening = assessment.screening
+    drift = assessment.design.drift
     return {
-        "channels": list(line.channels),
-        "hz": line.hz,
-        "width_hz": line.width_hz,
-        "rms": value,
-        "unit": unit,
-        "harmonics": list(line.harmonics),
+        "untestable": [_untestable(u) for u in screening.untestable],
+        "integrity": _integrity(screening.faults),
+        "lines": [_line(line) for line in screening.lines],
+        "noise_level": [
+            {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in screening.noise_drivers
+        ],
+        "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
+        "weak": [_weak(w) for w in assessment.selection.weak],
+        "drift": [_drift(c, drift[c]) for c in assessment.drifting],
+        "remainder": [
+            {"channel": CHANNELS[x.channel], "scale_s": x.scale_s, "ratio": x.ratio, "p": x.p}
+            for x in assessment.remainder
+        ],
+        "status": statuses(assessment),
+        "error": [_error(figure) for figure in assessment.errors],
+        "limits": list(assessment.limits),
+        "seed": assessment.seed,
+        "sentence": _sentence(assessment),
     }
 
 
-def _shape(name: str, value: float) -> dict[str, Any]:
+def _series(assessment: Assessment) -> tuple[RunSeries, ...]:
+    """Residuals of every run before and after, the held-out one last."""
+    used, stack, heldout = assessment.unrefuted, assessment.design.stack, assessment.heldout
+    made = _series_of(stack, stack.y - correction(assessment.design, used))
+    if heldout is not None:
+        made += _series_of(heldout.stack, heldout.stack.y - heldout.correction(used))
+    return tuple(made)
+
+
+def _series_of(stack: Stack, after: Array) -> list[RunSeries]:
+    made = []
+    for start, blocks in zip(stack.starts.tolist(), stack.blocks, strict=True):
+        rows = slice(start, start + blocks.t.size)
+        hide = np.where(blocks.weight > 0.0, 0.0, np.nan)
+        made.append(RunSeries(blocks.run.name, blocks.period, blocks.t, blocks.y + hide, after[rows] + hide))
+    return made
+
+
+# ----------------------------------------------------------------------------------------------------------- findings
+
+
+def _findings(assessment: Assessment) -> list[FindingEntry]:
+    """Findings as the report has them; tones of a channel within 1 % of each other are one narrow band."""
+    out: list[FindingEntry] = []
+    bands: list[tuple[Tone, FindingEntry, list[float]]] = []
+    for f in assessment.findings:
+        h = f.term.hypothesis
+        entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key))
+        if isinstance(h, Tone):
+            band = next((known for known in bands if _same_band(known[0], h)), None)
+            if band is not None:
+                _merge(h, entry, *band[1:])
+                continue
+            bands.append((h, entry, [h.hz]))
+        out.append(entry)
+    return out
+
+
+def _finding(f: Finding, unseen_gain: float | None) -> FindingEntry:
+    h = f.term.hypothesis
+    curve = driver_curve.curve(h, f.theta, f.covariance) if isinstance(h, Driver) else None
+    return {
+        "effect": h.effect,
+        "label": h.label,
+        "channels": [CHANNELS[c] for c in f.channels],
+        "params": _parameters(f),
+        "shape": dict(h.shape()),
+        "score": f.score,
+        "gain": f.gain,
+        "heldout_gain": unseen_gain,
+        "share_of_excess": f.share,
+        "driver_curve": None if curve is None else _driver_curve(curve),
+        "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
+        "rivals": [
+            RivalEntry(
+                effect=r.term.hypothesis.effect, label=r.term.hypothesis.label, score_difference=r.score_difference
+            )
+            for r in f.rivals
+        ],
+        "include_as": "S" if isinstance(h, RunSpecific) else "A",
+        "confirmed": f.confirmed,
+    }
+
+
+def _parameters(f: Finding) -> list[ParameterEntry]:
+    """What was fitted, then what fixes the shape."""
+    h = f.term.hypothesis
+    sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
+    fitted = [
+        ParameterEntry(
+            name=p.name,
+            value=float(value / p.si),
+            sd=float(s / p.si),
+            unit=p.unit,
+            plausible=bool(p.prior <= 0.0 or abs(value / p.si) <= _IMPLAUSIBLE * p.prior),
+        )
+        for p, value, s in zip(h.parameters(), f.theta, sd, strict=True)
+    ]
+    return fitted + [_shape(name, value) for name, value in h.shape().items() if not isinstance(value, str)]
+
+
+def _shape(name: str, value: float) -> ParameterEntry:
     base, _, unit = name.rpartition("_")
     units = {"s": "s", "k": "K", "degc": "degC", "hz": "Hz"}
     if unit in units and base:
@@ -269,7 +160,84 @@ def _shape(name: str, value: float) -> dict[str, Any]:
     return {"name": name, "value": value, "sd": None, "unit": "Hz" if name == "hz" else "1", "plausible": True}
 
 
-def _weak(w: selection.Weak) -> dict[str, Any]:
+def _driver_curve(curve: Curve) -> DriverCurveEntry:
+    return {
+        "driver": curve.driver,
+        "unit": curve.unit,
+        "x": curve.x.tolist(),
+        "y": curve.y.tolist(),
+        "sd": curve.sd.tolist(),
+        "y_unit": curve.y_unit,
+    }
+
+
+def _same_band(a: Tone, b: Tone) -> bool:
+    return a.channel == b.channel and abs(a.hz - b.hz) < _NARROW_BAND * a.hz
+
+
+def _merge(tone: Tone, entry: FindingEntry, into: FindingEntry, frequencies: list[float]) -> None:
+    """Another tone of a narrow band into the first one's finding, whose frequencies so far are given."""
+    frequencies.append(tone.hz)
+    into["shape"]["all_hz"] = frequencies
+    into["label"] = f"narrow band at {min(frequencies):.5g}-{max(frequencies):.5g} Hz"
+    into["score"] += entry["score"]
+    into["gain"] += entry["gain"]
+
+
+def _noise_finding(x: NoiseFinding) -> FindingEntry:
+    return {
+        "effect": x.effect,
+        "label": x.label,
+        "channels": list(x.channels),
+        "params": [{"name": x.name, "value": x.value, "sd": x.sd, "unit": x.unit, "plausible": True}],
+        "shape": {},
+        "score": x.score,
+        "gain": x.score,
+        "heldout_gain": None,
+        "share_of_excess": None,
+        "driver_curve": None,
+        "proposed_form": None,
+        "rivals": [],
+        "include_as": "N",
+        "confirmed": None,
+    }
+
+
+# ----------------------------------------------------------------------------------------------------- all the others
+
+
+def _untestable(u: UntestableEffect) -> UntestableEntry:
+    return {"effect": u.effect, "reason": u.reason, "with": u.partner, "rho": u.rho}
+
+
+def _integrity(faults: tuple[FaultOfRun, ...]) -> list[IntegrityEntry]:
+    """Faults of one kind on the same channels are one entry over all runs."""
+    merged: dict[tuple[str, tuple[str, ...]], IntegrityEntry] = {}
+    for x in faults:
+        fault = x.fault
+        entry = merged.setdefault(
+            (fault.effect, fault.channels),
+            {"effect": fault.effect, "channels": list(fault.channels), "count": 0, "where": "", "size": fault.size},
+        )
+        entry["count"] += fault.count
+        entry["where"] += ("; " if entry["where"] else "") + f"{x.run}: {fault.where}"
+    return list(merged.values())
+
+
+def _line(line: SpectralLine) -> LineEntry:
+    c = CHANNELS.index(line.channels[0])
+    unit, si = error_unit(c)
+    return {
+        "channels": list(line.channels),
+        "hz": line.hz,
+        "width_hz": line.width_hz,
+        "rms": float(line.rms[c]) / si,
+        "unit": unit,
+        "harmonics": list(line.harmonics),
+    }
+
+
+def _weak(w: Weak) -> WeakEntry:
     h = w.term.hypothesis
     return {
         "effect": h.effect,
@@ -281,33 +249,75 @@ def _weak(w: selection.Weak) -> dict[str, Any]:
     }
 
 
-def _included_tone(f: Finding) -> Included:
-    """A slow tone as two states that forget in ten minutes: its phase is every run's own."""
-    h = f.term.hypothesis
-    assert isinstance(h, run_specific.Tone)
-    unit, si = error_unit(h.channel)
-    amplitude = float(np.sqrt(np.mean(f.theta**2))) / si
-    q = amplitude * float(np.sqrt(2.0 / _TONE_S))
-    states = tuple(State(name, unit, 0.0, amplitude, _TONE_S, q) for name in ("sin", "cos"))
-    return Included("tone", (CHANNELS[h.channel],), "S", {"hz": h.hz}, states)
-
-
-def _drift(c: int, drift: Drift) -> dict[str, Any]:
+def _drift(c: int, drift: Drift) -> DriftEntry:
     unit, si = error_unit(c)
-    walk = bool(np.isinf(drift.tau))
     return {
         "channels": [CHANNELS[c]],
         "kind": drift.kind,
-        "tau_s": None if walk else drift.tau,
+        "tau_s": None if drift.is_walk else drift.tau,
         "level": drift.level / si,
-        "unit": f"{unit}/√s" if walk else unit,
+        "unit": f"{unit}/√s" if drift.is_walk else unit,
     }
 
 
-def _included_drift(c: int, drift: Drift) -> Included:
-    unit, si = error_unit(c)
-    walk = bool(np.isinf(drift.tau))
-    level = drift.level / si
-    q = level if walk else level * float(np.sqrt(2.0 / drift.tau))
-    state = State("drift", unit, 0.0, 1e-9 if walk else level, drift.tau, q)
-    return Included(drift.kind, (CHANNELS[c],), "S", {}, (state,))
+def _error(figure: ErrorFigure) -> ErrorEntry:
+    return {
+        "metric": figure.metric,
+        "channel": figure.channel,
+        "unit": figure.unit,
+        "before": figure.before,
+        "after": figure.after,
+        "floor": figure.floor,
+        "before_x_floor": figure.before / figure.floor,
+        "after_x_floor": figure.after / figure.floor,
+        "ci95": list(figure.ci95),
+        "before_ci95": list(figure.before_ci95),
+        "floor_band95": list(figure.floor_band95),
+        "n": figure.n,
+        "heldout": figure.heldout,
+    }
+
+
+# ------------------------------------------------------------------------------------------------------- the sentence
+
+
+def _sentence(assessment: Assessment) -> str:
+    """The result in one sentence, or two."""
+    if assessment.findings:
+        return _finding_sentence(assessment)
+    screening = assessment.screening
+    if assessment.drifting:
+        names = ", ".join(CHANNELS[c] for c in assessment.drifting)
+        return f"{names}: drift that no logged variable explains; nothing else was found."
+    if screening.noise_findings:
+        first = screening.noise_findings[0]
+        return f"{', '.join(first.channels)}: {first.label}; no other effect was found."
+    if screening.faults or screening.lines or screening.noise_drivers:
+        return "Faults, lines or an uneven noise level were found, and no effect beyond them."
+    return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
+
+
+def _finding_sentence(assessment: Assessment) -> str:
+    f = assessment.findings[0]
+    h = f.term.hypothesis
+    text = f"{', '.join(CHANNELS[c] for c in f.channels)}: {h.label}"
+    if f.term.size == 1 and f.theta.size:
+        p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
+        text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
+    text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
+    if f.rivals:
+        names = " or ".join(r.term.hypothesis.effect for r in f.rivals[:3])
+        text += f"; this log does not tell it from {names}"
+    more = len(assessment.findings) - 1
+    text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
+    return text + "." + _error_sentence(assessment, f)
+
+
+def _error_sentence(assessment: Assessment, f: Finding) -> str:
+    names = {CHANNELS[c] for c in f.channels}
+    own = [x for x in assessment.errors if x.metric == "e10" and x.channel in names]
+    if not own:
+        return ""
+    x = max(own, key=lambda figure: figure.before / figure.floor)
+    how = "on a run not used" if x.heldout == "run" else "within the run, which does not show transfer"
+    return f" Error {x.before / x.floor:.2g} → {x.after / x.floor:.2g} × floor {how}."

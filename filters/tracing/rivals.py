@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from filters.effects import reference_errors
 from filters.effects.inputs import SENSED
 from filters.effects.run_specific import RunSpecific
-from filters.tracing.design_matrix import Term
+from filters.tracing.columns import Term
 from filters.tracing.selection import Selection
 
 _EVIDENCE = 6.0

@@ -1,27 +1,24 @@
 """From runs to findings: faults and lines out, noise levelled, effects selected, rivals named, the held-out run judged.
 
-`selection` decides what is there, `assessment` checks it on data it has not seen, `report` says it in the fields of a
-report; this module gives them clean blocks and has them do it.
+Each step is a module of its own; the package's docstring lists them in order. This one has them done.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
-import numpy as np
-
-from filters.effects import faults, lines
-from filters.effects.records import Trace
-from filters.tracing import (
-    identifiability,
-    noise_level,
-    residual,
-    selection,
-    validation,
-)
-from filters.tracing.assessment import Judgement
-from filters.tracing.design_matrix import Design, Stack
-from filters.tracing.report import Document
-from filters.tracing.residual import Run
+from filters.channels import CHANNELS
+from filters.tracing import validation
+from filters.tracing.assessment import assess
+from filters.tracing.blocks import BLOCK_S, average
+from filters.tracing.design_matrix import Design
+from filters.tracing.identifiability import untestable
+from filters.tracing.noise_level import noise_drivers
+from filters.tracing.noise_structure import noise_findings
+from filters.tracing.report import report
+from filters.tracing.result import Trace
+from filters.tracing.run import Run
+from filters.tracing.screening import Screening, lines_of, without_faults, without_lines
+from filters.tracing.selection import select
+from filters.tracing.stack import Stack
 
 LEAST_S = 60.0
 """A run must be this long to be used at all."""
@@ -64,29 +61,39 @@ def trace(
     """
     _check(runs, heldout)
     progress(0.0, "looking for faults")
-    clean = [_cleaned(run) for run in (*runs, *([heldout] if heldout else []))]
-    spectral = _lines(clean[: len(runs)])
-    ready = [_without_lines(run, spectral) for run, _ in clean]
+    cleaned = [without_faults(run) for run in (*runs, *([heldout] if heldout else []))]
+    lines = lines_of([run for run, _ in cleaned[: len(runs)]])
+    ready = [without_lines(run, lines) for run, _ in cleaned]
     progress(0.2, "averaging")
+    block_s = _block_s(runs)
+    blocks = [average(run, block_s) for run in ready]
+    design = Design(Stack.of(blocks[: len(runs)]))
+    channels = [c for c in range(len(CHANNELS)) if design.sd[c] > 0.0 and design.stack.seconds(c) > 0.5 * LEAST_S]
+    progress(0.35, "levelling the noise")
+    multiplier, drivers = noise_drivers(design, channels)
+    design.set_multiplier(multiplier)
+    hidden = untestable(design, channels)
+    progress(0.4, "comparing effects")
+    chosen = select(design, channels, lambda share: progress(0.4 + 0.4 * share, "comparing effects"))
+    progress(0.8, "judging")
+    screening = Screening(
+        faults=tuple(fault for _, own in cleaned for fault in own),
+        lines=tuple(lines),
+        noise_drivers=tuple(drivers),
+        noise_findings=tuple(noise_findings(ready[: len(runs)])),
+        untestable=tuple(hidden),
+    )
+    held_out = Stack.of(blocks[len(runs) :]) if heldout else None
+    found = assess(chosen, channels, screening, held_out, asked, seed)
+    progress(1.0, "done")
+    return report(found)
+
+
+def _block_s(runs: Sequence[Run]) -> float:
+    """Length of a block, s: longer for many hours of motion, so that they fit in memory."""
     total = sum(run.seconds for run in runs)
     moving = any(not run.still for run in runs)
-    block_s = residual.BLOCK_S if total < _LONG_S or not moving else min(1.0, residual.BLOCK_S * total / _LONG_S)
-    blocks = [residual.blocks(run, block_s) for run in ready]
-    design = Design(Stack.of(blocks[: len(runs)]))
-    channels = [c for c in range(6) if design.sd[c] > 0.0 and design.stack.seconds(c) > 0.5 * LEAST_S]
-    progress(0.35, "levelling the noise")
-    design.multiplier, level = noise_level.levels(design, channels)
-    hidden = identifiability.untestable(design, channels)
-    progress(0.4, "comparing effects")
-    chosen = selection.select(design, channels, lambda share: progress(0.4 + 0.4 * share, "comparing effects"))
-    progress(0.8, "judging")
-    work = Judgement(chosen, channels, seed, Stack.of(blocks[len(runs) :]) if heldout else None)
-    work.faults = [fault for _, own in clean for fault in own]
-    work.fault_runs = [run.name for run, own in clean for _ in own]
-    work.lines, work.levels, work.untestable = spectral, level, hidden
-    work.judge(ready, asked)
-    progress(1.0, "done")
-    return Document(work).trace()
+    return BLOCK_S if total < _LONG_S or not moving else min(1.0, BLOCK_S * total / _LONG_S)
 
 
 def _check(runs: Sequence[Run], heldout: Run | None) -> None:
@@ -98,25 +105,3 @@ def _check(runs: Sequence[Run], heldout: Run | None) -> None:
                 f"{run.name} lasts {run.seconds:.1f} s: a run must last {LEAST_S:.0f} s at least, and a held-out one"
                 f" {validation.LEAST_S:.0f} s for a verdict"
             )
-
-
-def _cleaned(run: Run) -> tuple[Run, list[faults.DataFault]]:
-    """A run with its faults flagged."""
-    flagged, found = faults.find(run.t, run.reading, residual.perfect(run), run.lsb)
-    if run.flagged is not None:
-        flagged |= run.flagged
-    # the steps of averaged samples are uneven by design, and their stamps say so truly
-    return replace(run, flagged=flagged), [f for f in found if not (run.averaged and f.effect == "jitter")]
-
-
-def _lines(clean: Sequence[tuple[Run, list[faults.DataFault]]]) -> list[lines.SpectralLine]:
-    return lines.find([(run.rate_hz, residual.residual(run)) for run, _ in clean])
-
-
-def _without_lines(run: Run, spectral: list[lines.SpectralLine]) -> Run:
-    """A run without its lines."""
-    if not spectral:
-        return run
-    r = residual.residual(run)
-    less = lines.removed(spectral, run.rate_hz, r) - r
-    return replace(run, reading=run.reading + np.nan_to_num(less))

@@ -2,68 +2,38 @@
 
 e10            10 s means, never across a change of motion, after the bias of the first 60 s is taken off
 nis            √(NIS / dof) of those means in the bias filter, with drift after: honesty of the covariance, not error
-drift_10s, _60s   position error of free inertial navigation from every minute, started from the true state with the
-               filter's biases
 bias_prediction   mean of the next 60 s as the bias filter foretells it
 coverage       share of those means within 3 sd of the prediction
 
-Floors are what white noise alone leaves.
+Floors are what white noise alone leaves. Position error of free navigation is in `free_inertial`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from filters.channels import CHANNELS, error_unit
-from filters.tracing.design_matrix import Stack
-from filters.tracing.residual import perfect
-from filters.tracing.whitening import Drift, whiten
+from filters.tracing.blocks import Blocks
+from filters.tracing.error_figure import (
+    DRAWS,
+    ErrorFigure,
+    binomial_quantile,
+    chi2_quantiles,
+    rms,
+    rms_interval,
+    wilson_interval,
+)
+from filters.tracing.stack import FOLDS, Stack
+from filters.tracing.whitening import NONE, Drift, whiten
 from filters.types import Array
 
 HOLD_S = 60.0
 WINDOW_S = 10.0
 LEAST_S = 300.0
 """Below this length of a held-out run there is no verdict."""
-_DRAWS = 1000
 _SAME_RATE = np.deg2rad(0.5)
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorFigure:
-    """One figure of error, contracts section 6."""
-
-    metric: str
-    channel: str
-    unit: str
-    before: float
-    after: float
-    floor: float
-    ci95: tuple[float, float]
-    floor_band95: tuple[float, float]
-    n: int
-    heldout: str
-    before_ci95: tuple[float, float]
-
-    def document(self) -> dict[str, object]:
-        """As the report has it."""
-        return {
-            "metric": self.metric,
-            "channel": self.channel,
-            "unit": self.unit,
-            "before": self.before,
-            "after": self.after,
-            "floor": self.floor,
-            "before_x_floor": self.before / self.floor,
-            "after_x_floor": self.after / self.floor,
-            "ci95": list(self.ci95),
-            "before_ci95": list(self.before_ci95),
-            "floor_band95": list(self.floor_band95),
-            "n": self.n,
-            "heldout": self.heldout,
-        }
+_WITHIN_3_SD = 0.9973
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,17 +72,13 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
     return Windows(t[keep], total[keep] * stack.period, mean[keep], stack.run[edges][keep])
 
 
-def _regimes(blocks: object) -> Array:
+def _regimes(blocks: Blocks) -> Array:
     """Number of the stretch of unchanging rates that each block of a run is in."""
-    run = blocks.run  # type: ignore[attr-defined]
-    n = blocks.t.size  # type: ignore[attr-defined]
+    run = blocks.run
     if run.still:
-        return np.zeros(n)
-    rates = np.round(run.rates[blocks._edges[:-1]] / _SAME_RATE)  # type: ignore[attr-defined]
+        return np.zeros(blocks.t.size)
+    rates = np.round(run.rates[blocks.edges[:-1]] / _SAME_RATE)
     return np.cumsum(np.r_[False, (np.diff(rates, axis=0) != 0.0).any(axis=1)]).astype(np.float64)
-
-
-# ---------------------------------------------------------------------------------------------------------------- E10
 
 
 def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
@@ -136,41 +102,41 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
     ErrorFigure or None
         None if less than two windows follow the hold.
     """
-    a, b = (_held(stack, r, channel) for r in (before, after))
+    a, b = (_after_hold(stack, r, channel) for r in (before, after))
     if a is None or b is None or a[0].size < 2:
         return None
     floors = white * np.sqrt(1.0 / a[1] + 1.0 / HOLD_S)
-    nominal = white * np.sqrt(1.0 / WINDOW_S + 1.0 / HOLD_S)
-    ratios = [float(np.sqrt(np.mean((e / floors) ** 2))) for e in (a[0], b[0])]
     rng = np.random.default_rng(seed)
-    own = rng.standard_normal((_DRAWS, a[0].size)) / np.sqrt(a[1])
-    simulated = white * (own + rng.standard_normal((_DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
+    own = rng.standard_normal((DRAWS, a[0].size)) / np.sqrt(a[1])
+    simulated = white * (own + rng.standard_normal((DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
     band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
-    picks = rng.integers(0, b[0].size, (_DRAWS, b[0].size))
+    picks = rng.integers(0, b[0].size, (DRAWS, b[0].size))
+    nominal = white * np.sqrt(1.0 / WINDOW_S + 1.0 / HOLD_S)
+    return _e10_figure(channel, a[0] / floors, b[0] / floors, nominal, band, picks, "run")
+
+
+def _e10_figure(
+    channel: int, before: Array, after: Array, nominal: float, band: Array, picks: NDArray[np.int_], heldout: str
+) -> ErrorFigure:
+    """Figure from errors over their floors, the nominal floor (SI), a clean unit's band of ratios, and drawn rows."""
     unit, si = error_unit(channel)
     scale = nominal / si
     return ErrorFigure(
-        "e10",
-        CHANNELS[channel],
-        unit,
-        ratios[0] * scale,
-        ratios[1] * scale,
-        scale,
-        _spread(b[0] / floors, picks, scale),
-        (float(band[0]) * scale, float(band[1]) * scale),
-        int(a[0].size),
-        "run",
-        _spread(a[0] / floors, picks, scale),
+        metric="e10",
+        channel=CHANNELS[channel],
+        unit=unit,
+        before=rms(before) * scale,
+        after=rms(after) * scale,
+        floor=scale,
+        ci95=rms_interval(after, picks, scale),
+        before_ci95=rms_interval(before, picks, scale),
+        floor_band95=(float(band[0]) * scale, float(band[1]) * scale),
+        n=int(before.size),
+        heldout=heldout,
     )
 
 
-def _spread(errors: Array, picks: NDArray[np.int_], scale: float) -> tuple[float, float]:
-    """Interval of a root mean square by drawing the errors again, 95 %."""
-    low, high = np.quantile(np.sqrt(np.mean(errors[picks] ** 2, axis=1)), [0.025, 0.975])
-    return float(low) * scale, float(high) * scale
-
-
-def _held(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
+def _after_hold(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
     """Errors of the windows after the hold and their durations."""
     w = stack.weight[:, channel]
     hold = (stack.t < HOLD_S) & (w > 0.0)
@@ -183,15 +149,51 @@ def _held(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
 
 
 def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
-    """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer."""
+    """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer.
+
+    Parameters
+    ----------
+    stack : Stack
+        Of the run, or runs.
+    y : Array
+        Residual of the channel, SI, shape (n,).
+    columns : Array
+        Of what was found on it, shape (n, k).
+    channel : int
+        Which.
+    white : float
+        White density, unit·√s.
+    seed : int
+        Of the interval.
+
+    Returns
+    -------
+    ErrorFigure or None
+        None if a fold has too little to fit, or less than four windows remain.
+    """
+    residuals = _folded_residuals(stack, y, columns, channel)
+    if residuals is None:
+        return None
+    before, after = (windows(stack, r, channel) for r in residuals)
+    if before.mean.size < 4:
+        return None
+    floors = white / np.sqrt(after.seconds)
+    n = after.mean.size
+    picks = np.random.default_rng(seed).integers(0, n, (DRAWS, n))
+    band = np.sqrt(np.array(chi2_quantiles(n)) / n)
+    return _e10_figure(
+        channel, before.mean / floors, after.mean / floors, white / np.sqrt(WINDOW_S), band, picks, "folds"
+    )
+
+
+def _folded_residuals(stack: Stack, y: Array, columns: Array, channel: int) -> tuple[Array, Array] | None:
+    """Residuals of each cell under fits to the other folds: of the biases alone, and with the columns; (n,) each."""
     w = stack.weight[:, channel]
     good = w > 0.0
     constant = (stack.run[:, None] == np.unique(stack.run)).astype(np.float64)
-    errors: list[list[Array]] = [[], []]
-    durations: list[Array] = []
     before, after = np.zeros(y.size), np.zeros(y.size)
-    for fold in range(5):
-        train, test = good & (stack.cell % 5 != fold), stack.cell % 5 == fold
+    for fold in range(FOLDS):
+        train, test = good & (stack.cell % FOLDS != fold), stack.cell % FOLDS == fold
         if train.sum() < 20 or not test.any():
             return None
         root = np.sqrt(w[train])[:, None]
@@ -199,37 +201,7 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
             scale = np.maximum(np.linalg.norm(X[train], axis=0), 1e-300)
             theta = np.linalg.lstsq(root * X[train] / scale, root[:, 0] * y[train], rcond=1e-10)[0] / scale
             out[test] = y[test] - X[test] @ theta
-    for r, into in zip((before, after), errors, strict=True):
-        own = windows(stack, r, channel)
-        into.append(own.mean)
-        durations = [own.seconds]
-    a, b, seconds = errors[0][0], errors[1][0], durations[0]
-    if a.size < 4:
-        return None
-    floors = white / np.sqrt(seconds)
-    nominal = white / np.sqrt(WINDOW_S)
-    rng = np.random.default_rng(seed)
-    picks = rng.integers(0, b.size, (_DRAWS, b.size))
-    band = np.sqrt(stats.chi2.ppf([0.025, 0.975], a.size) / a.size)
-    unit, si = error_unit(channel)
-    ratios = [float(np.sqrt(np.mean((e / floors) ** 2))) for e in (a, b)]
-    scale = nominal / si
-    return ErrorFigure(
-        "e10",
-        CHANNELS[channel],
-        unit,
-        ratios[0] * scale,
-        ratios[1] * scale,
-        scale,
-        _spread(b / floors, picks, scale),
-        (float(band[0]) * scale, float(band[1]) * scale),
-        int(a.size),
-        "folds",
-        _spread(a / floors, picks, scale),
-    )
-
-
-# ---------------------------------------------------------------------------------------------------------------- NIS
+    return before, after
 
 
 def nis(
@@ -244,7 +216,7 @@ def nis(
     if own.t.size < 4:
         return None
     starts = np.flatnonzero(np.r_[True, np.diff(own.run) != 0])
-    for r, process, extra in ((before, Drift(1.0, 0.0), None), (after, drift, more)):
+    for r, process, extra in ((before, NONE, None), (after, drift, more)):
         w = windows(stack, r, channel)
         variance = white**2 / w.seconds
         if extra is not None:
@@ -254,24 +226,21 @@ def nis(
     n = values[1].size
     if n < 2:
         return None
-    root = [float(np.sqrt(np.mean(nu**2))) for nu in values]
-    low, high = stats.chi2.ppf([0.025, 0.975], n) / n
+    low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
+    before_rms, after_rms = (rms(nu) for nu in values)
     return ErrorFigure(
-        "nis",
-        CHANNELS[channel],
-        "1",
-        root[0],
-        root[1],
-        1.0,
-        (root[1] / float(np.sqrt(high)), root[1] / float(np.sqrt(low))),
-        (float(np.sqrt(low)), float(np.sqrt(high))),
-        n,
-        "run",
-        (root[0] / float(np.sqrt(high)), root[0] / float(np.sqrt(low))),
+        metric="nis",
+        channel=CHANNELS[channel],
+        unit="1",
+        before=before_rms,
+        after=after_rms,
+        floor=1.0,
+        ci95=(after_rms / high, after_rms / low),
+        before_ci95=(before_rms / high, before_rms / low),
+        floor_band95=(low, high),
+        n=n,
+        heldout="run",
     )
-
-
-# ------------------------------------------------------------------------------------------- prediction and coverage
 
 
 def prediction(
@@ -279,7 +248,7 @@ def prediction(
 ) -> list[ErrorFigure]:
     """How well the bias filter foretells the mean of the next 60 s, and how often within its 3 sd."""
     errors, inside = [], []
-    for r, process in ((before, Drift(1.0, 0.0)), (after, drift)):
+    for r, process in ((before, NONE), (after, drift)):
         e, sd = _foretold(stack, r, channel, white, process)
         if e.size < 3:
             return []
@@ -287,25 +256,36 @@ def prediction(
         inside.append(float(np.mean(np.abs(e) <= 3.0 * sd)))
     unit, si = error_unit(channel)
     n = errors[1].size
-    rms = [float(np.sqrt(np.mean(e**2))) / si for e in errors]
+    before_rms, after_rms = (rms(e) / si for e in errors)
     floor = white / np.sqrt(HOLD_S) / si
-    low, high = np.sqrt(stats.chi2.ppf([0.025, 0.975], n) / n)
-    ci = rms[1] / float(high), rms[1] / float(low)
-    band = float(low) * floor, float(high) * floor
-    first = rms[0] / float(high), rms[0] / float(low)
-    made = [ErrorFigure("bias_prediction", CHANNELS[channel], unit, rms[0], rms[1], floor, ci, band, n, "run", first)]
-    nominal = 0.9973
-    first, ci = (_wilson(share, n) for share in inside)
-    floor_band = float(stats.binom.ppf(0.025, n, nominal)) / n, 1.0
-    name = CHANNELS[channel]
-    made.append(ErrorFigure("coverage", name, "1", inside[0], inside[1], nominal, ci, floor_band, n, "run", first))
-    return made
-
-
-def _wilson(share: float, n: int) -> tuple[float, float]:
-    """Interval of a share of n, 95 %."""
-    found = stats.binomtest(round(share * n), n).proportion_ci(0.95, "wilson")
-    return float(found.low), float(found.high)
+    low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
+    predicted = ErrorFigure(
+        metric="bias_prediction",
+        channel=CHANNELS[channel],
+        unit=unit,
+        before=before_rms,
+        after=after_rms,
+        floor=floor,
+        ci95=(after_rms / high, after_rms / low),
+        before_ci95=(before_rms / high, before_rms / low),
+        floor_band95=(low * floor, high * floor),
+        n=n,
+        heldout="run",
+    )
+    covered = ErrorFigure(
+        metric="coverage",
+        channel=CHANNELS[channel],
+        unit="1",
+        before=inside[0],
+        after=inside[1],
+        floor=_WITHIN_3_SD,
+        ci95=wilson_interval(inside[1], n),
+        before_ci95=wilson_interval(inside[0], n),
+        floor_band95=(binomial_quantile(0.025, n, _WITHIN_3_SD) / n, 1.0),
+        n=n,
+        heldout="run",
+    )
+    return [predicted, covered]
 
 
 def _foretold(stack: Stack, r: Array, channel: int, white: float, drift: Drift) -> tuple[Array, Array]:
@@ -333,105 +313,3 @@ def _unscaled(mean: Array, t: Array, variance: Array, drift: Drift, nu: Array) -
         sd[k] = 1.0 / out if out > 0.0 else np.nan
     good = np.isfinite(sd)
     return (nu * sd)[good], sd[good]
-
-
-# ------------------------------------------------------------------------------------------------------ free inertial
-
-
-def drift(
-    stack: Stack, before: Array, after: Array, white: Array, drifts: Sequence[Drift], seconds: float, seed: int
-) -> ErrorFigure | None:
-    """Position error of free inertial navigation, to first order in the sensors' errors, started true every minute.
-
-    ε' = C δω, δv' = C δf + ε × f_n, δp' = δv with δω, δf what is left of the readings' errors when the bias filter's
-    estimate at the start is taken off.
-
-    Parameters
-    ----------
-    stack : Stack
-        Of the held-out run alone.
-    before, after : Array
-        Residuals of all channels, instrument axes, SI, shape (n, 6).
-    white : Array
-        White densities, shape (6,).
-    drifts : sequence of Drift
-        Of the six channels, in the bias filter after.
-    seconds : float
-        Of free navigation, 10 or 60.
-    seed : int
-        Of the interval.
-    """
-    run = stack.blocks[0].run
-    dt = stack.period
-    steps = round(seconds / dt)
-    starts = np.flatnonzero(np.diff((stack.t // HOLD_S).astype(int), prepend=0) > 0)
-    starts = starts[starts + steps <= stack.t.size]
-    starts = starts[[bool((stack.weight[s : s + steps] > 0.0).all()) for s in starts]]
-    if starts.size < 2:
-        return None
-    C = _attitudes_at(stack)
-    values = [
-        np.array([_position(stack, r, C, int(s), steps, white, own) for s in starts])
-        for r, own in ((before, [Drift(1.0, 0.0)] * 6), (after, list(drifts)))
-    ]
-    gamma = run.site.gravity
-    gyro, accel = float(np.mean(white[:3] ** 2)), float(np.mean(white[3:] ** 2))
-    floor = float(np.sqrt(3.0 * accel * seconds**3 / 3.0 + 2.0 * gamma**2 * gyro * seconds**5 / 20.0))
-    rms = [float(np.sqrt(np.mean(v**2))) for v in values]
-    rng = np.random.default_rng(seed)
-    picks = rng.integers(0, starts.size, (_DRAWS, starts.size))
-    low, high = np.sqrt(stats.chi2.ppf([0.025, 0.975], 2 * starts.size) / (2 * starts.size))
-    name = f"drift_{seconds:.0f}s"
-    first, ci = (_spread(v, picks, 1.0) for v in values)
-    band = float(low) * floor, float(high) * floor
-    return ErrorFigure(name, "all", "m", rms[0], rms[1], floor, ci, band, int(starts.size), "run", first)
-
-
-def _attitudes_at(stack: Stack) -> Array:
-    """C_nb of every block, shape (n or 1, 3, 3)."""
-    from filters.motion.kinematics import attitudes
-
-    run = stack.blocks[0].run
-    if run.C_nb is not None:
-        return run.C_nb[None]
-    if run.still:
-        return attitudes(run.angles)
-    middles = np.minimum((stack.blocks[0]._edges[:-1] + stack.blocks[0]._edges[1:]) // 2, run.t.size - 1)
-    return attitudes(run.angles[middles])
-
-
-def _position(stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]) -> float:
-    run, dt = stack.blocks[0].run, stack.period
-    rows = slice(start, start + steps)
-    errors = r[rows] - _biases(stack, r, start, white, drifts)
-    own = C if len(C) == 1 else C[rows]
-    turn = np.einsum("nij,nj->ni", np.broadcast_to(own, (steps, 3, 3)), run.axes.gyro_to_body(errors[:, :3]))
-    push = np.einsum("nij,nj->ni", np.broadcast_to(own, (steps, 3, 3)), run.axes.accel_to_body(errors[:, 3:]))
-    # at the middle of each block: sums to its end are 8 % too large over 40 blocks
-    tilt = (np.cumsum(turn, axis=0) - 0.5 * turn) * dt
-    push = push + np.cross(tilt, np.array([0.0, 0.0, -run.site.gravity]))
-    speed = (np.cumsum(push, axis=0) - 0.5 * push) * dt
-    return float(np.linalg.norm(np.sum(speed, axis=0) * dt))
-
-
-def _biases(stack: Stack, r: Array, start: int, white: Array, drifts: Sequence[Drift]) -> Array:
-    """What the bias filter holds at a row, from the rows before it; shape (6,)."""
-    out = np.empty(6)
-    for c in range(6):
-        w = stack.weight[:start, c]
-        age = stack.t[start] - stack.t[:start]
-        own = drifts[c]
-        if own.level > 0.0:
-            # steady state of the filter for a walk: the past counts for √(white² / q) seconds
-            q = own.level if np.isinf(own.tau) else own.level * np.sqrt(2.0 / own.tau)
-            w = w * np.exp(-age * q / white[c])
-        out[c] = float(w @ r[:start, c] / max(float(w.sum()), 1e-12))
-    return out
-
-
-def vertical_sign(stack: Stack) -> float:
-    """Mean reading over mean of a perfect unit's along gravity: about 1; -1 for a wrong sign."""
-    run = stack.blocks[0].run
-    x = perfect(run)[:, 3:]
-    mean = run.reading[:, 3:].mean(axis=0)
-    return float(mean @ x.mean(axis=0) / max(float(x.mean(axis=0) @ x.mean(axis=0)), 1e-12))

@@ -32,9 +32,14 @@ class Drift:
     level: float
 
     @property
+    def is_walk(self) -> bool:
+        """Whether it is a random walk."""
+        return bool(np.isinf(self.tau))
+
+    @property
     def kind(self) -> str:
         """Its name in the catalogue."""
-        return "random_walk" if np.isinf(self.tau) else "gauss_markov"
+        return "random_walk" if self.is_walk else "gauss_markov"
 
 
 NONE = Drift(1.0, 0.0)

@@ -9,7 +9,7 @@ from filters.imu import IMU400CD_200, STANDARD_GRAVITY
 from filters.motion import alignment, kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion, Trajectory
-from filters.tracing.residual import rest_attitudes
+from filters.tracing.run import rest_attitudes
 from filters.types import Array
 from imutui.jobs import replay
 from imutui.logbook import reader

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.imu import STANDARD_GRAVITY, format_mount
-from filters.tracing import residual
+from filters.tracing.blocks import average
 from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 
@@ -147,7 +147,7 @@ def check_reference(read: LoggedRun) -> None:
 
 def _seen(read: LoggedRun) -> _GriddedRun:
     run = read.run
-    made = residual.blocks(run, _STEP)
+    made = average(run, _STEP)
     good: NDArray[np.bool_] = np.asarray((made.weight > 0.0).all(axis=1))
     expected = np.empty_like(made.y)
     made.mean([(lambda inputs: inputs.x, slice(0, 6))], expected)

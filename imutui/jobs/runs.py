@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from filters.imu import IMU400CD_200, LOOP_HZ
-from filters.tracing.residual import Run
+from filters.tracing.run import Run
 from filters.types import Array
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import replay

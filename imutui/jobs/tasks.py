@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from filters.tracing.trace_document import TraceDocument
     from imutui.jobs import replay, trace
     from imutui.logbook.results import ResultDocument
 
@@ -21,7 +22,7 @@ class TraceResult:
 
     Attributes
     ----------
-    document : dict
+    document : TraceDocument
         Contracts section 6.
     source : str
         Which logs it is of.
@@ -35,7 +36,7 @@ class TraceResult:
         Profile (TOML) of the motion that would separate the causes; empty if none is needed.
     """
 
-    document: dict[str, Any]
+    document: "TraceDocument"
     source: str
     damage: tuple[str, ...]
     effects: str
@@ -58,14 +59,14 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
     from imutui.logbook import effects_file
 
     traced = trace.trace(list(logs), options or trace.TraceOptions(), tell)
-    experiment = traced.document.get("separating_experiment") or {}
+    experiment = traced.document["separating_experiment"]
     return TraceResult(
         traced.document,
         traced.source,
         traced.damage,
         effects_file.dumps(traced.trace, traced.source),
         tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in traced.trace.included),
-        experiment.get("profile") or "",
+        "" if experiment is None else experiment["profile"],
     )
 
 

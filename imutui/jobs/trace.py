@@ -7,16 +7,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import imutui
-from filters.effects.records import Trace
+from filters.tracing.result import SeparatingExperiment, Trace
+from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
 from imutui.jobs import replay, run_consistency, runs
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import reader
-from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.reference_file import ReferenceFile, to_toml
 
 VERSION = 1
 _READING = 0.1
@@ -53,8 +54,8 @@ class Traced:
 
     Attributes
     ----------
-    document : dict
-        Contracts section 6, JSON-ready; `notes` beside it: sentences on what the logs could not give.
+    document : TraceDocument
+        Contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give.
     trace : Trace
         What joins the filter, and the residuals for figures.
     source : str
@@ -63,7 +64,7 @@ class Traced:
         What is wrong with the files, a sentence each.
     """
 
-    document: dict[str, Any]
+    document: TraceDocument
     trace: Trace
     source: str
     damage: tuple[str, ...]
@@ -116,14 +117,48 @@ def trace(
         progress=lambda share, what: progress(_READING + (1.0 - _READING) * share, what),
     )
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
-    document = {
+    document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
+    return Traced(document, found, _source(fitted, held), damage)
+
+
+def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
+    """All of a trace's document, in the order of contracts section 6, with numbers as JSON has them."""
+    own = found.document
+    document: TraceDocument = {
         "version": VERSION,
-        "runs": [_run(read, heldout=read is held) for read in reads],
-        **{key: _plain(value) for key, value in found.document.items() if key not in ("version", "runs")},
+        "runs": runs_read,
+        "untestable": own["untestable"],
+        "integrity": own["integrity"],
+        "lines": own["lines"],
+        "noise_level": own["noise_level"],
+        "findings": own["findings"],
+        "weak": own["weak"],
+        "drift": own["drift"],
+        "remainder": own["remainder"],
+        "status": own["status"],
+        "separating_experiment": None if found.experiment is None else _experiment(found.experiment),
+        "error": own["error"],
+        "limits": own["limits"],
+        "seed": own["seed"],
+        "sentence": own["sentence"],
         "notes": notes,
         "library": f"imutui {imutui.__version__}",
     }
-    return Traced(document, found, _source(fitted, held), damage)
+    return cast("TraceDocument", _plain(document))
+
+
+def _experiment(experiment: SeparatingExperiment) -> ExperimentEntry:
+    """The run to make next, its profile as the text of a file."""
+    return {
+        "a": experiment.a,
+        "b": experiment.b,
+        "profile": to_toml(experiment.profile),
+        "thermal": None if experiment.thermal is None else [list(point) for point in experiment.thermal],
+        "duration_s": experiment.duration_s,
+        "d_expected": experiment.d_expected,
+        "motion": experiment.motion,
+        "leaves": list(experiment.leaves),
+    }
 
 
 def _check_asked(effects: Sequence[str]) -> None:
@@ -173,7 +208,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{n} {path.stem}" for n, path in enumerate(paths, 1)]
 
 
-def _run(read: LoggedRun, *, heldout: bool) -> dict[str, Any]:
+def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
     run, info = read.run, read.info
     return {
         "id": run.name,

@@ -36,12 +36,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from filters.effects.records import Included, State, Trace
+from filters.effects.records import Included, State
 from filters.imu import CHANNELS
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import Effects, MakeEffects
+    from filters.tracing.result import Trace
 
 ATTACHMENT = "effects.toml"
 """Name under which the effects travel in a log."""
@@ -255,7 +256,7 @@ def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
 # ---------------------------------------------------------------------------------------------------------- writing
 
 
-def dumps(trace: Trace, source: str) -> str:
+def dumps(trace: "Trace", source: str) -> str:
     """Text of an effects file; without effects too it is a valid one.
 
     Parameters

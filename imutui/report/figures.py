@@ -5,18 +5,18 @@ No global state: figures are made by hand on Agg, and equal results give equal f
 
 import importlib.util
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import signal
 
 from filters import allan
-from filters.effects.records import RunSeries
-from filters.imu import STANDARD_GRAVITY
+from filters.channels import CHANNELS, STANDARD_GRAVITY
+from filters.tracing.result import RunSeries
+from filters.tracing.trace_document import DriverCurveEntry, ErrorEntry, FindingEntry, TraceDocument
 from filters.types import Array
-from imutui.report.sentences import CHANNELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,21 +54,22 @@ def available() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
 
-def pictures(document: Mapping[str, Any], series: Sequence[RunSeries]) -> Iterator[Picture]:
+def pictures(document: TraceDocument, series: Sequence[RunSeries]) -> Iterator[Picture]:
     """All figures of a trace, one after the other.
 
     Parameters
     ----------
-    document : mapping
+    document : TraceDocument
         Contracts section 6.
     series : sequence of RunSeries
         Residuals of all runs, the held-out one last.
     """
     for n, run in enumerate(series, 1):
         yield _picture(f"residual-{n}.png", f"Residual of run {run.run}, before and after", _residual(run))
-    for n, finding in enumerate((f for f in document.get("findings", []) if f.get("driver_curve")), 1):
+    curves = [(f, curve) for f in document.get("findings", []) if (curve := f.get("driver_curve"))]
+    for n, (finding, curve) in enumerate(curves, 1):
         title = f"{' '.join(finding['channels'])}: {finding['label']}"
-        yield _picture(f"driver-{n}.png", title, _driver(finding))
+        yield _picture(f"driver-{n}.png", title, _driver(finding, curve))
     if series:
         last = series[-1]
         yield _picture("spectrum.png", f"Spectrum of the residual of run {last.run}", _spectrum(last))
@@ -116,10 +117,9 @@ def _residual(run: RunSeries) -> "Figure":
     return figure
 
 
-def _driver(finding: Mapping[str, Any]) -> "Figure":
+def _driver(finding: FindingEntry, curve: DriverCurveEntry) -> "Figure":
     from matplotlib.figure import Figure
 
-    curve = finding["driver_curve"]
     x, y = np.asarray(curve["x"], float), np.asarray(curve["y"], float)
     sd = np.asarray(curve.get("sd") if curve.get("sd") is not None else np.zeros(x.size), float)
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
@@ -158,7 +158,7 @@ def _allan(run: RunSeries) -> "Figure":
     return figure
 
 
-def _scores(findings: Sequence[Mapping[str, Any]]) -> "Figure":
+def _scores(findings: Sequence[FindingEntry]) -> "Figure":
     from matplotlib.figure import Figure
 
     bars: list[tuple[str, float, bool]] = []
@@ -177,14 +177,14 @@ def _scores(findings: Sequence[Mapping[str, Any]]) -> "Figure":
     return figure
 
 
-def _errors(errors: Sequence[Mapping[str, Any]]) -> "Figure":
+def _errors(errors: Sequence[ErrorEntry]) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     ax = figure.subplots()
     at = np.arange(len(errors))
     ax.bar(at - 0.2, [e.get("before_x_floor") or 0.0 for e in errors], 0.38, color=_BEFORE, label="before")
-    ax.bar(at + 0.2, [e["after_x_floor"] for e in errors], 0.38, color=_AFTER, label="after")
+    ax.bar(at + 0.2, [e["after_x_floor"] or 0.0 for e in errors], 0.38, color=_AFTER, label="after")
     for k, e in enumerate(errors):
         band, floor = e.get("floor_band95"), e.get("floor")
         if band and floor and None not in band:

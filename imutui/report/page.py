@@ -1,12 +1,12 @@
 """One HTML page of a trace, with its figures inside: a file that can be sent."""
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from filters.effects.records import RunSeries
+from filters.tracing.result import RunSeries
+from filters.tracing.trace_document import TraceDocument
 from imutui.report import sentences
 from imutui.report.figures import Picture, pictures
 
@@ -22,14 +22,14 @@ pre { background: #f4f4f4; padding: .7rem }
 """
 
 
-def write(folder: Path, document: Mapping[str, Any], series: Sequence[RunSeries], source: str) -> list[Path]:
+def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], source: str) -> list[Path]:
     """Write page, figures, and the experiment that would separate rivals, into a folder.
 
     Parameters
     ----------
     folder : Path
         Made if absent; files of these names are replaced.
-    document : mapping
+    document : TraceDocument
         Contracts section 6.
     series : sequence of RunSeries
         Residuals of all runs.
@@ -55,7 +55,7 @@ def write(folder: Path, document: Mapping[str, Any], series: Sequence[RunSeries]
     return written
 
 
-def page(document: Mapping[str, Any], made: Sequence[Picture], source: str) -> str:
+def page(document: TraceDocument, made: Sequence[Picture], source: str) -> str:
     """Text of the page."""
     head, *lines = sentences.headline(document, source)
     body = [f"<h1>{escape(head)}</h1>", *(f"<p>{escape(line)}</p>" for line in lines), "<table>"]

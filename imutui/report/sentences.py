@@ -5,13 +5,27 @@ axes and sign.
 """
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
+from filters.channels import CHANNELS as CHANNELS
+from filters.tracing.trace_document import (
+    SEPARATES,
+    DriftEntry,
+    ErrorEntry,
+    FindingEntry,
+    IntegrityEntry,
+    LimitEntry,
+    LineEntry,
+    NoiseLevelEntry,
+    ParameterEntry,
+    RivalEntry,
+    TraceDocument,
+    UntestableEntry,
+    WeakEntry,
+)
 from imutui.report.numbers import duration, plus_minus, share, times_floor
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 _UNITS = {"g": "deg/s", "a": "mg"}
 _KINDS = {
     "simulated": "SIMULATED readings",
@@ -44,7 +58,6 @@ _REASONS = {
 }
 SAVED = "The motion is experiment.toml, which --report DIR or -o FILE saves."
 _FEW = 3
-_SEPARATES = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +77,12 @@ class Section:
     sentences: tuple[str, ...]
 
 
-def text(d: Mapping[str, Any], source: str, width: int, saved: str = SAVED) -> str:
+def text(d: TraceDocument, source: str, width: int, saved: str = SAVED) -> str:
     """All of it as paragraphs of at most so many characters a line.
 
     Parameters
     ----------
-    d : mapping
+    d : TraceDocument
         The result document.
     source : str
         Which logs it is of.
@@ -101,7 +114,7 @@ def _start(sentence: str) -> str:
     return sentence if named else sentence[:1].upper() + sentence[1:]
 
 
-def headline(d: Mapping[str, Any], source: str) -> list[str]:
+def headline(d: TraceDocument, source: str) -> list[str]:
     """What was traced, whose readings, how long, and the one sentence of the result."""
     runs = d["runs"]
     kinds = sorted({run["kind"] for run in runs})
@@ -115,7 +128,7 @@ def headline(d: Mapping[str, Any], source: str) -> list[str]:
     return [*lines, sentence] if (sentence := d.get("sentence")) else lines
 
 
-def channel_lines(d: Mapping[str, Any]) -> list[ChannelLine]:
+def channel_lines(d: TraceDocument) -> list[ChannelLine]:
     """One entry a channel, in order, with what was found on it alone."""
     lines = []
     for channel in CHANNELS:
@@ -136,12 +149,12 @@ def channel_lines(d: Mapping[str, Any]) -> list[ChannelLine]:
     return lines
 
 
-def sections(d: Mapping[str, Any], saved: str = SAVED) -> list[Section]:
+def sections(d: TraceDocument, saved: str = SAVED) -> list[Section]:
     """What is to be said of several channels or of none: shared effects, data, weak terms, limits, what to do next.
 
     Parameters
     ----------
-    d : mapping
+    d : TraceDocument
         The result document.
     saved : str
         How the separating motion is saved, a sentence.
@@ -161,12 +174,12 @@ def sections(d: Mapping[str, Any], saved: str = SAVED) -> list[Section]:
     return [section for section in made if section.sentences]
 
 
-def shared(d: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def shared(d: TraceDocument) -> list[FindingEntry]:
     """Findings with one parameter over several channels."""
     return [f for f in d.get("findings", []) if len(f["channels"]) > 1]
 
 
-def held_out(d: Mapping[str, Any]) -> str:
+def held_out(d: TraceDocument) -> str:
     """How error before and after was measured."""
     held = [run["id"] for run in d["runs"] if run.get("heldout")]
     if held:
@@ -180,7 +193,7 @@ def held_out(d: Mapping[str, Any]) -> str:
 # ------------------------------------------------------------------------------------------------------- one finding
 
 
-def _finding(f: Mapping[str, Any], d: Mapping[str, Any], *, names: bool = False) -> str:
+def _finding(f: FindingEntry, d: TraceDocument, *, names: bool = False) -> str:
     parts = [f["label"]]
     if amount := _amount(f.get("params", [])):
         parts.append(amount)
@@ -188,8 +201,8 @@ def _finding(f: Mapping[str, Any], d: Mapping[str, Any], *, names: bool = False)
     if names:
         text = f"{' '.join(f['channels'])}: {text}"
     told = []
-    if f.get("share_of_excess") is not None:
-        told.append(f"explains {share(f['share_of_excess'])}")
+    if (explained := f.get("share_of_excess")) is not None:
+        told.append(f"explains {share(explained)}")
     if f.get("proposed_form"):
         told.append(f"form: {f['proposed_form']}")
     if f.get("confirmed") is False:
@@ -201,7 +214,7 @@ def _finding(f: Mapping[str, Any], d: Mapping[str, Any], *, names: bool = False)
     return _sentence("; ".join([text, *told]))
 
 
-def _amount(params: list[Mapping[str, Any]]) -> str:
+def _amount(params: list[ParameterEntry]) -> str:
     if not params:
         return ""
     if len(params) <= _FEW:
@@ -213,13 +226,13 @@ def _amount(params: list[Mapping[str, Any]]) -> str:
     return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(params)} points".replace("  ", " ")
 
 
-def _unit(entry: Mapping[str, Any]) -> str:
+def _unit(entry: ParameterEntry | ErrorEntry) -> str:
     """The unit of a pure number is not said."""
     unit = entry.get("unit") or ""
     return "" if unit == "1" else str(unit)
 
 
-def _rival(r: Mapping[str, Any]) -> str:
+def _rival(r: RivalEntry) -> str:
     label = str(r.get("label", r["effect"]))
     return label if r.get("score_difference") is None else f"{label} (score {r['score_difference']:+.0f})"
 
@@ -228,23 +241,25 @@ def _more(count: int) -> str:
     return f" and {count} more" if count > 0 else ""
 
 
-def _drift(entry: Mapping[str, Any], channel: str) -> str:
+def _drift(entry: DriftEntry, channel: str) -> str:
     level = f"{entry['level']:.3g} {entry['unit']}"
     if entry["kind"] == "random_walk":
         return f"Random walk, {level}; nothing logged explains it."
-    over = "" if entry.get("tau_s") is None else f", over {duration(entry['tau_s'])}"
+    tau = entry.get("tau_s")
+    over = "" if tau is None else f", over {duration(tau)}"
     return f"Drift (Gauss-Markov), {level}{over}; nothing logged explains it."
 
 
-def _remainder(d: Mapping[str, Any], channel: str) -> list[str]:
-    entries = [e for e in d.get("remainder", []) if e["channel"] == channel and e["ratio"] is not None]
-    if not entries:
+def _remainder(d: TraceDocument, channel: str) -> list[str]:
+    own = [e for e in d.get("remainder", []) if e["channel"] == channel]
+    ratios = [(ratio, e["scale_s"]) for e in own if (ratio := e["ratio"]) is not None]
+    if not ratios:
         return []
-    worst = max(entries, key=lambda entry: abs(entry["ratio"] - 1.0))
-    return [f"Not traced: {worst['ratio']:.1f} × the noise's variance at {worst['scale_s']:.3g} s."]
+    worst, scale_s = max(ratios, key=lambda entry: abs(entry[0] - 1.0))
+    return [f"Not traced: {worst:.1f} × the noise's variance at {scale_s:.3g} s."]
 
 
-def _error(d: Mapping[str, Any], channel: str) -> str:
+def _error(d: TraceDocument, channel: str) -> str:
     for e in d.get("error", []):
         if e["metric"] == "e10" and e.get("channel") == channel:
             where = "on a run not used" if e.get("heldout") == "run" else "within the run"
@@ -258,7 +273,7 @@ def _error(d: Mapping[str, Any], channel: str) -> str:
 # ------------------------------------------------------------------------------------------------------- the rest
 
 
-def _fault(entry: Mapping[str, Any]) -> str:
+def _fault(entry: IntegrityEntry) -> str:
     where = entry.get("where")
     text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
     n = entry.get("count")
@@ -266,7 +281,7 @@ def _fault(entry: Mapping[str, Any]) -> str:
     return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}{count}" + (f" ({text})" if text else ""))
 
 
-def _line(entry: Mapping[str, Any]) -> str:
+def _line(entry: LineEntry) -> str:
     width = f" ± {0.5 * entry['width_hz']:.2g}" if entry.get("width_hz") else ""
     text = f"{' '.join(entry['channels'])}: {entry['hz']:.4g}{width} Hz, {entry['rms']:.3g} {entry['unit']} rms"
     if entry.get("rivals"):
@@ -274,26 +289,26 @@ def _line(entry: Mapping[str, Any]) -> str:
     return _sentence(text)
 
 
-def _noise(entry: Mapping[str, Any]) -> str:
+def _noise(entry: NoiseLevelEntry) -> str:
     text = f"{' '.join(entry['channels'])}: changes with {_word(entry['driver'])}"
     return _sentence(f"{text}, by up to {entry['ratio']:.2f} ×" if entry.get("ratio") is not None else text)
 
 
-def _weak(entry: Mapping[str, Any]) -> str:
+def _weak(entry: WeakEntry) -> str:
     label = entry.get("label") or _word(entry["effect"])
     amount = _amount(entry.get("params", []))
     score = f" (score {entry['score']:.0f})" if entry.get("score") is not None else ""
     return _sentence(f"{' '.join(entry.get('channels', []))}: {label}{f', {amount}' if amount else ''}{score}")
 
 
-def _limit(entry: Mapping[str, Any]) -> str:
+def _limit(entry: LimitEntry) -> str:
     where = f"{' '.join(entry['channels'])}: " if entry["channels"] else ""
     return _sentence(f"{where}{_word(entry['effect'])}: {entry['text']}")
 
 
-def _errors(d: Mapping[str, Any]) -> Iterable[str]:
+def _errors(d: TraceDocument) -> Iterable[str]:
     """Before, after and floor of all but the headline error, a sentence a metric."""
-    by_metric: dict[str, list[Mapping[str, Any]]] = {}
+    by_metric: dict[str, list[ErrorEntry]] = {}
     for e in d.get("error", []):
         if e["metric"] != "e10" and e.get("after") is not None:
             by_metric.setdefault(e["metric"], []).append(e)
@@ -306,12 +321,12 @@ def _errors(d: Mapping[str, Any]) -> Iterable[str]:
         yield f"{_METRICS.get(metric, metric)}: {'; '.join(told)}."
 
 
-def _differs(e: Mapping[str, Any]) -> bool:
+def _differs(e: ErrorEntry) -> bool:
     before, after = e.get("before"), e["after"]
-    return before is None or abs(before - after) > 0.02 * max(abs(before), abs(after))
+    return before is None or after is None or abs(before - after) > 0.02 * max(abs(before), abs(after))
 
 
-def _change(e: Mapping[str, Any]) -> str:
+def _change(e: ErrorEntry) -> str:
     who = f"{e['channel']} " if e.get("channel") and e["channel"] != "all" else ""
     unit = f" {_unit(e)}" if _unit(e) else ""
     before = "–" if e.get("before") is None else f"{e['before']:.3g}"
@@ -321,22 +336,22 @@ def _change(e: Mapping[str, Any]) -> str:
     return f"{who}{before} → {e['after']:.3g}{unit}{floor}"
 
 
-def _experiment(d: Mapping[str, Any], saved: str) -> Iterable[str]:
+def _experiment(d: TraceDocument, saved: str) -> Iterable[str]:
     experiment = d.get("separating_experiment")
     if experiment:
-        a, b = (_label_of(d, experiment[key]) for key in "ab")
+        a, b = _label_of(d, experiment["a"]), _label_of(d, experiment["b"])
         words = experiment.get("motion") or f"a run of {duration(experiment['duration_s'])}"
         expected = float(experiment["d_expected"])
-        if expected < _SEPARATES:
+        if expected < SEPARATES:
             yield f"{_upper(a)}, or {b}? {_upper(words)}."
             return
         yield (
-            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {_SEPARATES:.0f} is enough):"
+            f"{_upper(a)}, or {b}? What would tell them apart (d = {expected:.0f}, {SEPARATES:.0f} is enough):"
             f" {words}. {saved}"
         )
 
 
-def _label_of(d: Mapping[str, Any], effect: str) -> str:
+def _label_of(d: TraceDocument, effect: str) -> str:
     for f in d.get("findings", []):
         if f["effect"] == effect:
             return str(f["label"])
@@ -346,7 +361,7 @@ def _label_of(d: Mapping[str, Any], effect: str) -> str:
     return _word(effect)
 
 
-def _untestable(entries: Iterable[Mapping[str, Any]]) -> Iterable[str]:
+def _untestable(entries: Iterable[UntestableEntry]) -> Iterable[str]:
     """Grouped by reason, each effect once."""
     groups: dict[tuple[str, str], dict[str, None]] = {}
     for entry in entries:

@@ -14,8 +14,8 @@ import pytest
 from helpers import traces
 from helpers.traces import arrays, imported
 
-from filters.effects.records import Trace
-from filters.tracing.residual import Run
+from filters.tracing.result import Trace
+from filters.tracing.run import Run
 from imutui import cli
 from imutui.report import figures
 from imutui.scenario import load_profile, load_scenario

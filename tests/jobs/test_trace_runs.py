@@ -12,6 +12,7 @@ from filters.attitude import to_quaternion
 from filters.imu import AxisMap, parse_mount
 from filters.motion.kinematics import angles_of, attitudes
 from filters.tracing import residual
+from filters.tracing.run import Run
 from imutui.jobs import run_consistency, runs
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.runs import LoggedRun
@@ -67,7 +68,7 @@ def recorded(path: Path, reference: ReferenceFile, hz: float = 20.0, late: float
     return path
 
 
-def worst(run: residual.Run) -> tuple[float, float]:
+def worst(run: Run) -> tuple[float, float]:
     r = residual.residual(run)
     return float(np.nanmax(np.abs(r[:, :3]))), float(np.nanmax(np.abs(r[:, 3:])))
 
@@ -164,7 +165,7 @@ def test_a_profile_gives_angles_at_every_sample(tmp_path: Path, align: str, late
     got = read(recorded(tmp_path / "a.mcap", reference, late=late))
     run_consistency.check_reference(got)
     run = got.run
-    plain = residual.Run(**{**vars(run), "latency": np.zeros(6)})
+    plain = Run(**{**vars(run), "latency": np.zeros(6)})
     assert worst(plain)[0] < np.deg2rad(0.5 if late else 1e-9)
     assert run.flagged is not None
     assert np.flatnonzero(run.flagged[:, 0]).tolist() == [7]

@@ -16,8 +16,8 @@ from filters.imu import CHANNELS, AxisMap, parse_mount
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, Scenario, Temperature
-from filters.tracing.design_matrix import is_slow
-from filters.tracing.residual import Blocks, blocks
+from filters.tracing.blocks import Blocks, average
+from filters.tracing.columns import is_slow
 
 DEG = np.pi / 180.0
 NONE = (0.0, 0.0, 0.0)
@@ -160,7 +160,7 @@ ALL = [pytest.param(name, k, id=f"{name}-{k}") for name, cases in CASES.items() 
 def averaged(scenario: Scenario) -> Blocks:
     moving = scenario.profile is not None
     seconds = scenario.profile.duration if scenario.profile else 600.0
-    return blocks(run_of(scenario, 0, 40.0 if moving else 10.0, seconds, lsb_k=0.0))
+    return average(run_of(scenario, 0, 40.0 if moving else 10.0, seconds, lsb_k=0.0))
 
 
 @cache
@@ -312,6 +312,6 @@ def test_the_delay_that_is_known_is_no_error() -> None:
     """A run whose channels are known to be late leaves less than a tenth of what it leaves unknown."""
     late = replace(MOVING, effects=(Effect("delay", (), {"tau_s": 2e-3}),))
     run = run_of(late, 0, 40.0, TURNED.duration, lsb_k=0.0)
-    unknown, known = blocks(run).y, blocks(replace(run, latency=np.full(6, 2e-3))).y
+    unknown, known = average(run).y, average(replace(run, latency=np.full(6, 2e-3))).y
     assert np.linalg.norm(known[:, :3]) < 0.1 * np.linalg.norm(unknown[:, :3])
     assert np.linalg.norm(known[:, 3:]) < 0.1 * np.linalg.norm(unknown[:, 3:])

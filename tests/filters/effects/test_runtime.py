@@ -22,8 +22,10 @@ from filters.motion.reference import COLUMNS, FORCE, QUATERNION, RATE
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
 from filters.state import PAPER_SITE
-from filters.tracing.design_matrix import is_slow
-from filters.tracing.residual import Run, blocks, perfect
+from filters.tracing.blocks import average
+from filters.tracing.columns import is_slow
+from filters.tracing.residual import perfect
+from filters.tracing.run import Run
 
 DEG = np.pi / 180.0
 HZ = 10.0
@@ -157,7 +159,7 @@ def test_the_filter_takes_what_the_tracer_fitted(name: str) -> None:
     """Causal regressors are the tracer's, in body axes and per unit of the report, but for what smoothing delays."""
     e = MEMBERS[name]
     h = catalogue.hypothesis(e.effect, e.channels, e.parameters)
-    own = blocks(run())
+    own = average(run())
     theirs = np.zeros((own.t.size, 6, len(e.states)))
     for c in h.channels:
         if is_slow(h):
@@ -170,8 +172,8 @@ def test_the_filter_takes_what_the_tracer_fitted(name: str) -> None:
     turned = np.moveaxis(theirs, 1, 2)
     body = np.concatenate([AXES.accel_to_body(turned[..., 3:]), AXES.gyro_to_body(turned[..., :3])], axis=2)
     phi = rows(causal(e), True, whole())[0]
-    edges = np.append(own._edges, [])[:-1].astype(int)
-    ours = np.add.reduceat(phi, edges, axis=0) / np.diff(own._edges)[:, None, None]
+    edges = np.append(own.edges, [])[:-1].astype(int)
+    ours = np.add.reduceat(phi, edges, axis=0) / np.diff(own.edges)[:, None, None]
     ours = np.moveaxis(ours, 1, 2)
     limit = LOOSE.get(name, 0.03)
     late = own.t > 45.0  # slopes are from 15 s of the past, twice

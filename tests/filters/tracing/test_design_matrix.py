@@ -10,9 +10,12 @@ from helpers.runs import WHITE, power_ons
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect
-from filters.tracing.design_matrix import Design, Stack, Term
-from filters.tracing.residual import blocks
-from filters.tracing.whitening import Drift
+from filters.tracing.blocks import average
+from filters.tracing.columns import Term
+from filters.tracing.design_matrix import Design
+from filters.tracing.stack import Stack
+from filters.tracing.unseen_cells import unseen_gain
+from filters.tracing.whitening import NONE, Drift
 
 DEG = np.pi / 180.0
 TURNED = Profile(
@@ -33,7 +36,7 @@ def stack(moving: bool) -> Stack:
     profile = TURNED if moving else None
     seconds = profile.duration if profile else 400.0
     runs = power_ons(*effects, count=2, seconds=seconds, hz=10.0, profile=profile)
-    return Stack.of([blocks(run) for run in runs])
+    return Stack.of([average(run) for run in runs])
 
 
 def design(moving: bool) -> Design:
@@ -131,8 +134,7 @@ def test_a_fit_is_that_of_the_whole_system() -> None:
 def test_gains_with_drift_are_those_of_whitened_columns() -> None:
     """A channel with drift has the evidence that its own filter gives it."""
     made = design(moving=False)
-    made.drift[1] = Drift(30.0, made.sd[1])
-    made.forget(1)
+    made.set_drift(1, Drift(30.0, made.sd[1]))
     a, b = named(made, "thermal_lin", 1), named(made, "warmup", 1, tau_s=120.0)
     W = made.whitened(1, np.concatenate([a.places[1], b.places[1]]))
     y, X = W[:, 0], W[:, 1:]
@@ -170,7 +172,7 @@ def test_columns_found_on_the_way_count_like_those_of_the_beginning() -> None:
     column = (made.stack.t > 200.0).astype(float)[:, None]
     term = made.add(named(made, "ramp", 1).hypothesis, column)
     widened = made.gram(1)
-    made.forget(1)
+    made.set_drift(1, NONE)
     anew = made.gram(1)
     assert widened[0].shape[0] == before[0].shape[0] + 1
     assert np.allclose(widened[0], anew[0], rtol=1e-9, atol=1e-9)
@@ -183,14 +185,14 @@ def test_cells_that_were_left_out_gain_what_is_there_and_nothing_of_noise() -> N
     made = design(moving=False)
     true = named(made, "thermal_lin", 1)
     fitted = made.gains([], [true])[0]
-    total, without = made.heldout([], true)
+    total, without = unseen_gain(made, [], true)
     assert total == pytest.approx(fitted, rel=0.15)
     assert 0.0 < without < total
     rng = np.random.default_rng(1)
     totals = []
     for _ in range(60):
         noise = made.add(true.hypothesis, rng.standard_normal((made.stack.t.size, 1)))
-        totals.append(made.heldout([true], noise)[0])
+        totals.append(unseen_gain(made, [true], noise)[0])
     assert -3.0 < np.mean(totals) < 0.5
 
 
@@ -204,7 +206,7 @@ def test_a_fold_of_cells_is_blind_to_itself() -> None:
     only = made.add(named(made, "ramp", 0).hypothesis, inside)
     fitted = made.gains([], [only])[0]
     assert fitted > 1000.0
-    assert made.heldout([], only)[0] < 0.1 * fitted
+    assert unseen_gain(made, [], only)[0] < 0.1 * fitted
 
 
 def test_noise_is_measured_despite_drift_and_steps() -> None:
@@ -216,6 +218,6 @@ def test_noise_is_measured_despite_drift_and_steps() -> None:
         seconds=600.0,
         hz=20.0,
     )
-    sd = Stack.of([blocks(run) for run in runs]).white_sd()
+    sd = Stack.of([average(run) for run in runs]).white_sd()
     expected = np.repeat([WHITE.gyro_arw, WHITE.accel_vrw], 3) / np.sqrt(0.25)
     assert np.allclose(sd, expected, rtol=0.06)

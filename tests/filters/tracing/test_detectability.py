@@ -9,9 +9,10 @@ from helpers import runs
 from filters.channels import DPS
 from filters.effects import catalogue
 from filters.imu import IMU400CD_200
-from filters.tracing import residual
-from filters.tracing.design_matrix import Design, Stack
+from filters.tracing.blocks import average
+from filters.tracing.design_matrix import Design
 from filters.tracing.detectability import limits
+from filters.tracing.stack import Stack
 
 DETECTABLE = [
     name for name, entry in catalogue.EFFECTS.items() if entry.kind in ("additive", "motion", "run_specific", "drift")
@@ -21,7 +22,7 @@ DETECTABLE = [
 @pytest.fixture(scope="module")
 def design() -> Design:
     """A still unit, twice for ten minutes, warming up."""
-    return Design(Stack.of([residual.blocks(run) for run in runs.power_ons(count=2, seconds=600.0)]))
+    return Design(Stack.of([average(run) for run in runs.power_ons(count=2, seconds=600.0)]))
 
 
 @pytest.mark.parametrize("effect", DETECTABLE)

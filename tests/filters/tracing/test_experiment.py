@@ -14,12 +14,17 @@ from filters.imu import AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
-from filters.tracing import candidate_motions, experiment, residual, selection
+from filters.tracing import candidate_motions, experiment, selection
+from filters.tracing.blocks import average
 from filters.tracing.candidate_motions import CandidateMotion, ObservedRange
-from filters.tracing.design_matrix import Design, Stack, Term
-from filters.tracing.residual import Run
+from filters.tracing.columns import Term
+from filters.tracing.design_matrix import Design
 from filters.tracing.rivals import rivals
+from filters.tracing.run import Run, rest_attitudes
+from filters.tracing.stack import Stack
+from filters.tracing.temperature import lag
 from filters.tracing.trace import trace
+from filters.tracing.trace_document import SEPARATES
 from imutui import scenario
 from imutui.logbook import reference_file
 
@@ -57,13 +62,13 @@ def performed(
     )
     noise = np.random.default_rng(seed).normal(0.0, 0.02, reading.shape[0])
     read = np.round((recorded.temperature_degc + noise) / 0.05) * 0.05
-    angles = residual.rest_attitudes(recorded.angles)
+    angles = rest_attitudes(recorded.angles)
     rates = recorded.rates[: len(angles)]
     return Run(f"run {seed}", recorded.samples.t, reading, read, angles, rates, axes, made.site)
 
 
 def designed(*runs: Run) -> Design:
-    return Design(Stack.of([residual.blocks(run, 1.0 if run.still else 0.5) for run in runs]))
+    return Design(Stack.of([average(run, 1.0 if run.still else 0.5) for run in runs]))
 
 
 def named(design: Design, effect: str, channel: int, **shape: float | str) -> Term:
@@ -98,10 +103,10 @@ def leading(design: Design, channel: int) -> str:
 
 def again(made: dict[str, Any], effects: Sequence[Effect], seed: int) -> Run:
     """The run that was asked for; the case follows the chamber a minute late, and rounds its corners."""
-    profile = reference_file.from_document(tomllib.loads(made["profile"]))
-    t = np.arange(0.0, made["duration_s"], 4.0)
-    T = residual.lag(np.interp(t, *np.array(made["thermal"]).T), 60.0 / 4.0)
-    return performed(effects, seed, zip(t.tolist(), T.tolist(), strict=True), profile, made["duration_s"])
+    profile = made.profile
+    t = np.arange(0.0, made.duration_s, 4.0)
+    T = lag(np.interp(t, *np.array(made.thermal).T), 60.0 / 4.0)
+    return performed(effects, seed, zip(t.tolist(), T.tolist(), strict=True), profile, made.duration_s)
 
 
 @pytest.fixture(scope="module")
@@ -154,8 +159,8 @@ def test_after_the_run_asked_for_the_truth_leads(
         a, b = (named(design, name, channel) for name in sorted((truth.name, rival), key=lambda name: name != found))
         made = experiment.separating(design, a, design.fit([a]).theta[0], [b], first)
         assert made is not None
-        assert made["a"] == found
-        assert made["d_expected"] > experiment.SEPARATES
+        assert made.a == found
+        assert made.d_expected > SEPARATES
         names.append(leading(designed(first, again(made, [truth], seed + 1)), channel))
     assert names.count(truth.name) >= 2
     assert rival not in names
@@ -188,7 +193,7 @@ def test_one_scale_factor_is_told_from_gravity(tumbled: Design) -> None:
     scale, gravity = named(tumbled, "scale", 5), named(tumbled, "gravity", 5)
     made = experiment.separating(tumbled, scale, of_size(tumbled, scale, 40.0), [gravity], run)
     assert made is not None
-    assert made["d_expected"] > experiment.SEPARATES
+    assert made.d_expected > SEPARATES
 
 
 def test_an_effect_too_small_to_separate_says_so(cold: Design) -> None:
@@ -196,8 +201,8 @@ def test_an_effect_too_small_to_separate_says_so(cold: Design) -> None:
     a, b = named(cold, "thermal_lin", 1), named(cold, "thermal_rate", 1)
     made = experiment.separating(cold, a, of_size(cold, a, 0.7), [b], cold.stack.blocks[0].run)
     assert made is not None
-    assert 1.0 < made["d_expected"] < experiment.SEPARATES
-    assert made["motion"].startswith("nothing known separates them; nearest comes d = ")
+    assert 1.0 < made.d_expected < SEPARATES
+    assert made.motion.startswith("nothing known separates them; nearest comes d = ")
 
 
 def test_a_way_without_a_chamber_is_named_where_it_will_do(cold: Design) -> None:
@@ -205,8 +210,8 @@ def test_a_way_without_a_chamber_is_named_where_it_will_do(cold: Design) -> None
     a, b = named(cold, "thermal_lin", 1), named(cold, "warmup", 1, tau_s=400.0)
     made = experiment.separating(cold, a, of_size(cold, a, 40.0), [b], cold.stack.blocks[0].run)
     assert made is not None
-    assert "in a chamber" in made["motion"]
-    assert "or, without a chamber: switch the warm unit off" in made["motion"]
+    assert "in a chamber" in made.motion
+    assert "or, without a chamber: switch the warm unit off" in made.motion
 
 
 def test_a_free_curve_is_left_behind_by_larger_rates() -> None:
@@ -215,8 +220,8 @@ def test_a_free_curve_is_left_behind_by_larger_rates() -> None:
     a, b = named(design, "scale", 2), named(design, "driver:wz", 2)
     made = experiment.separating(design, a, of_size(design, a, 40.0), [b], design.stack.blocks[0].run)
     assert made is not None
-    assert made["d_expected"] > 20.0
-    assert reference_file.from_document(tomllib.loads(made["profile"])).max_rate > 40 * DEG
+    assert made.d_expected > 20.0
+    assert made.profile.max_rate > 40 * DEG
 
 
 def test_more_that_was_found_takes_from_what_a_plan_shows(cold: Design) -> None:
@@ -240,7 +245,7 @@ def test_a_step_beside_it_does_not_happen_again() -> None:
     a, b = named(design, "thermal_lin", 1), named(design, "thermal_rate", 1)
     made = experiment.separating(design, a, of_size(design, a, 40.0), [b], run, [step])
     assert made is not None
-    assert made["d_expected"] > 40.0
+    assert made.d_expected > 40.0
 
 
 def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
@@ -251,9 +256,9 @@ def test_of_several_rivals_most_are_separated_at_once(cold: Design) -> None:
     rivals = [added(design, ThermalScale(5)), named(design, "thermal_rate", 5), named(design, "warmup", 5, tau_s=400.0)]
     made = experiment.separating(design, a, of_size(design, a, 40.0), rivals, run)
     assert made is not None
-    assert made["leaves"] == []
-    assert made["d_expected"] > experiment.SEPARATES
-    assert "and again at" in made["motion"]
+    assert made.leaves == ()
+    assert made.d_expected > SEPARATES
+    assert "and again at" in made.motion
 
 
 def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
@@ -264,8 +269,8 @@ def test_a_cause_of_absurd_size_is_not_worth_a_run() -> None:
     rivals = [named(design, "thermal_lin", 2), named(design, "thermal_rate", 2)]
     made = experiment.separating(design, a, design.fit([a]).theta[0], rivals, run)
     assert made is not None
-    assert (made["a"], made["b"]) == ("thermal_lin", "thermal_rate")
-    assert "heat it again" in made["motion"]
+    assert (made.a, made.b) == ("thermal_lin", "thermal_rate")
+    assert "heat it again" in made.motion
 
 
 def test_what_no_plan_separates_stays_possible(cold: Design) -> None:
@@ -274,9 +279,9 @@ def test_what_no_plan_separates_stays_possible(cold: Design) -> None:
     a = named(cold, "thermal_lin", 1)
     made = experiment.separating(cold, a, of_size(cold, a, 40.0), [a, named(cold, "thermal_rate", 1)], run)
     assert made is not None
-    assert made["b"] == "thermal_rate"
-    assert made["leaves"] == ["thermal_lin"]
-    assert "(thermal_lin would stay possible)" in made["motion"]
+    assert made.b == "thermal_rate"
+    assert made.leaves == ("thermal_lin",)
+    assert "(thermal_lin would stay possible)" in made.motion
 
 
 def test_without_a_thermometer_only_motions_are_asked_for() -> None:
@@ -287,9 +292,9 @@ def test_without_a_thermometer_only_motions_are_asked_for() -> None:
     a, b = named(design, "scale", 2), named(design, "nonlinearity_cubic", 2)
     made = experiment.separating(design, a, of_size(design, a, 40.0), [b], run)
     assert made is not None
-    assert made["thermal"] is None
-    assert "degC" not in made["motion"]
-    assert "warmed up" not in made["motion"]
+    assert made.thermal is None
+    assert "degC" not in made.motion
+    assert "warmed up" not in made.motion
 
 
 def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
@@ -298,8 +303,8 @@ def test_a_trace_asks_for_an_experiment_when_rivals_are_left() -> None:
     document = trace([performed([truth], 10, profile=TURNS, seconds=TURNS.duration)], None).document
     assert document["status"]["gz"] == "confounded"
     made = document["separating_experiment"]
-    assert made["d_expected"] > experiment.SEPARATES
-    assert "turn" in made["motion"] or "swing" in made["motion"]
+    assert made.d_expected > SEPARATES
+    assert "turn" in made.motion or "swing" in made.motion
     assert set(made) == {"a", "b", "profile", "thermal", "duration_s", "d_expected", "motion", "leaves"}
 
 

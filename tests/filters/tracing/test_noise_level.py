@@ -5,19 +5,20 @@ import pytest
 from helpers.runs import power_ons
 
 from filters.simulation import Effect
-from filters.tracing.design_matrix import Design, Stack
-from filters.tracing.noise_level import levels
-from filters.tracing.residual import blocks
+from filters.tracing.blocks import average
+from filters.tracing.design_matrix import Design
+from filters.tracing.noise_level import noise_drivers
+from filters.tracing.stack import Stack
 
 
 def design(*effects: Effect, seed: int = 1, hz: float = 20.0) -> Design:
-    return Design(Stack.of([blocks(run) for run in power_ons(*effects, seed=seed, count=2, seconds=900.0, hz=hz)]))
+    return Design(Stack.of([average(run) for run in power_ons(*effects, seed=seed, count=2, seconds=900.0, hz=hz)]))
 
 
 def test_noise_that_follows_temperature_is_levelled() -> None:
     """Log variance .12 a kelvin on ay: named, and the multiplier is the truth's to a tenth; other channels are even."""
     made = design(Effect("noise_level", ("ay",), {"log_variance_per_unit": 0.12, "driver": "temperature"}))
-    multiplier, found = levels(made, list(range(6)))
+    multiplier, found = noise_drivers(made, list(range(6)))
     assert [(level.channel, level.driver) for level in found] == [(4, "temperature")]
     T = np.concatenate([b.slow().temperature for b in made.stack.blocks])
     truth = np.exp(0.06 * (T - np.median(T)))
@@ -33,6 +34,6 @@ def test_noise_that_follows_temperature_is_levelled() -> None:
 def test_even_noise_follows_nothing(seed: int) -> None:
     """All multipliers one, nothing named; a slow error of the mean is no noise."""
     made = design(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=seed)
-    multiplier, found = levels(made, list(range(6)))
+    multiplier, found = noise_drivers(made, list(range(6)))
     assert found == []
     assert np.all(multiplier == 1.0)

@@ -6,21 +6,17 @@ import numpy as np
 import pytest
 from helpers.runs import QUIET, run_of
 
+from filters.effects.inputs import PLAY_WIDTHS
 from filters.imu import AxisMap, parse_mount
 from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
-from filters.tracing import residual
-from filters.tracing.residual import (
-    Run,
-    blocks,
-    even_time,
-    lag,
-    perfect,
-    plays,
-    smoothed,
-)
+from filters.tracing import blocks
+from filters.tracing.blocks import average, even_time
+from filters.tracing.residual import perfect
+from filters.tracing.run import Run
+from filters.tracing.temperature import lag, plays, smoothed
 
 DEG = np.pi / 180.0
 NONE = (0.0, 0.0, 0.0)
@@ -53,7 +49,7 @@ def noisy(n: int = 4000, hz: float = 20.0, seed: int = 0) -> Run:
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_perfect_unit_leaves_nothing(axes: AxisMap, moving: bool) -> None:
     """Earth rate, gravity and the table's motion are in the reference, however the unit sits."""
-    y = blocks(run_of(scene(axes, moving), 0, 40.0, 70.0)).y
+    y = average(run_of(scene(axes, moving), 0, 40.0, 70.0)).y
     assert np.abs(y[:, :3]).max() < 1e-12
     assert np.abs(y[:, 3:]).max() < 1e-9
 
@@ -64,7 +60,7 @@ def test_an_error_of_a_reading_is_its_residual() -> None:
     for c in range(6):
         added = np.zeros(6)
         added[c] = 0.25
-        y = blocks(replace(own, reading=own.reading + added)).y
+        y = average(replace(own, reading=own.reading + added)).y
         assert np.allclose(y, added, atol=1e-9)
 
 
@@ -72,15 +68,15 @@ def test_means_over_blocks_are_those_of_their_samples() -> None:
     """Residual and regressor alike, whatever the number of samples in a block; nothing is lost at the ends."""
     own = run_of(scene(), 0, 30.0, 70.0)
     own = replace(own, reading=own.reading + np.random.default_rng(0).standard_normal(own.reading.shape))
-    made = blocks(own, 0.25)
+    made = average(own, 0.25)
     assert made.period == pytest.approx(8 / 30.0)
-    counts = np.diff(made._edges)
+    counts = np.diff(made.edges)
     assert counts.sum() == own.t.size
     r = own.reading - perfect(own)
-    assert np.allclose(made.y, np.add.reduceat(r, made._edges[:-1], axis=0) / counts[:, None])
+    assert np.allclose(made.y, np.add.reduceat(r, made.edges[:-1], axis=0) / counts[:, None])
     x = np.empty((made.t.size, 6))
     made.mean([(lambda inputs: inputs.x, slice(None))], x)
-    assert np.allclose(x, np.add.reduceat(perfect(own), made._edges[:-1], axis=0) / counts[:, None], atol=1e-12)
+    assert np.allclose(x, np.add.reduceat(perfect(own), made.edges[:-1], axis=0) / counts[:, None], atol=1e-12)
 
 
 def test_how_much_is_averaged_at_once_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,14 +85,14 @@ def test_how_much_is_averaged_at_once_changes_nothing(monkeypatch: pytest.Monkey
     own = replace(own, reading=own.reading + np.random.default_rng(0).standard_normal(own.reading.shape))
 
     def all_of_it() -> list[np.ndarray]:
-        made = blocks(own)
+        made = average(own)
         out = np.empty((made.t.size, 16))
         columns = lambda i: np.column_stack([i.x, i.x_dot, i.centripetal[:, 0], i.table_accel])  # noqa: E731
         made.mean([(columns, slice(None))], out)
         return [made.y, made.weight, made.rough, made.pairs, out]
 
     whole = all_of_it()
-    monkeypatch.setattr(residual, "_CHUNK", 130)
+    monkeypatch.setattr(blocks, "_CHUNK", 130)
     for a, b in zip(whole, all_of_it(), strict=True):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9)
 
@@ -108,10 +104,10 @@ def test_flagged_readings_do_not_count() -> None:
     flagged[0:400:20, 2] = True  # one in twenty of the block's five: 20 % of every fourth block
     reading = own.reading.copy()
     reading[flagged] = 1e6
-    made = blocks(replace(own, reading=reading, flagged=flagged), 1.0)
+    made = average(replace(own, reading=reading, flagged=flagged), 1.0)
     assert np.all(made.weight[:20, 2] == pytest.approx(0.95))
     assert np.abs(made.y[:, 2]).max() < 3.0
-    fine = blocks(replace(own, reading=reading, flagged=flagged), 0.25)
+    fine = average(replace(own, reading=reading, flagged=flagged), 0.25)
     assert np.array_equal(np.flatnonzero(fine.weight[:, 2] == 0.0), np.arange(0, 80, 4))
     assert np.all(np.delete(fine.weight, 2, axis=1) == 1.0)
     assert np.all(fine.y[fine.weight[:, 2] == 0.0, 2] == 0.0)
@@ -122,7 +118,7 @@ def test_roughness_is_of_neighbours_within_a_block() -> None:
     own = noisy()
     flagged = np.zeros(own.reading.shape, bool)
     flagged[7::50] = True
-    made = blocks(replace(own, flagged=flagged))
+    made = average(replace(own, flagged=flagged))
     assert np.all(made.pairs <= 4)
     ratio = made.rough.sum(axis=0) / made.pairs.sum(axis=0)
     assert np.allclose(ratio, 2.0, rtol=0.1)
@@ -140,7 +136,7 @@ def test_rate_goes_by_count_and_bursts_by_the_mean() -> None:
     gap = own.t + np.where(np.arange(n) > 500, 7.0, 0.0)
     assert even_time(replace(own, t=gap)) is not None
     assert np.array_equal(even_time(replace(own, t=gap)), gap)
-    made = blocks(replace(own, t=gap))
+    made = average(replace(own, t=gap))
     assert np.diff(made.t).max() == pytest.approx(7.25, abs=0.2)
 
 
@@ -149,14 +145,14 @@ def test_an_attitude_that_is_known_stands_for_the_angles() -> None:
     tilted = Profile((Dwell((0.2, -0.3, 0.7), 70.0),))
     own = run_of(replace(scene(), profile=tilted), 0, 20.0, 60.0)
     level = replace(own, angles=np.zeros((1, 3)), rates=np.zeros((1, 3)))
-    assert np.abs(blocks(level).y[:, 3:]).max() > 0.5
+    assert np.abs(average(level).y[:, 3:]).max() > 0.5
     known = replace(level, C_nb=attitudes(np.array([[0.2, -0.3, 0.7]]))[0])
-    assert np.abs(blocks(known).y).max() < 1e-9
+    assert np.abs(average(known).y).max() < 1e-9
 
 
 def test_time_since_motion_and_its_last_direction() -> None:
     """From zero while the table moves; direction that of the last motion of each axis, 0 before the first."""
-    inputs = blocks(run_of(scene(), 0, 40.0, TURNED.duration)).slow()
+    inputs = average(run_of(scene(), 0, 40.0, TURNED.duration)).slow()
     before, turning = inputs.t < 9.5, (inputs.t > 12.0) & (inputs.t < 19.0)
     assert np.all(inputs.since_motion[turning] == 0.0)
     assert np.allclose(np.diff(inputs.since_motion[before]), 0.25)
@@ -178,7 +174,7 @@ def test_plays_have_a_free_stretch_and_a_memory() -> None:
     up, down = np.linspace(0.0, 12.0, 121), np.linspace(12.0, -12.0, 241)
     loop = np.concatenate([up, down[1:], down[::-1][1:]])
     out = plays(loop)
-    k = residual.PLAY_WIDTHS.index(3.0)
+    k = PLAY_WIDTHS.index(3.0)
     half = 3.0 * np.arange(1, 7) / 6
     assert out[120, k] == pytest.approx(np.mean(12.0 - half) / 3.0)
     assert out[120, k] == pytest.approx(out[-1, k])
@@ -200,7 +196,7 @@ def test_smoothing_leaves_straight_lines_and_takes_noise_off() -> None:
 
 def test_a_run_without_temperature_has_none_in_its_drivers() -> None:
     """NaN, not zero."""
-    inputs = blocks(replace(noisy(), temperature=None)).slow()
+    inputs = average(replace(noisy(), temperature=None)).slow()
     assert np.isnan(inputs.temperature).all()
     assert np.isnan(inputs.lagged).all()
 
@@ -210,5 +206,5 @@ def test_temperature_of_single_samples_is_filled_in() -> None:
     history = Temperature(((0.0, 20.0), (200.0, 30.0)))
     own = run_of(scene(moving=False, temperature=history), 0, 20.0, 200.0, lsb_k=0.0)
     rare = np.where(np.arange(own.t.size) % 10 == 0, own.temperature, np.nan)
-    a, b = blocks(own).slow(), blocks(replace(own, temperature=rare)).slow()
+    a, b = average(own).slow(), average(replace(own, temperature=rare)).slow()
     assert np.abs(a.temperature - b.temperature).max() < 0.02

@@ -7,14 +7,15 @@ import pytest
 from helpers.runs import TUMBLE, power_ons
 
 from filters.simulation import Effect, Temperature
-from filters.tracing.design_matrix import Design, Stack
-from filters.tracing.residual import blocks
+from filters.tracing.blocks import average
+from filters.tracing.design_matrix import Design
 from filters.tracing.rivals import rivals
 from filters.tracing.selection import ACCEPT, KEEP, Selection, select
+from filters.tracing.stack import Stack
 
 
 def design(*effects: Effect, **how: object) -> Design:
-    return Design(Stack.of([blocks(run) for run in power_ons(*effects, **({"count": 2} | how))]))  # type: ignore[arg-type]
+    return Design(Stack.of([average(run) for run in power_ons(*effects, **({"count": 2} | how))]))  # type: ignore[arg-type]
 
 
 @cache
@@ -35,7 +36,7 @@ def test_each_of_what_was_accepted_still_scores_beside_the_others() -> None:
     assert sorted(names(chosen)) == [("thermal_lin", (1,)), ("warmup", (3,))]
     for term in chosen.terms:
         assert chosen.own_gain(term) - chosen.price(term) > ACCEPT > KEEP
-        assert chosen.heldout[term.key] > 0.5 * ACCEPT
+        assert chosen.unseen_gain[term.key] > 0.5 * ACCEPT
     assert [made.drift[c].level for c in range(6)] == [0.0] * 6
 
 

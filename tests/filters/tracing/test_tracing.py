@@ -10,11 +10,11 @@ import pytest
 from helpers.runs import HISTORIES, TUMBLE, power_ons
 
 from filters.effects import catalogue
-from filters.effects.records import Trace
 from filters.effects.runtime import CausalEffects
 from filters.imu import AxisMap
 from filters.simulation import Effect
 from filters.state import PAPER_SITE
+from filters.tracing.result import Trace
 from filters.tracing.trace import trace
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

@@ -15,9 +15,10 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate
 from filters.simulation import Scenario
 from filters.state import NavState
-from filters.tracing import validation
-from filters.tracing.design_matrix import Stack
-from filters.tracing.residual import blocks, perfect
+from filters.tracing.blocks import average
+from filters.tracing.free_inertial import free_drift
+from filters.tracing.residual import perfect
+from filters.tracing.stack import Stack
 from filters.tracing.validation import e10, folded, nis, prediction, windows
 from filters.tracing.whitening import NONE, Drift
 
@@ -30,7 +31,7 @@ FLOOR = WHITE * np.sqrt(1 / 10 + 1 / 60) / DPS
 def still(seconds: float = 900.0) -> Stack:
     """A unit at rest that leaves nothing."""
     scene = Scenario(spec=QUIET, accel_bias=(0.0,) * 3, gyro_bias=(0.0,) * 3)
-    return Stack.of([blocks(run_of(scene, 0, 8.0, seconds))])
+    return Stack.of([average(run_of(scene, 0, 8.0, seconds))])
 
 
 def white(seed: int, stack: Stack | None = None, scale: float = 1.0) -> np.ndarray:
@@ -76,8 +77,8 @@ def test_windows_do_not_cross_a_change_of_motion() -> None:
     """No longer than ten seconds, together the whole run, each within one rate: else +rate and -rate cancel."""
     profile = Profile((Dwell((0.0,) * 3, 27.0), Rate("inner", 30 * DEG, 17.0), Rate("inner", -30 * DEG, 17.0)))
     scene = Scenario(spec=QUIET, profile=profile)
-    stack = Stack.of([blocks(run_of(scene, 0, 40.0, profile.duration))])
-    rates = stack.blocks[0].run.rates[stack.blocks[0]._edges[:-1], 2]
+    stack = Stack.of([average(run_of(scene, 0, 40.0, profile.duration))])
+    rates = stack.blocks[0].run.rates[stack.blocks[0].edges[:-1], 2]
     own = windows(stack, rates, 0)
     assert own.seconds.max() <= 10.0 + stack.period
     assert own.seconds.sum() == pytest.approx(stack.t.size * stack.period, abs=stack.period)
@@ -168,11 +169,11 @@ def reached(stack: Stack, r: np.ndarray, start: int, seconds: float) -> float:
 def test_free_inertial_drift_is_that_of_the_mechanisation(sign: int, seconds: float, tolerance: float) -> None:
     """Errors that grow with time and noise on all six channels: equations (1)-(4) come to the same place."""
     scene = Scenario(spec=QUIET, accel_bias=(0.0,) * 3, gyro_bias=(0.0,) * 3, axes=AxisMap(accel_sign=sign))
-    stack = Stack.of([blocks(run_of(scene, 0, 8.0, 240.0))])
+    stack = Stack.of([average(run_of(scene, 0, 8.0, 240.0))])
     rng = np.random.default_rng(3)
     r = rng.standard_normal((stack.t.size, 6)) * np.repeat([2e-3, 2e-2], 3)
     r += stack.t[:, None] * np.array([2e-5, -1e-5, 3e-5, 2e-4, 1e-4, -3e-4])
-    figure = validation.drift(stack, r, 0.0 * r, np.repeat([1e-3, 1e-2], 3), [NONE] * 6, seconds, 0)
+    figure = free_drift(stack, r, 0.0 * r, np.repeat([1e-3, 1e-2], 3), [NONE] * 6, seconds, 0)
     assert figure is not None
     starts = [k for k in (240, 480, 720) if k + round(seconds / stack.period) <= stack.t.size]
     own = [reached(stack, r, k, seconds) for k in starts]

@@ -8,7 +8,7 @@ from filters.imu import AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect, PowerOn, Scenario, Temperature, Unit
-from filters.tracing.residual import Run, rest_attitudes
+from filters.tracing.run import Run, rest_attitudes
 
 WHITE = ImuSpec(gyro_bandwidth=0.0, accel_bandwidth=0.0)
 QUIET = replace(WHITE, gyro_arw=0.0, accel_vrw=0.0)

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 
 from filters import earth
-from filters.effects.records import Included, RunSeries, State, Trace
+from filters.effects.records import Included, State
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion import kinematics
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
+from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
 from imutui.logbook import import_reference, importer
 from imutui.logbook.session_info import SessionInfo
 
@@ -133,9 +136,23 @@ def document() -> dict[str, Any]:
             "a": "thermal_lin", "b": "thermal_rate", "profile": PROFILE, "duration_s": 1800.0, "d_expected": 42.0,
         },
         "error": [error, {**error, "metric": "nis", "unit": "", "before": 1.84, "after": 1.0, "floor": 1.0}],
+        "limits": [],
         "sentence": "Temperature explains most of gy; one cause of az is not told.",
         "seed": 0,
     }  # fmt: skip
+
+
+EXPERIMENT = SeparatingExperiment(
+    a="thermal_lin",
+    b="thermal_rate",
+    profile=Profile((Dwell((0.0, 0.0, 0.0), 60.0),)),
+    thermal=None,
+    duration_s=1800.0,
+    d_expected=42.0,
+    motion="",
+    leaves=(),
+)
+"""The separating experiment of `document`, as the tracer gives it."""
 
 
 def trace(names: tuple[str, ...] = ("a", "b")) -> Trace:
@@ -151,12 +168,13 @@ def trace(names: tuple[str, ...] = ("a", "b")) -> Trace:
         Included("thermal_lin", ("gy",), "A", {"reference_degc": 25.0}, (State("k", "deg/s/K", 0.02, 0.001),)),
         Included("gauss_markov", ("gx",), "S", {}, (State("b", "deg/s", 0.0, 0.004, 80.0, 6e-4),)),
     )
-    return Trace(document(), included, np.array([[1.0, 0.1], [0.1, 1.0]]), tuple(series))
+    found = {key: value for key, value in document().items() if key not in ("version", "separating_experiment")}
+    return Trace(found, included, np.array([[1.0, 0.1], [0.1, 1.0]]), tuple(series), EXPERIMENT)
 
 
 def nothing(names: tuple[str, ...] = ("a",)) -> Trace:
     """A clean unit's result."""
     empty = {key: [] for key, value in document().items() if isinstance(value, list)}
     status = dict.fromkeys(("gx", "gy", "gz", "ax", "ay", "az"), "clean")
-    text = {"sentence": "Nothing found.", "seed": 0, "separating_experiment": None}
-    return Trace({"version": 1, **empty, "status": status, **text}, (), np.empty((0, 0)), trace(names).series)
+    text = {"sentence": "Nothing found.", "seed": 0}
+    return Trace({**empty, "status": status, **text}, (), np.empty((0, 0)), trace(names).series)

@@ -196,7 +196,7 @@ async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient,
 async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size: tuple[int, int]) -> None:
     """Effects and the separating motion are written beside the log, and loaded; the text fits and scrolls."""
     found = traces.trace()
-    document = {**found.document, "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
     result = tasks.TraceResult(
         document,
         "trace of a.mcap",

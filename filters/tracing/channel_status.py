@@ -1,0 +1,60 @@
+"""The status of a channel in a word.
+
+One of clean, explained, confounded, partial, stochastic, run_specific, unexplained. "Explained" never means proved: no
+rival fits as well, no drift is needed beside it, nothing remains, and a held-out run is at its floor.
+"""
+
+from filters.channels import CHANNELS
+from filters.tracing.assessment import Assessment
+from filters.tracing.trace_document import Status
+
+_IN_BAND = 1.2
+_SURE = 1.7
+
+
+def statuses(assessment: Assessment) -> dict[str, Status]:
+    """Status of every channel by name."""
+    return {name: status(assessment, c) for c, name in enumerate(CHANNELS)}
+
+
+def status(assessment: Assessment, channel: int) -> Status:
+    """Status of a channel."""
+    found = [f for f in assessment.findings if channel in f.channels]
+    drifts = channel in assessment.drifting
+    remains = any(r.channel == channel for r in assessment.remainder)
+    beside = assessment.screening.concerns(channel)
+    if not found:
+        if drifts:
+            return "stochastic"
+        if remains or (channel in assessment.channels and not beside and _out_of_band(assessment, channel)):
+            return "unexplained"
+        return "explained" if beside else "clean"
+    lasting = [f for f in found if f.lasting]
+    if any(f.rivals for f in lasting):
+        return "confounded"
+    single = len(assessment.design.stack.blocks) + _has_verdict(assessment) == 1
+    if single and any(f.term.hypothesis.source != "motion" for f in lasting):
+        return "confounded"
+    refuted = any(f.confirmed is False for f in lasting)
+    if drifts or remains or refuted or (lasting and _out_of_band(assessment, channel)):
+        return "partial"
+    return "explained" if lasting else "run_specific"
+
+
+def _has_verdict(assessment: Assessment) -> bool:
+    """Whether there is a held-out run, long enough for a verdict."""
+    return assessment.heldout is not None and assessment.heldout.long_enough
+
+
+def _out_of_band(assessment: Assessment, channel: int) -> bool:
+    """Whether the held-out error is above its floor's band."""
+    if not _has_verdict(assessment):
+        return False
+    for figure in assessment.errors:
+        if figure.channel == CHANNELS[channel] and figure.metric == "e10" and figure.heldout == "run":
+            # one channel in forty is outside the 95 % band by chance: a verdict asks for a thousandth
+            limit = figure.floor + _SURE * (figure.floor_band95[1] - figure.floor)
+            limit = max(limit, _IN_BAND * figure.floor)
+            if figure.after > limit:
+                return True
+    return False

@@ -1,0 +1,105 @@
+"""Whether drift would do as well: the likeliest process of a channel, a term's score when both models have theirs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.effects.run_specific import Tone
+from filters.tracing.columns import Term
+from filters.tracing.design_matrix import Design, Fit
+from filters.tracing.whitening import Drift, best_drift, best_pair
+from filters.types import Array
+
+_DRIFT_GRID = 20.0
+_SECOND_S = 1.0
+_FAST_HZ = 0.2
+"""Faster tones are lost in means of 1 s."""
+
+_Rows = tuple[Array, Array, NDArray[np.int_], Array, float]  # the arguments of `best_drift`
+
+
+def drift_price(design: Design, channel: int) -> float:
+    """What two parameters of a drift and its choice cost on a channel, in chi-square."""
+    return 2.0 * float(np.log(design.stack.seconds(channel))) + 2.0 * float(np.log(_DRIFT_GRID))
+
+
+def likeliest_drift(design: Design, terms: Sequence[Term], channel: int) -> tuple[float, Drift]:
+    """Gain of the best drift process of a channel beside what is selected, and the process."""
+    rows = _rows(design, terms, channel, np.zeros((design.stack.t.size, 0)), design.fit(terms))
+    best, drift, none = best_drift(*rows)
+    walk = best_drift(*rows, taus=(np.inf,))
+    # a walk has one parameter less
+    if walk[0] - best < np.log(design.stack.seconds(channel)):
+        return none - walk[0], walk[1]
+    return none - best, drift
+
+
+def guarded_score(
+    design: Design, terms: Sequence[Term], term: Term, made: Array | None, price: float, accept: float
+) -> float:
+    """Score of a term of one channel when both models have their own best drift.
+
+    Of one process or, if that passes, of two, for what is like 1/f needs more than one.
+
+    Parameters
+    ----------
+    design : Design
+        Data and columns.
+    terms : sequence of Term
+        What is selected already.
+    term : Term
+        The new one.
+    made : Array or None
+        Columns of its own, shape (n, k), of one that is not in the design.
+    price : float
+        What its parameters cost.
+    accept : float
+        At most this with one process, and two are not tried.
+    """
+    (c,) = term.places
+    own = made if made is not None else design.columns[:, term.places[c]]
+    fast = isinstance(term.hypothesis, Tone) and term.hypothesis.hz > _FAST_HZ
+    seconds = design.stack.period if fast else _SECOND_S
+    rows = _rows(design, terms, c, np.zeros((own.shape[0], 0)), design.fit(terms), seconds)
+    # columns of its own are not in the design: what is shared stays as it was then
+    fit = design.fit(terms if made is not None else [*terms, term])
+    with_it = _rows(design, terms, c, own, fit, seconds)
+    before, after = (best_drift(*each) for each in (rows, with_it))
+    single = min(before[0], before[2]) - min(after[0], after[2]) - price
+    if single <= accept:
+        return single
+    pairs = [min(one[0], one[2], best_pair(*each, one[1])) for each, one in ((rows, before), (with_it, after))]
+    return min(single, pairs[0] - pairs[1] - price)
+
+
+def _rows(
+    design: Design, terms: Sequence[Term], channel: int, more: Array, fit: Fit, seconds: float = _SECOND_S
+) -> _Rows:
+    """Rows of 1 s, or so many: what is selected on a channel, and more columns; shared effects as in a fit."""
+    stack = design.stack
+    y = stack.y[:, channel].copy()
+    for term, theta in zip(fit.terms, fit.theta, strict=True):
+        if channel in term.places and len(term.places) > 1:
+            y -= design.columns[:, term.places[channel]] @ theta
+    own = [design.columns[:, a.places[channel]] for a in terms if list(a.places) == [channel]]
+    raw = np.column_stack([y, *own, more])
+    return (*by_seconds(design, channel, raw, seconds), max(seconds, stack.period))
+
+
+def by_seconds(
+    design: Design, channel: int, raw: Array, seconds: float = _SECOND_S
+) -> tuple[Array, Array, NDArray[np.int_], Array]:
+    """Rows of blocks averaged over so many seconds: columns, time, first row of each run, variance."""
+    stack = design.stack
+    per = max(1, round(seconds / stack.period))
+    label = stack.run * (1 << 40) + (stack.t // (per * stack.period)).astype(np.int64)
+    edges = np.flatnonzero(np.diff(label, prepend=-1))
+    precision = 1.0 / design.variance(channel)
+    total = np.add.reduceat(precision, edges)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = np.add.reduceat(raw * precision[:, None], edges, axis=0) / total[:, None]
+        variance = 1.0 / total
+    t = np.add.reduceat(stack.t, edges) / np.diff(np.append(edges, stack.t.size))
+    starts = np.searchsorted(edges, stack.starts)
+    return np.nan_to_num(rows), t, starts, variance

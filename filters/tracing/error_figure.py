@@ -1,0 +1,77 @@
+"""A figure of error, before and after, beside what white noise alone leaves; intervals of what it is made of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from filters.types import Array
+
+DRAWS = 1000
+"""Times that errors are drawn again for an interval."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorFigure:
+    """One figure of error, contracts section 6.
+
+    Attributes
+    ----------
+    metric, channel, unit : str
+        What it is, of which channel or "all", and its unit.
+    before, after, floor : float
+        Without and with the corrections, and what white noise alone leaves.
+    ci95, before_ci95 : tuple of float
+        Intervals of `after` and of `before`.
+    floor_band95 : tuple of float
+        Where 95 % of clean units would be.
+    n : int
+        Errors in it.
+    heldout : str
+        "run" for one that nothing was fitted to, "folds" within the run.
+    """
+
+    metric: str
+    channel: str
+    unit: str
+    before: float
+    after: float
+    floor: float
+    ci95: tuple[float, float]
+    before_ci95: tuple[float, float]
+    floor_band95: tuple[float, float]
+    n: int
+    heldout: str
+
+
+def chi2_quantiles(freedom: int) -> tuple[float, float]:
+    """2.5 % and 97.5 % quantiles of chi-square."""
+    low, high = 2.0 * special.gammaincinv(0.5 * freedom, np.array([0.025, 0.975]))
+    return float(low), float(high)
+
+
+def rms(errors: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def rms_interval(errors: Array, picks: NDArray[np.int_], scale: float) -> tuple[float, float]:
+    """Interval of a root mean square by drawing the errors again, 95 %, times a scale."""
+    low, high = np.quantile(np.sqrt(np.mean(errors[picks] ** 2, axis=1)), [0.025, 0.975])
+    return float(low) * scale, float(high) * scale
+
+
+def wilson_interval(share: float, n: int) -> tuple[float, float]:
+    """Interval of a share of n, 95 % (Wilson 1927)."""
+    k = round(share * n)
+    p, z = k / n, float(special.ndtri(0.5 + 0.5 * 0.95))
+    denominator = 2 * (n + z**2)
+    centre = (2 * n * p + z**2) / denominator
+    half = z / denominator * float(np.sqrt(4 * n * p * (1 - p) + z**2))
+    return (0.0 if k == 0 else centre - half), (1.0 if k == n else centre + half)
+
+
+def binomial_quantile(probability: float, n: int, share: float) -> int:
+    """Smallest k of n with so much probability at or below it, each of n being so likely."""
+    return int(np.searchsorted(special.bdtr(np.arange(n + 1), n, share), probability))

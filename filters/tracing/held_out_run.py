@@ -1,0 +1,167 @@
+"""A run that nothing was fitted to: what findings say of it, which it confirms, its error before and after."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from filters.channels import CHANNELS
+from filters.tracing import validation
+from filters.tracing.columns import ColumnsByTerm, columns_on
+from filters.tracing.design_matrix import Design
+from filters.tracing.error_figure import ErrorFigure
+from filters.tracing.findings import Finding
+from filters.tracing.free_inertial import free_drift
+from filters.tracing.stack import Stack
+from filters.tracing.whitening import NONE
+from filters.types import Array
+
+_FREE_S = (10.0, 60.0)  # of free navigation
+_WORSE = 1.1
+_FELT = 0.02  # of the noise: a correction that varies by less is not felt on the run
+
+
+@dataclass(frozen=True)
+class HeldOutRun:
+    """The run, and the columns there of all findings that carry over.
+
+    Attributes
+    ----------
+    stack : Stack
+        Of the one run.
+    columns : ColumnsByTerm
+        By term's key and channel, shape (n, k).
+    white : Array
+        White densities, unit·√s, shape (6,).
+    """
+
+    stack: Stack
+    columns: ColumnsByTerm
+    white: Array
+
+    @classmethod
+    def of(cls, stack: Stack, design: Design, found: Sequence[Finding]) -> "HeldOutRun":
+        """The run for findings of a design; where it has no noise of its own to tell, the design's counts."""
+        own = stack.white_sd()
+        sd = np.where(own > 0.0, own, design.sd)
+        columns = columns_on(stack, [f.term for f in found if f.lasting])
+        return cls(stack, columns, sd * float(np.sqrt(stack.period)))
+
+    @property
+    def long_enough(self) -> bool:
+        """Whether it lasts long enough for a verdict."""
+        return self.stack.blocks[0].run.seconds >= validation.LEAST_S
+
+    def correction(self, found: Sequence[Finding]) -> Array:
+        """What findings that carry over say of the run's residual, SI, shape (n, 6)."""
+        out = np.zeros_like(self.stack.y)
+        for f in found:
+            if f.lasting:
+                for c in f.term.places:
+                    out[:, c] += self.columns[f.term.key, c] @ f.theta
+        return out
+
+    def variance(self, found: Sequence[Finding], channel: int) -> Array:
+        """Variance of the correction of a channel, about its mean, SI, shape (n,)."""
+        out = np.zeros(self.stack.t.size)
+        for f in found:
+            if f.lasting and channel in f.term.places:
+                X = self.columns[f.term.key, channel]
+                X = X - X.mean(axis=0)
+                out += np.einsum("ij,jk,ik->i", X, f.covariance, X)
+        return out
+
+
+def correction(design: Design, found: Sequence[Finding]) -> Array:
+    """What findings that carry over say of the residual of the runs at hand, SI, shape (n, 6)."""
+    out = np.zeros_like(design.stack.y)
+    for f in found:
+        if f.lasting:
+            for c, places in f.term.places.items():
+                out[:, c] += design.columns[:, places] @ f.theta
+    return out
+
+
+def confirmed(run: HeldOutRun, found: Sequence[Finding], design: Design, seed: int) -> list[Finding]:
+    """Findings with whether each that carries over lowers error or NIS on the held-out run.
+
+    Parameters
+    ----------
+    run : HeldOutRun
+        With columns of all of them.
+    found : sequence of Finding
+        Each is judged beside all others.
+    design : Design
+        Of the runs at hand, for the noise.
+    seed : int
+        Of intervals.
+    """
+    everything = run.correction(found)
+    out = []
+    for f in found:
+        if not f.lasting:
+            out.append(f)
+            continue
+        own = run.correction([f])
+        felt = [c for c in f.channels if not np.ptp(own[:, c]) < _FELT * design.sd[c]]
+        better = False
+        for c in felt:
+            corrected = run.stack.y[:, c] - everything[:, c]
+            better |= _lowers(run, c, corrected + own[:, c], corrected, seed)
+        out.append(replace(f, confirmed=better if felt else None))
+    return out
+
+
+def _lowers(run: HeldOutRun, c: int, before: Array, after: Array, seed: int) -> bool:
+    white = float(run.white[c])
+    error = validation.e10(run.stack, before, after, c, white, seed)
+    if error is not None and error.after != error.before:
+        if error.after < error.before:
+            return True
+        if error.after > _WORSE * error.before:
+            return False
+    honest = validation.nis(run.stack, before, after, c, white, NONE)
+    return honest is not None and honest.after < honest.before
+
+
+def held_out_errors(
+    run: HeldOutRun, used: Sequence[Finding], design: Design, channels: Sequence[int], seed: int
+) -> list[ErrorFigure]:
+    """Errors of the held-out run before and after.
+
+    Parameters
+    ----------
+    run : HeldOutRun
+        With columns of the findings.
+    used : sequence of Finding
+        Those that correct it.
+    design : Design
+        Of the runs at hand, for drift.
+    channels : sequence of int
+        Those with data.
+    seed : int
+        Of intervals and bands.
+    """
+    stack = run.stack
+    after = stack.y - run.correction(used)
+    figures: list[ErrorFigure | None] = []
+    for c in channels:
+        residuals, white, drift = (stack.y[:, c], after[:, c]), float(run.white[c]), design.drift[c]
+        figures.append(validation.e10(stack, *residuals, c, white, seed))
+        figures.append(validation.nis(stack, *residuals, c, white, drift, run.variance(used, c)))
+        figures += validation.prediction(stack, *residuals, c, white, drift)
+    if len(channels) == len(CHANNELS):
+        for seconds in _FREE_S:
+            figures.append(free_drift(stack, stack.y, after, run.white, design.drift, seconds, seed))
+    return [figure for figure in figures if figure is not None]
+
+
+def folded_errors(design: Design, found: Sequence[Finding], channels: Sequence[int], seed: int) -> list[ErrorFigure]:
+    """Errors within the runs at hand, where none is held out: each cell under fits to the others."""
+    stack, figures = design.stack, []
+    for c in channels:
+        own = [design.columns[:, f.term.places[c]] for f in found if c in f.term.places]
+        columns = np.column_stack(own) if own else np.zeros((stack.t.size, 0))
+        white = float(design.sd[c] * np.sqrt(stack.period))
+        figures.append(validation.folded(stack, stack.y[:, c], columns, c, white, seed))
+    return [figure for figure in figures if figure is not None]

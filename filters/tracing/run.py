@@ -1,0 +1,82 @@
+"""One power-on as recorded: what every step of the tracer starts from."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.imu import AxisMap
+from filters.state import Site
+from filters.types import Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """One power-on as recorded, with what is known of its motion.
+
+    Attributes
+    ----------
+    name : str
+        What it is called in a report.
+    t : Array
+        s since the first sample, shape (N,), increasing.
+    reading : Array
+        Rates (rad/s) and accelerations (m/s²), instrument axes and sign, shape (N, 6).
+    temperature : Array or None
+        degC, shape (N,).
+    angles, rates : Array
+        Rotations of the table about north, east, down, rad, unwrapped, and rad/s; shape (N, 3), or (1, 3) at rest.
+    axes : AxisMap
+        Sign and mounting.
+    site : Site
+        Where.
+    C_nb : Array or None
+        Attitude of a unit at rest that does not sit as the table's angles say, shape (3, 3).
+    lsb : Array or None
+        Of a count, SI, shape (6,).
+    bandwidth : Array or None
+        First-order band limits of the specification, Hz, shape (6,).
+    latency : Array
+        Known delays of the six channels, s.
+    flagged : bool array or None
+        Readings not to be used, shape (N, 6).
+    averaged : bool
+        Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
+    """
+
+    name: str
+    t: Array
+    reading: Array
+    temperature: Array | None
+    angles: Array
+    rates: Array
+    axes: AxisMap
+    site: Site
+    C_nb: Array | None = None
+    lsb: Array | None = None
+    bandwidth: Array | None = None
+    latency: Array = field(default_factory=lambda: np.zeros(6))
+    flagged: NDArray[np.bool_] | None = None
+    averaged: bool = False
+
+    @property
+    def still(self) -> bool:
+        """Whether one row of angles stands for all."""
+        return len(self.angles) == 1
+
+    @property
+    def seconds(self) -> float:
+        """Length."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second, by count: the median of the steps is wrong for stamps that come in bursts."""
+        return (self.t.size - 1) / self.seconds
+
+
+def rest_attitudes(angles: Array, tolerance: float = 1e-9) -> Array:
+    """Angles as one row if they never change, else as they are, unwrapped; rad, shape (1, 3) or (N, 3)."""
+    if np.ptp(angles, axis=0).max() <= tolerance:
+        return angles[:1]
+    return np.unwrap(angles, axis=0)

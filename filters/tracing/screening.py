@@ -1,0 +1,81 @@
+"""What is taken out of runs, or set aside, before effects are compared: faults of the data, and lines."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from filters.channels import CHANNELS
+from filters.effects import faults, lines
+from filters.effects.fault_records import DataFault
+from filters.effects.lines import SpectralLine
+from filters.tracing.identifiability import UntestableEffect
+from filters.tracing.noise_level import NoiseDriver
+from filters.tracing.noise_structure import NoiseFinding
+from filters.tracing.residual import perfect, residual
+from filters.tracing.run import Run
+
+
+@dataclass(frozen=True, slots=True)
+class FaultOfRun:
+    """A fault of the data, and the name of the run that has it."""
+
+    run: str
+    fault: DataFault
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screening:
+    """What is said of runs beside effects on the mean of their readings.
+
+    Attributes
+    ----------
+    faults : tuple of FaultOfRun
+    lines : tuple of SpectralLine
+    noise_drivers : tuple of NoiseDriver
+        What the level of the noise follows.
+    noise_findings : tuple of NoiseFinding
+        Its colour, and its correlation between channels.
+    untestable : tuple of UntestableEffect
+        What these runs can't show.
+    """
+
+    faults: tuple[FaultOfRun, ...]
+    lines: tuple[SpectralLine, ...]
+    noise_drivers: tuple[NoiseDriver, ...]
+    noise_findings: tuple[NoiseFinding, ...]
+    untestable: tuple[UntestableEffect, ...]
+
+    def concerns(self, channel: int) -> bool:
+        """Whether a channel has faults, lines, an uneven level or a structure of its noise."""
+        name = CHANNELS[channel]
+        return (
+            any(name in f.fault.channels for f in self.faults)
+            or any(name in line.channels for line in self.lines)
+            or any(driver.channel == channel for driver in self.noise_drivers)
+            or any(name in found.channels for found in self.noise_findings)
+        )
+
+
+def without_faults(run: Run) -> tuple[Run, list[FaultOfRun]]:
+    """A run with its faults flagged, and what they are."""
+    flagged, found = faults.find(run.t, run.reading, perfect(run), run.lsb)
+    if run.flagged is not None:
+        flagged |= run.flagged
+    # the steps of averaged samples are uneven by design, and their stamps say so truly
+    kept = [f for f in found if not (run.averaged and f.effect == "jitter")]
+    return replace(run, flagged=flagged), [FaultOfRun(run.name, f) for f in kept]
+
+
+def lines_of(runs: Sequence[Run]) -> list[SpectralLine]:
+    """Lines above 1.6 Hz in the spectra of some runs together."""
+    return lines.find([(run.rate_hz, residual(run)) for run in runs])
+
+
+def without_lines(run: Run, found: Sequence[SpectralLine]) -> Run:
+    """A run less its lines."""
+    if not found:
+        return run
+    r = residual(run)
+    less = lines.removed(found, run.rate_hz, r) - r
+    return replace(run, reading=run.reading + np.nan_to_num(less))

@@ -1,0 +1,213 @@
+"""The document of a trace, contracts section 6, as types: what `imutui trace --json` prints and reports are made from.
+
+Needs the standard library only, so that texts can be made of a document where no array library is loaded.
+
+`TraceFindings` is the tracer's part; `TraceDocument` is all of it, with what only the reader of the logs knows and with
+the separating experiment's profile as text. Figures that are not finite are None in a finished document.
+"""
+
+from typing import Literal, NotRequired, TypedDict
+
+SEPARATES = 5.0
+"""A d of this tells two effects apart."""
+
+
+class ParameterEntry(TypedDict):
+    """A parameter of an effect; `sd` is None where it fixes the effect's shape and was not fitted."""
+
+    name: str
+    value: float
+    sd: float | None
+    unit: str
+    plausible: bool
+
+
+class RivalEntry(TypedDict):
+    """Another effect that would do in a finding's place; the difference of scores is rival minus finding."""
+
+    effect: str
+    label: str
+    score_difference: float
+
+
+class DriverCurveEntry(TypedDict):
+    """Error over driver, relative to the first knot."""
+
+    driver: str
+    unit: str
+    x: list[float]
+    y: list[float]
+    sd: list[float]
+    y_unit: str
+
+
+class FindingEntry(TypedDict):
+    """An effect that was found."""
+
+    effect: str
+    label: str
+    channels: list[str]
+    params: list[ParameterEntry]
+    shape: dict[str, float | str | list[float]]
+    score: float
+    gain: float
+    heldout_gain: float | None
+    share_of_excess: float | None
+    driver_curve: DriverCurveEntry | None
+    proposed_form: str | None
+    rivals: list[RivalEntry]
+    include_as: str
+    confirmed: bool | None
+
+
+UntestableEntry = TypedDict("UntestableEntry", {"effect": str, "reason": str, "with": str | None, "rho": float | None})
+"""An effect that the logs can't show: equals_bias, no_excitation, or collinear_with another."""
+
+
+class IntegrityEntry(TypedDict):
+    """A fault of the data; `size` in rad/s, m/s² or s, as the effect has it."""
+
+    effect: str
+    channels: list[str]
+    count: int
+    where: str
+    size: float | None
+
+
+class LineEntry(TypedDict):
+    """A narrow peak in the spectra, with the multiples of its frequency that were found."""
+
+    channels: list[str]
+    hz: float
+    width_hz: float
+    rms: float
+    unit: str
+    harmonics: list[int]
+    rivals: NotRequired[list[RivalEntry]]
+
+
+class NoiseLevelEntry(TypedDict):
+    """What the noise of a channel follows; greatest over least standard deviation."""
+
+    channels: list[str]
+    driver: str
+    ratio: float | None
+
+
+class WeakEntry(TypedDict):
+    """What scored and is not used, and why."""
+
+    effect: str
+    label: str
+    channels: list[str]
+    params: NotRequired[list[ParameterEntry]]
+    score: float
+    guarded_score: float
+    why: str
+
+
+class DriftEntry(TypedDict):
+    """Drift that nothing logged explains; `tau_s` is None of a random walk."""
+
+    channels: list[str]
+    kind: str
+    tau_s: float | None
+    level: float
+    unit: str
+
+
+class RemainderEntry(TypedDict):
+    """Whitened residual that is not white: variance of sums over a scale, over that of white noise."""
+
+    channel: str
+    scale_s: float
+    ratio: float | None
+    p: float
+
+
+class ErrorEntry(TypedDict):
+    """A figure of error before and after."""
+
+    metric: str
+    channel: str
+    unit: str
+    before: float | None
+    after: float | None
+    floor: float | None
+    before_x_floor: float | None
+    after_x_floor: float | None
+    ci95: list[float]
+    before_ci95: list[float]
+    floor_band95: list[float]
+    n: int
+    heldout: str
+
+
+class LimitEntry(TypedDict):
+    """Smallest size of an effect that the logs would show; None where they can't show it at all."""
+
+    effect: str
+    channels: list[str]
+    limit: float | None
+    unit: str
+    text: str
+
+
+class ExperimentEntry(TypedDict):
+    """The run to make next; `profile` is the text of a table profile, `thermal` is [[s, degC], …]."""
+
+    a: str
+    b: str
+    profile: str
+    thermal: list[list[float]] | None
+    duration_s: float
+    d_expected: float
+    motion: str
+    leaves: list[str]
+
+
+class RunEntry(TypedDict):
+    """A log that was read."""
+
+    id: str
+    log: str
+    kind: str
+    rate_hz: float
+    seconds: float
+    samples: int
+    accel_sign: int
+    mount: str
+    reference: str
+    heldout: bool
+    log_sha256: str
+
+
+Status = Literal["clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained"]
+
+
+class TraceFindings(TypedDict):
+    """What the tracer knows of a document."""
+
+    untestable: list[UntestableEntry]
+    integrity: list[IntegrityEntry]
+    lines: list[LineEntry]
+    noise_level: list[NoiseLevelEntry]
+    findings: list[FindingEntry]
+    weak: list[WeakEntry]
+    drift: list[DriftEntry]
+    remainder: list[RemainderEntry]
+    status: dict[str, Status]
+    error: list[ErrorEntry]
+    limits: list[LimitEntry]
+    seed: int
+    sentence: str
+
+
+class TraceDocument(TraceFindings):
+    """All of a document."""
+
+    version: int
+    runs: list[RunEntry]
+    separating_experiment: ExperimentEntry | None
+    notes: list[str]
+    library: str
