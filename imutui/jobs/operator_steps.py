@@ -13,6 +13,7 @@ from filters.motion import profile as motion
 from filters.motion.profile import Dwell, Profile, Rate, Segment, Sine
 from filters.tracing import candidate_motions, prospect
 from filters.tracing.prospect import BIAS, TESTABLE, Quantity
+from imutui.jobs.documents import ProfileDocument
 from imutui.logbook import reference_file
 
 VERSION = 1
@@ -196,7 +197,7 @@ def steps(profile: Profile) -> list[OperatorStep]:
     ]
 
 
-def document(profile: Profile, name: str) -> dict[str, Any]:
+def document(profile: Profile, name: str) -> ProfileDocument:
     """The guided list, JSON-ready."""
     return {
         "version": VERSION,
