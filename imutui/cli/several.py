@@ -4,7 +4,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import typer
 
@@ -12,16 +12,18 @@ from imutui.cli.outcome import FINDINGS, FINE, in_words, say
 
 _WIDEST = 100
 
-Job = Callable[[Path, Callable[[float, str], None]], dict[str, Any]]
+D = TypeVar("D", bound=Mapping[str, object])
+"""A result document."""
+Progress = Callable[[float, str], None]
 
 
 def over(
     logs: list[Path],
-    job: Job,
-    text: Callable[[Mapping[str, Any], int], str],
+    job: Callable[[Path, Progress], D],
+    text: Callable[[D, int], str],
     *,
     json: bool,
-    fine: Callable[[Mapping[str, Any]], bool] = lambda document: True,
+    fine: Callable[[D], bool] = lambda document: True,
 ) -> None:
     """Print what a job finds in each log and end with the worst exit code.
 
@@ -38,7 +40,7 @@ def over(
     fine : callable
         Whether a document tells of nothing wrong.
     """
-    documents: list[dict[str, Any]] = []
+    documents: list[D] = []
     code = FINE
     for log in logs:
         try:

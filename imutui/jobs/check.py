@@ -4,15 +4,14 @@ A finding is something that a calibration should not rest on unseen; a note is w
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from imutui.jobs import check_data, check_file, damage_text
-from imutui.jobs.check_context import SHOWN, CheckContext
-from imutui.jobs.damage_text import plural
+from imutui.jobs.check_context import SHOWN, CheckContext, Finding
+from imutui.jobs.documents import CheckDocument, FindingField
+from imutui.jobs.quantities import plural
 from imutui.logbook import reader, scan, summary
 from imutui.logbook.message_arrays import Audit, audit
 from imutui.logbook.reader import UnreadableLogError
@@ -23,7 +22,7 @@ _SCANNED = 0.5
 _RULES = (*check_file.RULES, *check_data.RULES)
 
 
-def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> dict[str, Any]:
+def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> CheckDocument:
     """Look a log through.
 
     Parameters
@@ -35,7 +34,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
 
     Returns
     -------
-    dict
+    CheckDocument
         `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what was
         looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
 
@@ -57,7 +56,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "log": str(path.resolve()),
         "state": _state(found),
         "fine": not findings,
-        "findings": [asdict(finding) for finding in findings],
+        "findings": [_field(finding) for finding in findings],
         "notes": list(_notes(log)),
         "bytes": found.size,
         "chunks": sum(piece.last_ns > 0 for piece in found.pieces),
@@ -68,6 +67,10 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "duration_s": seconds,
         "log_sha256": reader.sha256(path),
     }
+
+
+def _field(finding: Finding) -> FindingField:
+    return {"code": finding.code, "what": finding.what, "where": finding.where, "next": finding.next}
 
 
 def _notes(log: CheckContext) -> Iterator[str]:

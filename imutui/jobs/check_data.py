@@ -9,7 +9,7 @@ from filters.kalman.settings import GAP_PERIODS
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding
-from imutui.jobs.damage_text import plural
+from imutui.jobs.quantities import plural
 from imutui.logbook import schemas
 
 _RATE_OFF = 0.02

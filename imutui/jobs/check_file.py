@@ -6,7 +6,7 @@ import numpy as np
 
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, Finding
-from imutui.jobs.damage_text import plural
+from imutui.jobs.quantities import plural
 from imutui.logbook import effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.message_arrays import Audit
 

@@ -1,7 +1,6 @@
 """What a scan found wrong with a file's bytes, in sentences: what, where, what it costs."""
 
-from typing import Any
-
+from imutui.jobs.documents import DamageField
 from imutui.logbook.scan import Damage, Scan
 
 _SHOWN = 20
@@ -17,7 +16,7 @@ def lossy(found: Scan) -> list[Damage]:
     return [d for d in found.damages if not at_end(found, d) and d.what not in ("summary", "message index")]
 
 
-def documents(found: Scan, start_ns: int | None) -> list[dict[str, Any]]:
+def documents(found: Scan, start_ns: int | None) -> list[DamageField]:
     """Damage as records of a result document; times in s since `start_ns`."""
     return [
         {
@@ -56,11 +55,6 @@ def sentences(found: Scan, start_ns: int | None) -> list[str]:
     costly = lossy(found)
     told = [f"{sentence(d, start_ns)}." for d in costly[:_SHOWN]]
     return told + ([f"And {len(costly) - _SHOWN} more such places."] if len(costly) > _SHOWN else [])
-
-
-def plural(n: int, word: str) -> str:
-    """A number with its word: 1 sample, 2,000 samples."""
-    return f"{n:,} {word}" if n == 1 else f"{n:,} {word}s"
 
 
 def _since(ns: int | None, start_ns: int | None) -> float | None:

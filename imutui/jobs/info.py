@@ -4,8 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
+from imutui.jobs.documents import (
+    EventFields,
+    ExtentFields,
+    InfoDocument,
+    QualityFields,
+    SessionFields,
+    TemperatureFields,
+)
 from imutui.logbook import summary
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 
@@ -132,7 +140,7 @@ def recordings(folder: Path) -> list[Brief]:
     return sorted((brief(path) for path in paths), key=lambda b: (-b.modified, b.path.name))
 
 
-def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> dict[str, Any]:
+def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> InfoDocument:
     """All that is in a log, read from beginning to end; damaged parts are passed over.
 
     Parameters
@@ -144,7 +152,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
 
     Returns
     -------
-    dict
+    InfoDocument
         JSON-ready; None or "" where the log does not say.
 
     Raises
@@ -183,15 +191,16 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
     }
 
 
-def _session(content: "Audit") -> dict[str, Any]:
+def _session(content: "Audit") -> SessionFields:
     session = content.session
     kind = session.get("kind", UNKNOWN)
     texts = {name: session.get(name, "") for name in (*_TEXTS, *_MORE_TEXTS)}
     numbers = {name: _number(session.get(name)) for name in _NUMBERS}
-    return {"kind": kind if kind in (MEASURED, SIMULATED) else UNKNOWN, **texts, **numbers}
+    fields = {"kind": kind if kind in (MEASURED, SIMULATED) else UNKNOWN, **texts, **numbers}
+    return cast("SessionFields", fields)
 
 
-def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
+def _extent(content: "Audit", found: "Scan") -> ExtentFields:
     stamps = content.samples
     first = int(stamps[0]) if stamps.size else next((p.first_ns for p in found.pieces if p.first_ns), None)
     span = float(stamps[-1] - stamps[0]) / 1e9 if stamps.size else None
@@ -206,7 +215,7 @@ def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
     }
 
 
-def _temperature(content: "Audit") -> dict[str, float] | None:
+def _temperature(content: "Audit") -> TemperatureFields | None:
     degc = content.temperature_degc
     if not degc.size:
         return None
@@ -225,23 +234,24 @@ def _effects(content: "Audit") -> list[str]:
         return [f"a file that cannot be used: {error}"]
 
 
-def _events(content: "Audit") -> dict[str, list[dict[str, Any]]]:
+def _events(content: "Audit") -> EventFields:
     first = int(content.samples[0]) if content.samples.size else None
-    told: dict[str, list[dict[str, Any]]] = {"marks": [], "events": []}
+    told: EventFields = {"marks": [], "events": []}
     for event in content.events:
         t = None if first is None else (event.stamp_ns - first) / 1e9
-        told["marks" if event.name == "mark" else "events"].append(
-            {"t": t, "utc": _utc(event.stamp_ns), "text": event.text}
-        )
+        same_kind = told["marks"] if event.name == "mark" else told["events"]
+        same_kind.append({"t": t, "utc": _utc(event.stamp_ns), "text": event.text})
     return told
 
 
-def _quality(content: "Audit") -> dict[str, Any]:
+def _quality(content: "Audit") -> QualityFields:
     """Figures of the quality summary, and the recorder's last counts."""
     counts = {key: _number(content.diagnostics.get(key)) for key in _COUNTS if key in content.diagnostics}
     result = content.result
     kept = {key: result[key] for key in _FIGURES if key in result}
-    return {**{key: None if n is None else int(n) for key, n in counts.items()}, **kept}
+    told = {key: None if n is None else int(n) for key, n in counts.items()}
+    # the summary is as its recorder wrote it
+    return cast("QualityFields", told | kept)
 
 
 _MORE_TEXTS = (

@@ -13,6 +13,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import candidate_motions, detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
+from imutui.jobs.documents import GuidedListDocument
 from imutui.logbook import reference_file
 
 VERSION = 1
@@ -197,7 +198,7 @@ def steps(profile: Profile) -> list[OperatorStep]:
     ]
 
 
-def document(profile: Profile, name: str) -> dict[str, Any]:
+def document(profile: Profile, name: str) -> GuidedListDocument:
     """The guided list, JSON-ready."""
     return {
         "version": VERSION,

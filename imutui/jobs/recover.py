@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from imutui.jobs import damage_text
-from imutui.jobs.damage_text import plural
+from imutui.jobs.documents import RecoverDocument
+from imutui.jobs.quantities import plural
 from imutui.logbook import atomic_file, reader, record_walk, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import Log, UnreadableLogError
@@ -24,7 +24,7 @@ def recover(
     output: Path,
     overwrite: bool = False,
     progress: Callable[[float, str], None] = lambda share, text: None,
-) -> dict[str, Any]:
+) -> RecoverDocument:
     """Rebuild a log.
 
     Parameters
@@ -40,7 +40,7 @@ def recover(
 
     Returns
     -------
-    dict
+    RecoverDocument
         `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what was
         kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are missing,
         None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be told,
@@ -83,7 +83,7 @@ def recover(
         error.filename = str(output) if str(error.filename or "").endswith(".part") else error.filename
         raise
     progress(1.0, "done")
-    return _document(found, output, kept, log, trouble) | {"log_sha256": digest, "output_sha256": reader.sha256(output)}
+    return _document(found, output, kept, log, trouble, digest)
 
 
 def _refuse(path: Path, output: Path) -> None:
@@ -115,7 +115,9 @@ def _compare(path: Path, log: Log | None) -> None:
         raise NotAsWrittenError(5, "the samples read back are not those of the source, so it was not kept", str(path))
 
 
-def _document(found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str) -> dict[str, Any]:
+def _document(
+    found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str, log_sha256: str
+) -> RecoverDocument:
     samples = 0 if log is None else log.stamp_ns.size
     lost = _lost(found, kept)
     state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
@@ -136,6 +138,8 @@ def _document(found: Scan, output: Path, kept: RebuiltContent, log: Log | None, 
         "complete": not lost and not trouble,
         "readable": log is not None,
         "sentences": [*_ending(found), *lost, *([f"It can't be replayed: {trouble}"] if trouble else [])],
+        "log_sha256": log_sha256,
+        "output_sha256": reader.sha256(output),
     }
 
 

@@ -6,11 +6,12 @@ What is heavy is imported by the process that does the work, never by the one th
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from filters.tracing.trace_document import TraceDocument
     from imutui.jobs import replay, trace
+    from imutui.jobs.documents import CheckDocument, InfoDocument, RecoverDocument
     from imutui.logbook.results import ResultDocument
 
 Tell = Callable[[float, str], None]
@@ -70,21 +71,21 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
     )
 
 
-def info_log(path: Path, tell: Tell) -> dict[str, Any]:
+def info_log(path: Path, tell: Tell) -> "InfoDocument":
     """All that is in a log."""
     from imutui.jobs import info
 
     return info.info(path, tell)
 
 
-def check_log(path: Path, tell: Tell) -> dict[str, Any]:
+def check_log(path: Path, tell: Tell) -> "CheckDocument":
     """A log's integrity."""
     from imutui.jobs import check
 
     return check.check(path, tell)
 
 
-def recover_log(path: Path, output: Path, overwrite: bool, tell: Tell) -> dict[str, Any]:
+def recover_log(path: Path, output: Path, overwrite: bool, tell: Tell) -> "RecoverDocument":
     """A finished file from an unfinished or damaged one."""
     from imutui.jobs import recover
 

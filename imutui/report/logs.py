@@ -1,10 +1,18 @@
 """What `info`, `check` and `recover` found, as text for a terminal or a page."""
 
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+from imutui.jobs.documents import (
+    CheckDocument,
+    EventField,
+    InfoDocument,
+    QualityFields,
+    RecoverDocument,
+    TemperatureFields,
+)
+from imutui.jobs.quantities import plural
 from imutui.report import numbers
 
 _KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
@@ -13,13 +21,13 @@ _MARKS = 50
 _NOTHING = "–"
 
 
-def info_text(d: Mapping[str, Any], width: int) -> str:
+def info_text(d: InfoDocument, width: int) -> str:
     """What is in a log.
 
     Parameters
     ----------
-    d : mapping
-        Document of `jobs.info.info`.
+    d : InfoDocument
+        Of `jobs.info.info`.
     width : int
         Columns.
     """
@@ -30,54 +38,53 @@ def info_text(d: Mapping[str, Any], width: int) -> str:
                 value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1)
             )
     lines += _topics(d)
-    for title, key in (("marks", "marks"), ("events", "events")):
-        lines += _happened(title, d[key], width)
+    lines += _happened("marks", d["marks"], width) + _happened("events", d["events"], width)
     return "\n".join(lines)
 
 
-def check_text(d: Mapping[str, Any], width: int) -> str:
+def check_text(d: CheckDocument, width: int) -> str:
     """Whether a log is whole: the verdict, each finding, notes.
 
     Parameters
     ----------
-    d : mapping
-        Document of `jobs.check.check`.
+    d : CheckDocument
+        Of `jobs.check.check`.
     width : int
         Columns.
     """
     count = len(d["findings"])
     verdict = "fine" if d["fine"] else f"{count} finding" if count == 1 else f"{count} findings"
     lines = [f"{verdict}: {d['log']}"]
-    size = f"{d['state']}, {_much(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}"
-    size += f", {_much(d['packets'], 'packet')}, {_much(d['messages'], 'message')} in {_much(d['chunks'], 'chunk')}"
+    size = f"{d['state']}, {plural(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}"
+    size += f", {plural(d['packets'], 'packet')}, {plural(d['messages'], 'message')} in {plural(d['chunks'], 'chunk')}"
     lines += textwrap.wrap(size, width)
     for number, finding in enumerate(d["findings"], 1):
         lines.append("")
         lines += textwrap.wrap(f"{number}. {finding['what']}", width, subsequent_indent="   ")
-        for label, key in (("where", "where"), ("next", "next")):
-            if finding[key]:
-                lines += textwrap.wrap(f"{label}: {finding[key]}", width, initial_indent="   ", subsequent_indent="   ")
+        for label, text in (("where", finding["where"]), ("next", finding["next"])):
+            if text:
+                lines += textwrap.wrap(f"{label}: {text}", width, initial_indent="   ", subsequent_indent="   ")
     return "\n".join(lines + _notes(d["notes"], width))
 
 
-def recover_text(d: Mapping[str, Any], width: int) -> str:
+def recover_text(d: RecoverDocument, width: int) -> str:
     """What a rebuilt log holds, and what was lost.
 
     Parameters
     ----------
-    d : mapping
-        Document of `jobs.recover.recover`.
+    d : RecoverDocument
+        Of `jobs.recover.recover`.
     width : int
         Columns.
     """
     verdict = "recovered" if d["complete"] else "recovered in part"
     lines = [f"{verdict}: {d['output']}"]
-    size = f"{_much(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}, {_much(d['messages'], 'message')}"
+    size = f"{plural(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}, {plural(d['messages'], 'message')}"
     lines += textwrap.wrap(f"{size}; read back and found as written. {Path(d['log']).name} is as it was.", width)
     return "\n".join(lines + _notes(d["sentences"], width))
 
 
-def _facts(d: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     state = d["state"] + (f": {d['why']}" if d["why"] else "")
     yield "file", f"{_size(d['bytes'])}, {state}"
     serial = f" #{d['serial_number']}" if d["serial_number"] else ""
@@ -110,53 +117,53 @@ def _facts(d: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         )
 
 
-def _length(d: Mapping[str, Any]) -> str:
+def _length(d: InfoDocument) -> str:
     if not d["samples"]:
         return "no samples"
-    packets = f" of {_much(d['packets'], 'packet')}" if d["packets"] else ""
+    packets = f" of {plural(d['packets'], 'packet')}" if d["packets"] else ""
     without = f", {d['samples_without_reading']:,} without a reading" if d["samples_without_reading"] else ""
-    return f"{numbers.duration(d['duration_s'] or 0.0)}, {_much(d['samples'], 'sample')}{packets}{without}"
+    return f"{numbers.duration(d['duration_s'] or 0.0)}, {plural(d['samples'], 'sample')}{packets}{without}"
 
 
-def _rate(d: Mapping[str, Any]) -> str:
+def _rate(d: InfoDocument) -> str:
     measured = f"{d['rate_measured_hz']:.3f} Hz measured" if d["rate_measured_hz"] else "not measurable"
     asked = f", {d['rate_asked_hz']:g} Hz asked for" if d["rate_asked_hz"] else ""
     return measured + asked + (f", {d['sampling']}" if d["sampling"] else "")
 
 
-def _temperature(degc: Mapping[str, float] | None) -> str:
+def _temperature(degc: TemperatureFields | None) -> str:
     if degc is None:
         return "none in the log"
     return f"{degc['min']:.2f} to {degc['max']:.2f} degC, first {degc['first']:.2f}, last {degc['last']:.2f} degC"
 
 
-def _axes(d: Mapping[str, Any]) -> str:
+def _axes(d: InfoDocument) -> str:
     if not d["mount"] or d["accel_sign"] is None:
         return ""
     ranges = f", ±{d['rate_range_dps']:g} deg/s, ±{d['accel_range_g']:g} g" if d["rate_range_dps"] else ""
     return f"mount {d['mount']}, accelerometer sign {d['accel_sign']:+.0f}, gyro signs {d['gyro_sign']}{ranges}"
 
 
-def _site(d: Mapping[str, Any]) -> str:
+def _site(d: InfoDocument) -> str:
     if d["latitude_deg"] is None or d["gravity_mps2"] is None:
         return ""
     where = f"{d['latitude_deg']:.6f}°, {d['longitude_deg']:.6f}°, {d['height_m']:.1f} m"
     return f"{where}, gravity {d['gravity_mps2']:.5f} m/s²"
 
 
-def _quality(q: Mapping[str, Any]) -> str:
+def _quality(q: QualityFields) -> str:
     told = []
     if "converged" in q:
         told.append("filter converged" if q["converged"] else "filter NOT converged")
-    for key, word in (("lost_packets", "packets lost"), ("bad_checksums", "wrong checksums")):
-        if q.get(key) is not None:
-            told.append(f"{q[key]:,} {word}")
+    for count, word in ((q.get("lost_packets"), "packets lost"), (q.get("bad_checksums"), "wrong checksums")):
+        if count is not None:
+            told.append(f"{count:,} {word}")
     if "gaps" in q:
-        told.append(_much(len(q["gaps"]), "gap"))
+        told.append(plural(len(q["gaps"]), "gap"))
     return ", ".join(told + [f"ALARM: {alarm}" for alarm in q.get("alarms", [])])
 
 
-def _topics(d: Mapping[str, Any]) -> list[str]:
+def _topics(d: InfoDocument) -> list[str]:
     if not d["topics"]:
         return []
     wide = max(len(topic) for topic in d["topics"])
@@ -164,7 +171,7 @@ def _topics(d: Mapping[str, Any]) -> list[str]:
     return lines + [f"{topic:<{wide}}  {t['messages']:>10,}  {t['type']}" for topic, t in d["topics"].items()]
 
 
-def _happened(title: str, entries: list[Mapping[str, Any]], width: int) -> list[str]:
+def _happened(title: str, entries: list[EventField], width: int) -> list[str]:
     if not entries:
         return []
     lines = ["", title]
@@ -179,10 +186,6 @@ def _notes(sentences: list[str], width: int) -> list[str]:
     if not sentences:
         return []
     return ["", *(line for text in sentences for line in textwrap.wrap(f"- {text}", width, subsequent_indent="  "))]
-
-
-def _much(n: int, word: str) -> str:
-    return f"{n:,} {word}" if n == 1 else f"{n:,} {word}s"
 
 
 def _size(n: int) -> str:
