@@ -16,7 +16,7 @@ from imutui.cli.tables import print_result
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
-from imutui.session.snapshot import Snapshot
+from imutui.session.snapshot import NO_SERIES, Snapshot
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -86,7 +86,7 @@ def _watch(connection: Client) -> "ResultDocument | None":
         while True:
             with contextlib.suppress(TimeoutError):
                 return connection.wait(_REFRESH_S)
-            live.update(Text(_line(connection.snapshot(since=2**62))))
+            live.update(Text(_line(connection.snapshot(since=NO_SERIES))))
 
 
 def _line(s: Snapshot) -> str:
@@ -106,7 +106,7 @@ def _line(s: Snapshot) -> str:
 
 
 def _where(connection: Client) -> str:
-    s = connection.snapshot(since=2**62)
+    s = connection.snapshot(since=NO_SERIES)
     rec = s["recording"]
     return f"{s['instrument']} #{s['serial_number']} on {s['port']}, recording to {rec['path'] if rec else 'nothing'}"
 

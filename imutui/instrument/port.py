@@ -91,7 +91,7 @@ class Port:
 
     @property
     def baud(self) -> int:
-        """Line speed."""
+        """Line speed of the host's end, bits a second."""
         return int(self._serial.baudrate)
 
     def set_baud(self, baud: int) -> None:
@@ -135,7 +135,7 @@ class Port:
             raise PortError(self._gone(error)) from error
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port, so that another program may open it; a line that is gone is closed as well."""
         with contextlib.suppress(*_HANGUP):  # closing a line that hung up is no news
             self._serial.close()
 

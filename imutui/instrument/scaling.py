@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 # "Rate, deg/s: data · RR · 1.5 / 2^15. Acceleration, g: data · GR · 1.5 / 2^15."
-_FULL_SCALE_RATIO = 1.5
+FULL_SCALE_RATIO = 1.5
 _SCALED_COUNTS = 2**15
 COUNT_LIMITS = (-_SCALED_COUNTS, _SCALED_COUNTS - 1)
 """Least and largest scaled count; a reading there says only "this or more"."""
 
 # "Voltage: data · 5 / 4096", a 12-bit word.
-_VOLTS_SPAN = 5.0
+VOLTS_SPAN = 5.0
 _VOLTAGE_COUNTS = 4096
 
 # "Temperature, degC: 44.4 · (V - 1.375)". The manual's appendix has 44.44; 0.02 degC at room temperature.
@@ -52,7 +52,7 @@ class Scaling:
 
     def volts(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Sensor voltage, V, of a word in voltage mode: data · 5 / 4096."""
-        return np.asarray(counts, np.float64) * (_VOLTS_SPAN / _VOLTAGE_COUNTS)
+        return np.asarray(counts, np.float64) * (VOLTS_SPAN / _VOLTAGE_COUNTS)
 
     def rate_counts(self, rates_dps: ArrayLike) -> NDArray[np.int64]:
         """Nearest scaled counts of an angular rate in deg/s, clipped to 16 bits with sign."""
@@ -68,15 +68,15 @@ class Scaling:
 
     def volts_counts(self, volts: ArrayLike) -> NDArray[np.int64]:
         """Nearest counts of a sensor voltage, clipped to 12 bits."""
-        return _nearest(volts, _VOLTS_SPAN / _VOLTAGE_COUNTS, 0, _VOLTAGE_COUNTS - 1)
+        return _nearest(volts, VOLTS_SPAN / _VOLTAGE_COUNTS, 0, _VOLTAGE_COUNTS - 1)
 
     @property
     def _rate_lsb_dps(self) -> float:
-        return self.rate_range_dps * _FULL_SCALE_RATIO / _SCALED_COUNTS
+        return self.rate_range_dps * FULL_SCALE_RATIO / _SCALED_COUNTS
 
     @property
     def _accel_lsb_g(self) -> float:
-        return self.accel_range_g * _FULL_SCALE_RATIO / _SCALED_COUNTS
+        return self.accel_range_g * FULL_SCALE_RATIO / _SCALED_COUNTS
 
 
 def _nearest(values: ArrayLike, lsb: float, lowest: int, highest: int) -> NDArray[np.int64]:

@@ -49,6 +49,7 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
+from imutui.instrument.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
 
 # A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
 _BAUD_TOLERANCE = 0.03
@@ -56,6 +57,9 @@ _BAUD_TOLERANCE = 0.03
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _BAUD_PATIENCE_S = 10.0
+
+# "Sensor voltages: 2.5 V at rest": the middle of what a word can say
+_VOLTS_AT_REST = VOLTS_SPAN / 2.0
 
 # Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
 _SAME_INSTANT_S = 1e-9
@@ -479,7 +483,9 @@ class VirtualUnit:
 
 def _sensor_words(scaling: Scaling, values: ArrayLike, full_range: float) -> np.ndarray:
     """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at 1.5 times the range."""
-    return scaling.volts_counts(2.5 + np.asarray(values, np.float64) * (2.5 / (1.5 * full_range)))
+    return scaling.volts_counts(
+        _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (FULL_SCALE_RATIO * full_range))
+    )
 
 
 def _triple(words: np.ndarray) -> tuple[int, int, int]:

@@ -1,9 +1,14 @@
 """The acquisition process: it owns the port and the file, and lives on without any terminal.
 
-`plan` what is asked of it · `metadata` of its logs, and their names · `handshake` the opening dialogue with the
-instrument · `reader_thread` reads the port · `averaging` packets to output samples · `recording` one run of recorder
-and filter, `rotation` its files · `live_filter` the filter · `recent_packets` statistics for the screen · `engine` the
-threads and requests · `operator_guide` through a table profile · `zeroing` the rate sensors · `snapshot` what viewers
-see, `observe` fills it · `ipc` the socket · `client` how viewers start it and talk to it · `port_probe` what answers at
-a port. `python -m imutui.session` is the process itself.
+What is asked: `plan` · `metadata` of its logs, their names, and changes of what the filter takes.
+With the instrument: `handshake` the opening dialogue · `reader_thread` reads the port · `zeroing` the rate sensors ·
+`port_probe` what answers at a port.
+Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
+`lifecycle` where it stands.
+From packets to a file: `sample_pipeline` a run of samples · `averaging` packets to samples · `live_filter` the filter ·
+`recording` the file's life, `rotation` when it is full · `disk_space` · `timebase` UTC that no clock step moves.
+For viewers: `snapshot` what they see and `requests` what they ask, records only · `observe` fills the snapshot, with
+`observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
+the socket · `client` how they start an acquisition and talk to it · `exit_codes`.
+`python -m imutui.session` is the process itself.
 """

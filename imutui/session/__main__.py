@@ -15,9 +15,9 @@ from collections.abc import Iterator
 
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
-from imutui.session import handshake, ipc
+from imutui.session import exit_codes, handshake, ipc
 from imutui.session.disk_space import disk_message
-from imutui.session.engine import EXIT_DISK, EXIT_INSTRUMENT, Engine
+from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
 from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
@@ -26,7 +26,6 @@ from imutui.session.requests import Reply, Request, StartReport
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
 _START_GRACE_S = 5.0
-EXIT_USAGE = 2
 
 
 def main() -> int:
@@ -41,18 +40,18 @@ def main() -> int:
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
-            EXIT_INSTRUMENT,
+            exit_codes.INSTRUMENT,
             f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
             f" `imutui stop{name}` ends it; --name starts another beside it.",
         )
     except (PortError, InstrumentError) as error:
-        return _refuse(EXIT_INSTRUMENT, str(error))
+        return _refuse(exit_codes.INSTRUMENT, str(error))
     except FileExistsError as error:
-        return _refuse(EXIT_USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
+        return _refuse(exit_codes.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
     except ValueError as error:
-        return _refuse(EXIT_USAGE, str(error))
+        return _refuse(exit_codes.USAGE, str(error))
     except OSError as error:
-        return _refuse(EXIT_DISK, disk_message(None, error))
+        return _refuse(exit_codes.DISK, disk_message(None, error))
 
 
 def _acquire(plan: Plan, port: Port) -> int:

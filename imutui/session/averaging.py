@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STREAM_HZ = 133.0
-"""Asked for this much or more, every packet is a sample: the unit's 133.3 Hz would not divide."""
+from imutui.session.plan import MAX_RATE_HZ
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +36,12 @@ class Averager:
     ----------
     rate_hz : float
         Asked rate. A period runs from a whole multiple of 1/rate after the first packet to the next; its
-        sample comes with the first packet after it. A period without packets gives no sample.
+        sample comes with the first packet after it. A period without packets gives no sample. At the unit's own rate,
+        133 Hz, every packet is a sample.
     """
 
     def __init__(self, rate_hz: float) -> None:
-        self._each = rate_hz >= STREAM_HZ
+        self._each = rate_hz >= MAX_RATE_HZ  # the unit's 133.3 Hz would not divide
         self._period_ns = 1e9 / rate_hz
         self._first_ns: int | None = None
         self._number = 0

@@ -12,10 +12,10 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Unpack, cast
 
-from imutui.session import ipc
+from imutui.session import exit_codes, ipc
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.requests import FilterChanges, RecordingWishFields, Reply, Request, StartReport
-from imutui.session.snapshot import ProbeAnswer, ProfileDescription, Snapshot
+from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -35,7 +35,7 @@ class SessionError(Exception):
         Of a command that ends with this.
     """
 
-    def __init__(self, message: str, exit_code: int = 4) -> None:
+    def __init__(self, message: str, exit_code: int = exit_codes.INSTRUMENT) -> None:
         super().__init__(message)
         self.exit_code = exit_code
 
@@ -61,7 +61,7 @@ class Client:
         self.name = name
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
-        self.pid = int(self.snapshot(since=2**62)["pid"])
+        self.pid = int(self.snapshot(since=NO_SERIES)["pid"])
 
     def snapshot(self, since: int = 0) -> Snapshot:
         """State for a screen; `series` holds the packets from number `since` on."""
@@ -214,7 +214,9 @@ def attach(name: str | None = None) -> Client:
     """
     names = running()
     if name is None and len(names) > 1:
-        raise SessionError(f"several acquisitions are running: {', '.join(names)}. Say which with --name.", 2)
+        raise SessionError(
+            f"several acquisitions are running: {', '.join(names)}. Say which with --name.", exit_codes.USAGE
+        )
     if not names or (name is not None and name not in names):
         which = "no acquisition is running" if name is None else f'no acquisition named "{name}" is running'
         others = f" Running: {', '.join(names)}." if names else ""
@@ -289,7 +291,7 @@ def probe(port: str) -> ProbeAnswer:
 
     for name in running():
         with contextlib.suppress(SessionError):
-            if port_probe.same_port(str(Client(name).snapshot(since=2**62)["port"]), port):
+            if port_probe.same_port(str(Client(name).snapshot(since=NO_SERIES)["port"]), port):
                 return port_probe.not_answered(port, f'{port} is in use by the acquisition "{name}": `imutui attach`.')
     return port_probe.probe(port)
 
@@ -304,7 +306,11 @@ def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartRepo
         if not part:
             process.kill()
             why = "ended before it began" if ready else f"did not begin within {timeout:.0f} s"
-            return {"ok": False, "error": f"the acquisition process {why}; see {ipc.folder()}.", "exit_code": 4}
+            return {
+                "ok": False,
+                "error": f"the acquisition process {why}; see {ipc.folder()}.",
+                "exit_code": exit_codes.INSTRUMENT,
+            }
         text += part
     report: StartReport = json.loads(text)
     return report

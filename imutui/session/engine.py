@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES
 from imutui.instrument.port import Port
-from imutui.session import ipc, live_filter, zeroing
+from imutui.session import exit_codes, ipc, live_filter, zeroing
 from imutui.session.acquisition import Acquisition
 from imutui.session.handshake import Identity, InstrumentError
 from imutui.session.lifecycle import Lifecycle
@@ -28,9 +28,6 @@ from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
-EXIT_OWN = 1
-EXIT_INSTRUMENT = 4
-EXIT_DISK = 5
 _FIRST_PACKET_S = 3.0
 
 T = TypeVar("T")
@@ -160,12 +157,12 @@ class Engine:
         except Exception as error:  # noqa: BLE001 - whoever follows must hear of it, and not take it for a good end
             traceback.print_exc()
             self._fail(
-                EXIT_OWN,
+                exit_codes.OWN_ERROR,
                 f"an error of imutui's own: {type(error).__name__}: {error}. {ipc.log_path(self._plan.name)}"
                 " has the details; please report them. What was recorded is on the disk up to the last flush.",
             )
         try:
-            if self.lifecycle.exit_code != EXIT_DISK:
+            if self.lifecycle.exit_code != exit_codes.DISK:
                 self._acquisition.finish()
         except OSError as error:
             self._fail_for_disk(error)
@@ -195,7 +192,7 @@ class Engine:
             case ZeroingFinished():
                 self._acquisition.zeroing_finished(item)
             case LineLost():
-                self._fail(EXIT_INSTRUMENT, item.message)
+                self._fail(exit_codes.INSTRUMENT, item.message)
                 self._acquisition.line_lost(item.message)
             case QueuedCall():
                 self._carry_out(item)
@@ -226,4 +223,4 @@ class Engine:
 
     def _fail_for_disk(self, error: OSError) -> None:
         self._disk_error = error
-        self._fail(EXIT_DISK, self._acquisition.disk_message(error))
+        self._fail(exit_codes.DISK, self._acquisition.disk_message(error))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from imutui.instrument.crossbow import (
+    POWER_UP_BAUD,
     AskSerialNumber,
     AskVersion,
     BaudReady,
@@ -35,7 +36,7 @@ _QUIET_S = 0.06
 _QUIET_LIMIT_S = 1.0
 _REPLY_S = 0.4
 _TRIES = 3
-SPEEDS = (38400, 57600, 115200, 19200, 9600)
+SPEEDS = (POWER_UP_BAUD, 57600, 115200, 19200, 9600)
 _OTHERS = re.compile(
     r"IMU[ -]?(300|400C[ABCE]|440|5\d\d|6\d\d)\S*|AHRS\S*|\bVG\S*|\bRGA\S*|\bNAV\S*|DMU\S*|HDX\S*|\bMTI\S*", re.I
 )

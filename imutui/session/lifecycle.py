@@ -31,12 +31,12 @@ class Lifecycle:
         self.ended = threading.Event()
 
     def first_packet(self) -> None:
-        """Packets come."""
+        """The first packet has been used; a viewer may be told that the acquisition runs."""
         self.state = "running" if self.state == "connecting" else self.state
         self.streaming.set()
 
     def stop(self) -> None:
-        """The end is asked for."""
+        """Take note that the end is asked for; what failed or ended before stays so."""
         self.state = "stopping" if self.state in ("connecting", "running") else self.state
 
     def fail(self, exit_code: int, error: str) -> None:

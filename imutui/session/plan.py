@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
+from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.scaling import Scaling
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = 133.0
@@ -85,7 +87,7 @@ class Plan:
     port: str
     rate_hz: float = MAX_RATE_HZ
     sampling: str = "stream"
-    baud: int = 38400
+    baud: int = POWER_UP_BAUD
     duration_s: float | None = None
     record: bool = False
     filter: str = "spkf"
@@ -104,8 +106,8 @@ class Plan:
     mount: str = "x,y,z"
     gyro_sign: str = "1,1,1"
     g_unit: float = STANDARD_GRAVITY
-    rate_range_dps: float = 200.0
-    accel_range_g: float = 4.0
+    rate_range_dps: float = Scaling.rate_range_dps
+    accel_range_g: float = Scaling.accel_range_g
     site: tuple[float, float, float] | None = None
     gravity: float | None = None
     measurements: str = "exact"
@@ -122,7 +124,7 @@ class Plan:
         if self.sampling not in SAMPLINGS:
             raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
         if not self.baud > 0:
-            raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at 38400")
+            raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
         if self.duration_s is not None and not self.duration_s > 0.0:
             raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
         check_rotation(self.rotate_minutes, self.rotate_mb)
@@ -141,12 +143,12 @@ class Plan:
         return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
 
     def dumps(self) -> str:
-        """JSON text."""
+        """JSON text, on one line, for the process that carries the plan out."""
         return json.dumps(asdict(self))
 
     @classmethod
     def loads(cls, text: str) -> "Plan":
-        """From JSON text."""
+        """Plan of the JSON text that `dumps` gives; raises ValueError as the constructor does."""
         fields = json.loads(text)
         fields["virtual"] = tuple(fields["virtual"])
         fields["reference_file"] = tuple(fields["reference_file"])

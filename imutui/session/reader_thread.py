@@ -92,7 +92,7 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
-        """Begin to read."""
+        """Start the thread; it first sets the unit streaming, or polls it at once."""
         self._thread.start()
 
     def stop(self) -> None:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from filters import imu
 from imutui.instrument.crossbow import Packet, Scaling
 from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
-CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az", "T")
+CHANNELS = (*imu.CHANNELS, "T")
 UNITS = ("deg/s", "deg/s", "deg/s", "mg", "mg", "mg", "degC")
 STATISTICS_S = 10.0
 _SERIES_S = 30.0
@@ -28,7 +29,7 @@ class RecentPackets:
         self._values = np.zeros((_CAPACITY, 7))
         self._counts = np.zeros(7, int)
         self.count = 0
-        self._stretch = 0
+        self._since_interruption = 0
         self._interrupted = False
 
     def interrupt(self) -> None:
@@ -37,14 +38,14 @@ class RecentPackets:
 
     def _recent(self) -> tuple[np.ndarray, np.ndarray]:
         """Times and values that statistics are made of: the last 10 s, as far as they belong together."""
-        t, values = self._last(self.count - self._stretch)
+        t, values = self._last(self.count - self._since_interruption)
         recent = t >= (t[-1] if t.size else 0.0) - STATISTICS_S
         return t[recent], values[recent]
 
     def add(self, t: float, packet: Packet) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
         if self._interrupted:
-            self._stretch, self._interrupted = self.count, False
+            self._since_interruption, self._interrupted = self.count, False
         slot = self.count % _CAPACITY
         self._t[slot] = t
         values = self._values[slot]

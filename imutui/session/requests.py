@@ -48,7 +48,7 @@ class Request(TypedDict):
     wish: NotRequired[RecordingWishFields]
     """record, guide: of the recording that begins."""
     changes: NotRequired[FilterChanges]
-    """configure."""
+    """configure: what the filter takes from now on."""
     argument: NotRequired[int]
     """zero: length of the average."""
     do: NotRequired[str]
@@ -62,13 +62,13 @@ class Reply(TypedDict, total=False):
 
     ok: Literal[True]
     snapshot: Snapshot
-    """snapshot."""
+    """snapshot: state for a screen."""
     path: str
     """record: of the file that has begun."""
     said: str
     """zero: what came of it."""
     profile: ProfileDescription | None
-    """profile."""
+    """profile: what the reference comes from; None if it comes from no table profile."""
     result: "ResultDocument | None"
     """stop_recording, stop, wait: of the last recording."""
     error: str | None

@@ -6,6 +6,9 @@ biases and channels in the instrument's own axes and sign. None stands for what 
 
 from typing import Literal, TypedDict
 
+NO_SERIES = 2**62
+"""Number of a packet that never comes: a snapshot from it on is one without a series."""
+
 SessionState = Literal["connecting", "running", "stopping", "stopped", "failed", "ended"]
 """Of an acquisition; "ended" is a viewer's word for one that does not answer any more."""
 GuideState = Literal["go", "hold", "done", "cancelled"]

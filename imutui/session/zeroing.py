@@ -13,16 +13,16 @@ import numpy as np
 from imutui.instrument.crossbow import Decoder, RatesZeroed, ZeroRateSensors, encode
 from imutui.instrument.port import Port
 from imutui.session import handshake
+from imutui.session.plan import MAX_RATE_HZ
 
-MOST = 255
-_LONGEST_SAMPLES = 100
-_LOOP_HZ = 133.0
+MAX_ARGUMENT = 255
+_MAX_SAMPLES_PER_UNIT = 100
 _MARGIN_S = 10.0
 
 
 def patience_s(argument: int) -> float:
     """How long to wait for the answer, s: the longest that any document allows, and some more."""
-    return _MARGIN_S + 1.1 * _LONGEST_SAMPLES * argument / _LOOP_HZ
+    return _MARGIN_S + 1.1 * _MAX_SAMPLES_PER_UNIT * argument / MAX_RATE_HZ
 
 
 def check(argument: int) -> None:
@@ -33,8 +33,10 @@ def check(argument: int) -> None:
     ValueError
         With the argument and what it may be.
     """
-    if not 0 <= argument <= MOST:
-        raise ValueError(f"`argument` is {argument}; it travels as one byte, 0 to {MOST}; 0 erases the stored zero")
+    if not 0 <= argument <= MAX_ARGUMENT:
+        raise ValueError(
+            f"`argument` is {argument}; it travels as one byte, 0 to {MAX_ARGUMENT}; 0 erases the stored zero"
+        )
 
 
 def zero(port: Port, argument: int, stopping: Callable[[], bool]) -> float | None:

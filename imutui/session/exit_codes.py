@@ -1,0 +1,6 @@
+"""Exit codes of the acquisition process, which the command that follows it ends with: see contracts, section 1."""
+
+OWN_ERROR = 1
+USAGE = 2
+INSTRUMENT = 4
+DISK = 5
