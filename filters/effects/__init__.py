@@ -1,12 +1,22 @@
 """What may be wrong with a unit: the catalogue of physical effects that the tracer tests and the filter can take in.
 
-`inputs`      what the effects are functions of, at some instants of a run
-`additive`    a sensor's own errors: temperature, time, what it senses (thermal_lin … g_squared)
-`reference_errors`      errors of the reference, one parameter over several channels (delay, lever_arm, tilt, gravity,
-…) `drivers`     free curves over anything that was logged, where the physics has no name (driver:NAME)
-`stochastic`  drift that nothing logged drives (random_walk, gauss_markov)
-`noise`       level, bandwidth and correlation of the noise    `lines` tones at the full rate    `faults` data faults
+`catalogue` names every effect, with its equation and its family; a family is a module:
 
-Everything is in the instrument's own axes and sign, SI. What the simulator applies (`filters.simulation`) is written
-apart from it, by each effect's own physics: neither imports the other.
+additive       `additive` a sensor's own errors: of temperature, of time, of what it senses (thermal_lin … g_squared) ·
+               `drivers` free curves over anything that was logged, where the physics has no name (driver:NAME)
+motion         `reference_errors` errors of the reference, one parameter over several channels (mounting, earth_rate,
+               delay, lever_arm, tilt, gravity), and harmonics of a table's angle
+run_specific   `run_specific` what each run has its own of (tone, step, telegraph)
+drift          random_walk and gauss_markov have no regressor: they are processes of `filters.tracing.whitening`
+noise          `noise` band limit, correlation, whiteness · `lines` tones at the full rate · `spectra` under both
+fault          `faults` all of them · `spikes`, `saturation` two of its searches · `time_stamps` dropout and jitter ·
+               `quantisation` steps of readings, size of noise · `fault_records` what the searches share
+
+What they are made of: `hypothesis` what every deterministic effect offers: regressor, parameters, shape · `inputs` what
+they are functions of · `lag` a first-order lag. What the filter takes: `records` effects as files keep them · `runtime`
+their regressors from the past alone.
+
+Everything is in the instrument's own axes and sign, SI. Imports: the ground and `filters.motion`, never a filter. What
+the simulator applies (`filters.simulation`) is written apart, by each effect's own physics; it takes from here names
+and numbers (`inputs`), never a regressor.
 """

@@ -27,11 +27,9 @@ class ThermalLin(ChannelEffect):
     text: ClassVar = "bias follows temperature"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """T - T0."""
         return (inputs.temperature - REFERENCE_DEGC)[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
 
@@ -51,17 +49,14 @@ class ThermalPoly(ChannelEffect):
         return 2
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Powers of dT."""
         return (inputs.temperature - REFERENCE_DEGC)[:, None] ** np.arange(1, self.order + 1)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k1, k2, k3."""
         priors = ((0.02, 0.3), (1e-3, 0.015), (2e-5, 3e-4))
         names = ("/K", "/K2", "/K3")
         return tuple(self.channel_parameter(f"k{n + 1}", names[n], 1.0, *priors[n])[0] for n in range(self.order))
 
     def shape(self) -> Mapping[str, float | str]:
-        """The order."""
         return {"order": float(self.order)}
 
 
@@ -74,11 +69,9 @@ class ThermalRate(ChannelEffect):
     text: ClassVar = "bias follows the rate of temperature"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """T'."""
         return inputs.temperature_rate[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/(K/s)", 1.0, 1.0, 15.0)
 
 
@@ -98,15 +91,12 @@ class ThermalLag(ChannelEffect):
         return len(LAGS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """T_tau - T."""
         return (inputs.lagged[:, self.lag] - inputs.temperature)[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/K", 1.0, 0.02, 0.3)
 
     def shape(self) -> Mapping[str, float | str]:
-        """The time constant."""
         return {"tau_s": LAGS[self.lag]}
 
 
@@ -126,15 +116,12 @@ class Hysteresis(ChannelEffect):
         return len(PLAY_WIDTHS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """The bank."""
         return inputs.plays[:, self.bank, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "", 1.0, 0.3, 5.0)
 
     def shape(self) -> Mapping[str, float | str]:
-        """The width."""
         return {"width_k": PLAY_WIDTHS[self.bank]}
 
 
@@ -154,15 +141,12 @@ class Warmup(ChannelEffect):
         return len(WARMUP_TAUS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """exp(-t/tau)."""
         return np.exp(-inputs.t / self.tau)[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "", 1.0, 0.2, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
-        """The time constant."""
         return {"tau_s": self.tau}
 
 
@@ -175,11 +159,9 @@ class Ramp(ChannelEffect):
     text: ClassVar = "bias runs away with time"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """t."""
         return inputs.t[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/s", 1.0, 1e-5, 1.5e-4)
 
 
@@ -192,11 +174,9 @@ class Scale(ChannelEffect):
     text: ClassVar = "scale factor is off"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """x."""
         return inputs.x[:, channel, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return (Parameter("k", "1", 1.0, 0.01),)
 
 
@@ -209,11 +189,9 @@ class Asymmetry(ChannelEffect):
     text: ClassVar = "scale factor differs between + and -"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """abs(x)."""
         return np.abs(inputs.x[:, channel, None])
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return (Parameter("k", "1", 1.0, 3e-3),)
 
 
@@ -226,7 +204,6 @@ class NonlinearityCubic(ChannelEffect):
     text: ClassVar = "reading is not linear (cubic)"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """x³."""
         return inputs.x[:, channel, None] ** 3
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -245,11 +222,9 @@ class NonlinearityQuadratic(ChannelEffect):
     text: ClassVar = "reading is not linear (quadratic)"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """ω²."""
         return inputs.x[:, channel, None] ** 2
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/(deg/s)2", DPS**2, 1.5e-5, 0.0)
 
 
@@ -262,11 +237,9 @@ class ThermalScale(ChannelEffect):
     text: ClassVar = "scale factor follows temperature"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """x (T - T0)."""
         return (inputs.x[:, channel] * (inputs.temperature - REFERENCE_DEGC))[:, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return (Parameter("k", "1/K", 1.0, 2e-4),)
 
 
@@ -290,15 +263,12 @@ class CrossAxis(ChannelEffect):
         return [j for j in kind if j != self.channel and self.only in (-1, j % 3)]
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """x_j, x_k."""
         return inputs.x[:, self._others()]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k_j, k_k."""
         return tuple(Parameter("xyz"[j % 3], "rad", 1.0, 0.01) for j in self._others())
 
     def shape(self) -> Mapping[str, float | str]:
-        """Which axes."""
         return {"axes": "".join("xyz"[j % 3] for j in self._others())}
 
 
@@ -322,15 +292,12 @@ class GSensitivity(ChannelEffect):
         return [j for j in range(3) if self.only in (-1, j)]
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """f."""
         return inputs.x[:, [3 + j for j in self._axes()]]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """G."""
         return tuple(Parameter("xyz"[j], "deg/s/g", DPS / G, 0.05) for j in self._axes())
 
     def shape(self) -> Mapping[str, float | str]:
-        """Which axes."""
         return {"axes": "".join("xyz"[j] for j in self._axes())}
 
 
@@ -351,19 +318,15 @@ class GSquared(ChannelEffect):
 
     @property
     def label(self) -> str:
-        """With the axis."""
         return f"{self.text} along {'xyz'[self.axis]}"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """f_j²."""
         return inputs.x[:, 3 + self.axis, None] ** 2
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "/g2", G**2, 0.02, 3.0)
 
     def shape(self) -> Mapping[str, float | str]:
-        """The axis."""
         return {"axis": "xyz"[self.axis]}
 
 

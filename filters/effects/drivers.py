@@ -111,11 +111,9 @@ class Driver(ChannelEffect):
 
     @property
     def label(self) -> str:
-        """Words for a sentence."""
         return f"error is a function of {self.name}"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """The basis."""
         return self.columns_of(inputs)
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -127,7 +125,6 @@ class Driver(ChannelEffect):
         )
 
     def shape(self) -> Mapping[str, float | str]:
-        """Basis and knots."""
         return {"basis": self.kind, **self.parts}
 
 
@@ -155,15 +152,15 @@ class Basis:
         """The hypothesis on a channel."""
         return Driver(
             channel,
-            self.name,
-            self.columns_of,
-            self.count,
-            self.kind,
-            self.parts,
-            self.knots,
-            self.unit,
-            self.choices,
-            self.driven_by,
+            name=self.name,
+            columns_of=self.columns_of,
+            count=self.count,
+            kind=self.kind,
+            parts=self.parts,
+            knots=self.knots,
+            unit=self.unit,
+            choices=self.choices,
+            driven_by=self.driven_by,
         )
 
 

@@ -67,7 +67,7 @@ class Hypothesis(Protocol):
         ...
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The k parameters."""
+        """What the k columns' factors are, in their order."""
         ...
 
     def shape(self) -> Mapping[str, float | str]:
@@ -90,7 +90,7 @@ class HypothesisBase(ABC):
 
     @property
     def label(self) -> str:
-        """Words for a sentence."""
+        """A few words for a sentence."""
         return self.text
 
     def shape(self) -> Mapping[str, float | str]:
@@ -103,7 +103,7 @@ class HypothesisBase(ABC):
 
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """The k parameters."""
+        """What the k columns' factors are, in their order."""
 
 
 @dataclass(frozen=True)

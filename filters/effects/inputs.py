@@ -25,7 +25,7 @@ PLAYS = 6
 """Play operators in a bank."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Inputs:
     """Drivers at n instants of one run; instrument axes and sign, SI. Of a still unit, rows may stand for all.
 

@@ -236,13 +236,13 @@ def _offset(ratio: Array, at: int) -> float:
 
 def _grouped(peaks: list[_Peak], hz: float) -> list[list[_Peak]]:
     """Peaks of all channels within 1 %, or two bins, of the strongest, group after group."""
-    left = sorted(peaks, key=lambda peak: -peak.excess)
+    remaining = sorted(peaks, key=lambda peak: -peak.excess)
     groups = []
-    while left:
-        top = left[0]
-        near = [p for p in left if abs(p.hz - top.hz) <= max(NARROW * top.hz, 2.0 * hz)]
+    while remaining:
+        top = remaining[0]
+        near = [p for p in remaining if abs(p.hz - top.hz) <= max(NARROW * top.hz, 2.0 * hz)]
         groups.append(near)
-        left = [p for p in left if p not in near]
+        remaining = [p for p in remaining if p not in near]
     return groups
 
 
@@ -271,11 +271,11 @@ def _power(spectrum: Spectrum, centre: float, half: float, hz: float) -> float:
 def _waveforms(lines: list[SpectralLine], hz: float) -> list[SpectralLine]:
     """Lines of which one's frequency is a whole multiple of another's are put together."""
     out: list[SpectralLine] = []
-    left = sorted(lines, key=lambda line: line.hz)
-    while left:
-        base, left = left[0], left[1:]
-        multiples = [line for line in left if _multiple(line, base, hz) > 1]
-        left = [line for line in left if line not in multiples]
+    remaining = sorted(lines, key=lambda line: line.hz)
+    while remaining:
+        base, remaining = remaining[0], remaining[1:]
+        multiples = [line for line in remaining if _multiple(line, base, hz) > 1]
+        remaining = [line for line in remaining if line not in multiples]
         out.append(_joined(base, multiples, hz))
     return sorted(out, key=lambda line: -float(np.max(line.rms[:3]) + np.max(line.rms[3:])))
 

@@ -161,7 +161,14 @@ def _fitted(points: list[_Points], expected: float, fs: float, name: str) -> Ban
     times = ratio / _ratio(expected, fs)
     if score < SIGNIFICANT or max(times, 1.0 / times) < RATIO:
         return None
-    return BandLimit(name, hz, _sd(grid, chi2 / scale, best), expected, ratio, float(score))
+    return BandLimit(
+        channel=name,
+        hz=hz,
+        sd_hz=_sd(grid, chi2 / scale, best),
+        spec_hz=expected,
+        ratio=ratio,
+        score=float(score),
+    )
 
 
 def _ratio(hz: float, fs: float) -> float:

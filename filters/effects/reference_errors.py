@@ -30,12 +30,10 @@ class Mounting(SharedEffect):
     text: ClassVar = "the unit sits turned on the table"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Row of v × d for d along x, y, z."""
         v = inputs.x[:, :3] if channel < 3 else inputs.x[:, 3:]
         return np.cross(v[:, None, :], np.eye(3)[None])[:, :, channel % 3]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """d."""
         return tuple(Parameter(axis, "rad", 1.0, 0.01) for axis in "xyz")
 
 
@@ -48,11 +46,9 @@ class EarthRate(SharedEffect):
     text: ClassVar = "Earth rate is not as assumed"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """C ω_ie."""
         return inputs.spin[:, channel, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return (Parameter("k", "1", 1.0, 1.0),)
 
 
@@ -65,11 +61,9 @@ class Delay(SharedEffect):
     text: ClassVar = "readings are late"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """-x'."""
         return -inputs.x_dot[:, channel, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """tau."""
         return (Parameter("tau", "s", 1.0, 5e-3),)
 
 
@@ -82,11 +76,9 @@ class LeverArm(SharedEffect):
     text: ClassVar = "the unit is away from the axes of rotation"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Per metre along x, y, z."""
         return inputs.centripetal[:, channel - 3]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """r."""
         return tuple(Parameter(axis, "m", 1.0, 0.05) for axis in "xyz")
 
 
@@ -99,11 +91,9 @@ class Tilt(SharedEffect):
     text: ClassVar = "the table's base is not level"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """Per rad about north and east."""
         return inputs.horizontal[:, channel - 3]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """δ north, δ east."""
         return tuple(Parameter(axis, "deg", DPS, 0.05) for axis in ("north", "east"))
 
 
@@ -116,11 +106,9 @@ class Gravity(SharedEffect):
     text: ClassVar = "gravity is not as assumed"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """x."""
         return inputs.x[:, channel, None]
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return (Parameter("k", "1", 1.0, 1e-4),)
 
 
@@ -150,20 +138,16 @@ class Harmonic(ChannelEffect):
 
     @property
     def label(self) -> str:
-        """Such as "inner 2/rev"."""
         return f"{AXES[self.axis]} {self.order}/rev"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
-        """sin, cos."""
         angle = self.order * inputs.angles[:, self.axis]
         return np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """a, b."""
         return (*self.channel_parameter("sin", "", 1.0, 0.05, 2.0), *self.channel_parameter("cos", "", 1.0, 0.05, 2.0))
 
     def shape(self) -> Mapping[str, float | str]:
-        """Axis and order."""
         return {"axis": AXES[self.axis], "order": float(self.order)}
 
 

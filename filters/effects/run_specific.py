@@ -39,7 +39,6 @@ class RunSpecific(ChannelEffect):
         return self.made
 
     def shape(self) -> Mapping[str, float | str]:
-        """When, how often."""
         return self.facts
 
 
@@ -54,11 +53,9 @@ class Tone(RunSpecific):
 
     @property
     def label(self) -> str:
-        """With the frequency."""
         return f"oscillates at {self.hz:.4g} Hz"
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes of each run."""
         names = [f"{part} run {r + 1}" for r in range(self.count // 2) for part in ("sin", "cos")]
         return tuple(self.channel_parameter(name, "", 1.0, 0.1, 5.0)[0] for name in names)
 
@@ -75,11 +72,9 @@ class Step(RunSpecific):
 
     @property
     def label(self) -> str:
-        """With the time."""
         return f"bias steps at {self.at:.1f} s of {'every run' if self.run < 0 else f'run {self.run + 1}'}"
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "", 1.0, 0.1, 3.0)
 
 
@@ -93,7 +88,6 @@ class Telegraph(RunSpecific):
     text: ClassVar = "bias jumps between two levels"
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """k."""
         return self.channel_parameter("k", "", 1.0, 0.05, 2.0)
 
 
@@ -141,7 +135,7 @@ def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period:
         columns[part, 2 * k] = np.sin(2.0 * np.pi * refined * t[part])
         columns[part, 2 * k + 1] = np.cos(2.0 * np.pi * refined * t[part])
     penalty = 2.0 * float(np.log(6.0 * t.size / 2.0))
-    return Tone(channel, columns, penalty, {"hz": refined}, columns.shape[1], refined)
+    return Tone(channel, made=columns, penalty=penalty, facts={"hz": refined}, count=columns.shape[1], hz=refined)
 
 
 def _power(hz: float, white: Array, t: Array, parts: list[NDArray[np.int_]]) -> float:
@@ -198,7 +192,8 @@ def step(channel: int, white: Array, basis: Array, t: Array, starts: NDArray[np.
     at = float(0.5 * (t[first] + t[first - 1]))
     which = -1 if len(rows) > 1 else number
     facts = {"at_s": at, "run": float(which + 1)}
-    return Step(channel, column, 2.0 * float(np.log(t.size)), facts, 1, at, which)
+    penalty = 2.0 * float(np.log(t.size))
+    return Step(channel, made=column, penalty=penalty, facts=facts, at=at, run=which)
 
 
 def _best(top: Array, size: Array) -> tuple[float, int]:
@@ -255,7 +250,8 @@ def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Te
         return None
     facts = {"switches": float(switches)}
     penalty = switches * _price(switches, r.size)
-    return Telegraph(channel, s.astype(np.float64)[:, None], penalty, facts, 1, switches)
+    made = s.astype(np.float64)[:, None]
+    return Telegraph(channel, made=made, penalty=penalty, facts=facts, switches=switches)
 
 
 def _price(switches: int, n: int) -> float:

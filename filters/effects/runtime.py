@@ -144,21 +144,21 @@ class CausalEffects:
         spin = axes.gyro_to_instrument(spin_b)
         arms = np.stack(lever, axis=2)
         return Inputs(
-            t,
-            x,
-            x_dot,
-            T,
-            T_rate,
-            lagged,
-            plays,
-            spin,
-            tilt,
-            arms,
-            kinematics.angles_of(C),
-            zero,
-            np.zeros(n),
-            np.zeros(n),
-            zero,
+            t=t,
+            x=x,
+            x_dot=x_dot,
+            temperature=T,
+            temperature_rate=T_rate,
+            lagged=lagged,
+            plays=plays,
+            spin=spin,
+            horizontal=tilt,
+            centripetal=arms,
+            angles=kinematics.angles_of(C),
+            rates=zero,
+            table_accel=np.zeros(n),
+            since_motion=np.zeros(n),
+            direction=zero,
         )
 
     def _attitudes(self, known: Array) -> Array:

@@ -13,17 +13,17 @@ from scipy import signal
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import PLAYS, REFERENCE_DEGC
 from filters.motion.segments import AXES
-from filters.simulation.parameters import GYRO_CHANNELS, Inputs, Parameter, Setup, positive
+from filters.simulation.parameters import GYRO_CHANNELS, ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
-_REFERENCE = Parameter("reference", "reference_degc", REFERENCE_DEGC)
+_REFERENCE = ScenarioParameter("reference", "reference_degc", REFERENCE_DEGC)
 
 
 @runtime_checkable
 class Additive(Protocol):
     """An error of one channel, over successive stretches of readings."""
 
-    def error(self, inputs: Inputs) -> Array:
+    def error(self, inputs: TrueInputs) -> Array:
         """Error of the next readings, rad/s or m/s², shape (N,)."""
         ...
 
@@ -32,13 +32,12 @@ class ThermalLin:
     """e = k (T - T0); `{e}_per_k`, `reference_degc` (25)."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_per_k"), _REFERENCE)
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_per_k"), _REFERENCE)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._reference = setup.number("k"), setup.number("reference")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k (T - T0)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * (inputs.temperature - self._reference)
 
 
@@ -50,9 +49,9 @@ class ThermalPoly:
 
     channels: ClassVar = CHANNELS
     parameters: ClassVar = (
-        Parameter("k1", "{e}_per_k", 0.0),
-        Parameter("k2", "{e}_per_k2"),
-        Parameter("k3", "{e}_per_k3", 0.0),
+        ScenarioParameter("k1", "{e}_per_k", 0.0),
+        ScenarioParameter("k2", "{e}_per_k2"),
+        ScenarioParameter("k3", "{e}_per_k3", 0.0),
         _REFERENCE,
     )
 
@@ -60,8 +59,7 @@ class ThermalPoly:
         self._k = [setup.number(key) for key in ("k1", "k2", "k3")]
         self._reference = setup.number("reference")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k1 dT + k2 dT² + k3 dT³."""
+    def error(self, inputs: TrueInputs) -> Array:
         d = inputs.temperature - self._reference
         k1, k2, k3 = self._k
         return ((k3 * d + k2) * d + k1) * d
@@ -71,13 +69,12 @@ class ThermalRate:
     """e = k T'; `{e}_s_per_k`, that is per K/s."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_s_per_k"),)
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_s_per_k"),)
 
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k T'."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.temperature_rate
 
 
@@ -85,15 +82,14 @@ class ThermalLag:
     """e = k (T_τ - T), T_τ following T as a first-order lag does, from equality at power-on; `{e}_per_k`, `tau_s`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_per_k"), positive("tau", "tau_s"))
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_per_k"), positive("tau", "tau_s"))
 
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
         self._memory: Array | None = None
 
-    def error(self, inputs: Inputs) -> Array:
-        """k (T_τ - T)."""
+    def error(self, inputs: TrueInputs) -> Array:
         if self._memory is None:
             self._memory = np.array([self._pole * inputs.temperature[0]])
         lagged, self._memory = signal.lfilter(
@@ -110,7 +106,7 @@ class Hysteresis:
     """
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}"), positive("width", "width_k", 10.0))
+    parameters: ClassVar = (ScenarioParameter("k", "{e}"), positive("width", "width_k", 10.0))
 
     def __init__(self, setup: Setup) -> None:
         width = setup.number("width")
@@ -119,8 +115,7 @@ class Hysteresis:
         self._plays = np.zeros((PLAYS, 1))
         self._start = self._last = math.nan
 
-    def error(self, inputs: Inputs) -> Array:
-        """k · mean P_n / width."""
+    def error(self, inputs: TrueInputs) -> Array:
         if math.isnan(self._start):
             self._start = float(inputs.temperature[0])
             self._last = 0.0
@@ -142,13 +137,12 @@ class Warmup:
     """e = k exp(-t/τ); `{e}`, `tau_s`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}"), positive("tau", "tau_s"))
+    parameters: ClassVar = (ScenarioParameter("k", "{e}"), positive("tau", "tau_s"))
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._tau = setup.number("k"), setup.number("tau")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k exp(-t/τ)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * np.exp(-inputs.t / self._tau)
 
 
@@ -156,13 +150,12 @@ class Ramp:
     """e = k t; `{e}_per_s`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_per_s"),)
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_per_s"),)
 
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k t."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.t
 
 
@@ -170,13 +163,12 @@ class Scale:
     """e = k x; `relative`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "relative"),)
+    parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._channel = setup.number("k"), setup.channel
 
-    def error(self, inputs: Inputs) -> Array:
-        """k x."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.perfect[:, self._channel]
 
 
@@ -184,13 +176,12 @@ class Asymmetry:
     """e = k abs(x); `relative`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "relative"),)
+    parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._channel = setup.number("k"), setup.channel
 
-    def error(self, inputs: Inputs) -> Array:
-        """k abs(x)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * np.abs(inputs.perfect[:, self._channel])
 
 
@@ -198,13 +189,12 @@ class NonlinearityCubic:
     """e = k x³; `{e}_per_{x}3`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_per_{x}3", inputs=-3),)
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_per_{x}3", inputs=-3),)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._channel = setup.number("k"), setup.channel
 
-    def error(self, inputs: Inputs) -> Array:
-        """k x³."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.perfect[:, self._channel] ** 3
 
 
@@ -212,13 +202,12 @@ class NonlinearityQuadratic:
     """e = k ω² of a gyro (an accelerometer's is g_squared); `dps_per_dps2`."""
 
     channels: ClassVar = GYRO_CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}_per_{x}2", inputs=-2),)
+    parameters: ClassVar = (ScenarioParameter("k", "{e}_per_{x}2", inputs=-2),)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._channel = setup.number("k"), setup.channel
 
-    def error(self, inputs: Inputs) -> Array:
-        """k ω²."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.perfect[:, self._channel] ** 2
 
 
@@ -226,13 +215,12 @@ class ThermalScale:
     """e = k x (T - T0); `relative_per_k`, `reference_degc` (25)."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "relative_per_k"), _REFERENCE)
+    parameters: ClassVar = (ScenarioParameter("k", "relative_per_k"), _REFERENCE)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._reference, self._channel = setup.number("k"), setup.number("reference"), setup.channel
 
-    def error(self, inputs: Inputs) -> Array:
-        """k x (T - T0)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.perfect[:, self._channel] * (inputs.temperature - self._reference)
 
 
@@ -240,7 +228,7 @@ class CrossAxis:
     """e = sum of k_j x_j over the sensors of the same kind on the other axes; `x_rad`, `y_rad`, `z_rad` (0 each)."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
+    parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:
         own = setup.channel % 3
@@ -250,8 +238,7 @@ class CrossAxis:
             raise ValueError(f"`{'xyz'[own]}_rad` is {self._k[own]:g} on {name}: that is its own axis, a scale factor")
         self._inputs = slice(0, 3) if setup.channel < 3 else slice(3, 6)
 
-    def error(self, inputs: Inputs) -> Array:
-        """Sum of k_j x_j."""
+    def error(self, inputs: TrueInputs) -> Array:
         return _weighted(self._k, inputs.perfect[:, self._inputs])
 
 
@@ -259,13 +246,12 @@ class GSensitivity:
     """e = G · f of a gyro, f as the accelerometers read it; `x_dps_per_g`, `y_dps_per_g`, `z_dps_per_g` (0 each)."""
 
     channels: ClassVar = GYRO_CHANNELS
-    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_dps_per_g", 0.0, factor=DPS / G) for axis in "xyz")
+    parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_dps_per_g", 0.0, factor=DPS / G) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:
         self._k = np.array([setup.number(axis) for axis in "xyz"])
 
-    def error(self, inputs: Inputs) -> Array:
-        """G · f."""
+    def error(self, inputs: TrueInputs) -> Array:
         return _weighted(self._k, inputs.perfect[:, 3:6])
 
 
@@ -274,8 +260,8 @@ class GSquared:
 
     channels: ClassVar = CHANNELS
     parameters: ClassVar = (
-        Parameter("k", "{e}_per_g2", factor=G**-2),
-        Parameter("axis", "axis", "own", choices=("own", "x", "y", "z")),
+        ScenarioParameter("k", "{e}_per_g2", factor=G**-2),
+        ScenarioParameter("axis", "axis", "own", choices=("own", "x", "y", "z")),
     )
 
     def __init__(self, setup: Setup) -> None:
@@ -283,8 +269,7 @@ class GSquared:
         self._k = setup.number("k")
         self._column = 3 + (setup.channel % 3 if axis == "own" else "xyz".index(axis))
 
-    def error(self, inputs: Inputs) -> Array:
-        """k f_j²."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * inputs.perfect[:, self._column] ** 2
 
 
@@ -293,18 +278,17 @@ class Harmonic:
 
     channels: ClassVar = CHANNELS
     parameters: ClassVar = (
-        Parameter("a", "sin_{e}", 0.0),
-        Parameter("b", "cos_{e}", 0.0),
+        ScenarioParameter("a", "sin_{e}", 0.0),
+        ScenarioParameter("b", "cos_{e}", 0.0),
         positive("order", "order", 1.0),
-        Parameter("axis", "axis", "inner", choices=AXES),
+        ScenarioParameter("axis", "axis", "inner", choices=AXES),
     )
 
     def __init__(self, setup: Setup) -> None:
         self._a, self._b, self._order = (setup.number(key) for key in ("a", "b", "order"))
         self._axis = AXES.index(setup.word("axis"))
 
-    def error(self, inputs: Inputs) -> Array:
-        """a sin(h θ) + b cos(h θ)."""
+    def error(self, inputs: TrueInputs) -> Array:
         angle = self._order * inputs.angles[:, self._axis]
         return self._a * np.sin(angle) + self._b * np.cos(angle)
 
@@ -314,9 +298,9 @@ class Tone:
 
     channels: ClassVar = CHANNELS
     parameters: ClassVar = (
-        Parameter("k", "{e}"),
+        ScenarioParameter("k", "{e}"),
         positive("hz", "hz"),
-        Parameter("phase", "phase_rad", math.inf),
+        ScenarioParameter("phase", "phase_rad", math.inf),
     )
 
     def __init__(self, setup: Setup) -> None:
@@ -324,8 +308,7 @@ class Tone:
         drawn, phase = setup.rng.uniform(0.0, 2.0 * math.pi), setup.number("phase")
         self._phase = phase if math.isfinite(phase) else drawn
 
-    def error(self, inputs: Inputs) -> Array:
-        """k sin(2π f t + φ)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return self._k * np.sin(self._omega * inputs.t + self._phase)
 
 
@@ -333,13 +316,12 @@ class Step:
     """e = k from t0 on; `{e}`, `at_s`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("k", "{e}"), Parameter("at", "at_s", least=0.0))
+    parameters: ClassVar = (ScenarioParameter("k", "{e}"), ScenarioParameter("at", "at_s", least=0.0))
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._at = setup.number("k"), setup.number("at")
 
-    def error(self, inputs: Inputs) -> Array:
-        """k H(t - t0)."""
+    def error(self, inputs: TrueInputs) -> Array:
         return np.where(inputs.t >= self._at, self._k, 0.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from filters.channels import CHANNELS
 from filters.simulation import additive, drift, output, truth
-from filters.simulation.parameters import Parameter, Setup
+from filters.simulation.parameters import ScenarioParameter, Setup
 
 EFFECTS: dict[str, type[Any]] = {
     "thermal_lin": additive.ThermalLin,
@@ -116,7 +116,7 @@ class Effect:
         ]
 
     def _values(self, kind: type[Any], channel: int) -> dict[str, float | str]:
-        parameters: tuple[Parameter, ...] = kind.parameters
+        parameters: tuple[ScenarioParameter, ...] = kind.parameters
         names = {parameter.name_on(channel): parameter for parameter in parameters}
         for name in self.parameters:
             if name not in names:
@@ -124,7 +124,7 @@ class Effect:
                 raise ValueError(f"`{name}` is no parameter of {where}; it has: {', '.join(names)}")
         return {p.key: self._value(name, p, channel) for name, p in names.items()}
 
-    def _value(self, name: str, parameter: Parameter, channel: int) -> float | str:
+    def _value(self, name: str, parameter: ScenarioParameter, channel: int) -> float | str:
         value = self.parameters.get(name, parameter.default)
         if value is None:
             raise ValueError(f"`{name}` is missing for {self.name} on {CHANNELS[channel]}")

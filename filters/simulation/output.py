@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import SENSED
-from filters.simulation.parameters import Inputs, Parameter, Setup, positive
+from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
 DRIVERS = (
@@ -29,20 +29,20 @@ class NoiseLevel:
 
     channels: ClassVar = CHANNELS
     parameters: ClassVar = (
-        Parameter("a", "log_variance", 0.0),
-        Parameter("b", "log_variance_per_unit", 0.0),
-        Parameter("driver", "driver", "time", choices=DRIVERS),
+        ScenarioParameter("a", "log_variance", 0.0),
+        ScenarioParameter("b", "log_variance_per_unit", 0.0),
+        ScenarioParameter("driver", "driver", "time", choices=DRIVERS),
     )
 
     def __init__(self, setup: Setup) -> None:
         self._a, self._b, self._driver = setup.number("a"), setup.number("b"), setup.word("driver")
 
-    def ratio(self, inputs: Inputs) -> Array:
+    def ratio(self, inputs: TrueInputs) -> Array:
         """Standard deviation over the specification's, shape (N,)."""
         return np.exp(0.5 * (self._a + self._b * _driver(self._driver, inputs)))
 
 
-def _driver(name: str, inputs: Inputs) -> Array:
+def _driver(name: str, inputs: TrueInputs) -> Array:
     if name[0] in "wf":
         column = "xyz".index(name[1])
         return inputs.perfect[:, column] / DPS if name[0] == "w" else inputs.perfect[:, 3 + column] / G
@@ -77,7 +77,7 @@ class NoiseCrosstalk:
 
     channels: ClassVar = CHANNELS
     together: ClassVar = True
-    parameters: ClassVar = (Parameter("rho", "correlation", least=-1.0, most=1.0),)
+    parameters: ClassVar = (ScenarioParameter("rho", "correlation", least=-1.0, most=1.0),)
 
     def __init__(self, setup: Setup) -> None:
         if len(setup.channels) < 2:
@@ -108,13 +108,12 @@ class Saturation:
     """Readings clipped to ± a limit; `limit_dps` or `limit_g`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("limit", "limit_{x}", inputs=1, least=0.0, above=True),)
+    parameters: ClassVar = (ScenarioParameter("limit", "limit_{x}", inputs=1, least=0.0, above=True),)
 
     def __init__(self, setup: Setup) -> None:
         self._limit = setup.number("limit")
 
     def spoiled(self, values: Array, t: Array) -> Array:
-        """Clipped."""
         return np.clip(values, -self._limit, self._limit)
 
 
@@ -122,13 +121,12 @@ class Coarse:
     """Readings rounded to a lattice coarser than the instrument's counts; `lattice_{e}`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("lattice", "lattice_{e}", least=0.0, above=True),)
+    parameters: ClassVar = (ScenarioParameter("lattice", "lattice_{e}", least=0.0, above=True),)
 
     def __init__(self, setup: Setup) -> None:
         self._lattice = setup.number("lattice")
 
     def spoiled(self, values: Array, t: Array) -> Array:
-        """Rounded."""
         return np.rint(values / self._lattice) * self._lattice
 
 
@@ -136,14 +134,13 @@ class Stuck:
     """The reading at `at_s` repeated for `seconds`."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("at", "at_s", least=0.0), positive("seconds", "seconds"))
+    parameters: ClassVar = (ScenarioParameter("at", "at_s", least=0.0), positive("seconds", "seconds"))
 
     def __init__(self, setup: Setup) -> None:
         self._at, self._end = setup.number("at"), setup.number("at") + setup.number("seconds")
         self._held: float | None = None
 
     def spoiled(self, values: Array, t: Array) -> Array:
-        """Held."""
         rows = np.flatnonzero((t >= self._at) & (t < self._end))
         if not rows.size:
             return values
@@ -158,14 +155,13 @@ class Spikes:
     """Single readings off by a size, up or down, at random; `{e}`, `per_hour` (mean number in an hour)."""
 
     channels: ClassVar = CHANNELS
-    parameters: ClassVar = (Parameter("size", "{e}"), Parameter("per_hour", "per_hour", least=0.0))
+    parameters: ClassVar = (ScenarioParameter("size", "{e}"), ScenarioParameter("per_hour", "per_hour", least=0.0))
 
     def __init__(self, setup: Setup) -> None:
         self._size, self._rng = setup.number("size"), setup.rng
         self._probability = setup.number("per_hour") / 3600.0 / setup.rate_hz
 
     def spoiled(self, values: Array, t: Array) -> Array:
-        """With spikes."""
         u, up = self._rng.random(t.size), self._rng.random(t.size) < 0.5
         return values + np.where(u < self._probability, np.where(up, self._size, -self._size), 0.0)
 
@@ -176,9 +172,9 @@ class Dropout:
     channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
     parameters: ClassVar = (
-        Parameter("probability", "probability", 0.0, least=0.0, most=1.0),
-        Parameter("at", "at_s", 0.0, least=0.0),
-        Parameter("seconds", "seconds", 0.0, least=0.0),
+        ScenarioParameter("probability", "probability", 0.0, least=0.0, most=1.0),
+        ScenarioParameter("at", "at_s", 0.0, least=0.0),
+        ScenarioParameter("seconds", "seconds", 0.0, least=0.0),
     )
 
     def __init__(self, setup: Setup) -> None:
@@ -195,7 +191,7 @@ class Jitter:
 
     channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = (Parameter("sd", "sd_s", least=0.0),)
+    parameters: ClassVar = (ScenarioParameter("sd", "sd_s", least=0.0),)
 
     def __init__(self, setup: Setup) -> None:
         self._sd, self._most, self._rng = setup.number("sd"), 0.45 / setup.rate_hz, setup.rng

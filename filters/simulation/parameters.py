@@ -13,7 +13,7 @@ GYRO_CHANNELS, ACCEL_CHANNELS = CHANNELS[:3], CHANNELS[3:]
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ScenarioParameter:
     """A parameter of an effect.
 
     Attributes
@@ -57,9 +57,9 @@ class Parameter:
         return value * self.factor * (error if "{e}" in self.name else 1.0) * unit**self.inputs
 
 
-def positive(key: str, name: str, default: float | None = None) -> Parameter:
+def positive(key: str, name: str, default: float | None = None) -> ScenarioParameter:
     """A parameter that is more than zero, in SI already."""
-    return Parameter(key, name, default, least=0.0, above=True)
+    return ScenarioParameter(key, name, default, least=0.0, above=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
-class Inputs:
+class TrueInputs:
     """What there is to sense over N successive readings.
 
     Attributes

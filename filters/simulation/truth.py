@@ -14,7 +14,7 @@ from filters.channels import CHANNELS, DPS
 from filters.imu import AxisMap
 from filters.motion.kinematics import attitudes, body_rate
 from filters.motion.profile import Profile
-from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, Parameter, Setup
+from filters.simulation.parameters import ACCEL_CHANNELS, GYRO_CHANNELS, ScenarioParameter, Setup
 from filters.state import Site
 from filters.types import Array
 
@@ -111,7 +111,7 @@ class Delay:
     channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
     selectable: ClassVar = True
-    parameters: ClassVar = (Parameter("tau", "tau_s", least=0.0),)
+    parameters: ClassVar = (ScenarioParameter("tau", "tau_s", least=0.0),)
 
     def __init__(self, setup: Setup) -> None:
         self._tau, self._channels = setup.number("tau"), list(setup.channels)
@@ -128,7 +128,7 @@ class LeverArm:
 
     channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_m", 0.0) for axis in "xyz")
+    parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_m", 0.0) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:
         self._lever = np.array([setup.number(axis) for axis in "xyz"])
@@ -143,7 +143,7 @@ class Tilt:
 
     channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east"))
+    parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_deg", 0.0, factor=DPS) for axis in ("north", "east"))
 
     def __init__(self, setup: Setup) -> None:
         self._tilt = np.array([setup.number("north"), setup.number("east"), 0.0])
@@ -158,7 +158,7 @@ class Gravity:
 
     channels: ClassVar = ACCEL_CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = (Parameter("k", "relative"),)
+    parameters: ClassVar = (ScenarioParameter("k", "relative"),)
 
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
@@ -174,7 +174,7 @@ class EarthRate:
     channels: ClassVar = GYRO_CHANNELS
     everywhere: ClassVar = True
     selectable: ClassVar = True
-    parameters: ClassVar = (Parameter("k", "coefficient", -1.0),)
+    parameters: ClassVar = (ScenarioParameter("k", "coefficient", -1.0),)
 
     def __init__(self, setup: Setup) -> None:
         self._k, self._channels = setup.number("k"), list(setup.channels)
@@ -194,7 +194,7 @@ class Mounting:
 
     channels: ClassVar = CHANNELS
     everywhere: ClassVar = True
-    parameters: ClassVar = tuple(Parameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
+    parameters: ClassVar = tuple(ScenarioParameter(axis, f"{axis}_rad", 0.0) for axis in "xyz")
 
     def __init__(self, setup: Setup) -> None:
         self._rotation = attitude.exp(np.array([setup.number(axis) for axis in "xyz"])).T

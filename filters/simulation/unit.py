@@ -24,7 +24,7 @@ from filters.simulation.output import (
     Spikes,
     Stuck,
 )
-from filters.simulation.parameters import Inputs
+from filters.simulation.parameters import TrueInputs
 from filters.simulation.scenario import Scenario, Truth, draw
 from filters.simulation.truth import MotionEffect, World
 from filters.state import PAPER_SITE, Site
@@ -193,7 +193,7 @@ class Unit:
         )
         for start in itertools.count(0, _BLOCK):
             t = (start + np.arange(_BLOCK)) / self.rate_hz
-            inputs = Inputs(t, world.perfect(t), self.temperature.at(t), self.temperature.rate(t), world.angles(t))
+            inputs = TrueInputs(t, world.perfect(t), self.temperature.at(t), self.temperature.rate(t), world.angles(t))
             values = inputs.perfect + bias
             for channel, error in errors:
                 values[:, channel] += error.error(inputs)
@@ -341,13 +341,13 @@ class _BandLimit:
         return out
 
 
-def _noise(unit: Unit, made: list[tuple[int, object]], band: _BandLimit) -> Callable[[Inputs], Array]:
+def _noise(unit: Unit, made: list[tuple[int, object]], band: _BandLimit) -> Callable[[TrueInputs], Array]:
     """What gives the band-limited noise of the next readings, instrument axes, shape (N, 6)."""
     spec, axes = unit.scenario.spec, unit.scenario.axes
     rng = np.random.default_rng([_seed(unit.scenario, unit.power_on), _NOISE, unit.power_on])
     sd = np.repeat([spec.gyro_arw, spec.accel_vrw], 3) * np.sqrt(unit.rate_hz)
 
-    def following(inputs: Inputs) -> Array:
+    def following(inputs: TrueInputs) -> Array:
         # drawn in body axes: one seed gives one physics however the unit sits and whatever sign it reads with
         drawn = rng.standard_normal((inputs.t.size, 6))
         white = np.hstack([axes.gyro_to_instrument(drawn[:, :3]), axes.accel_to_instrument(drawn[:, 3:])])

@@ -1,1 +1,24 @@
-"""From residual to physical effect: which are there, how sure, what else would do, and the error before and after."""
+"""From residual to physical effect: which are there, how sure, what else would do, and the error before and after.
+
+`trace.trace` takes `run.Run`s to a `result.Trace` by these steps, in this order; each takes what the one above made.
+Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulation`, whose truths it is tested with.
+
+ 1 the data     `run` one power-on with its reference · `residual` reading minus what a perfect unit would read
+ 2 set aside    `screening` faults of the data and lines taken out · `noise_structure` colour and correlation of noise
+ 3 averaged     `temperature` what thermal effects are functions of · `blocks` means of a quarter of a second ·
+                `stack` all runs, cut into cells for folds
+ 4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
+                residual and regressors, likelihood of drift · `design_matrix` Gram matrices, gains, fits
+ 5 noise        `noise_level` what its level follows
+ 6 what can't   `identifiability` effects that these runs can't show · `detectability` the smallest size that a log
+   be seen      would show, and what a motion lets be told before it is made
+ 7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
+                noise · `unseen_cells` gain on what the fit has not seen · `drift_guard` whether drift would do as well
+ 8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
+ 9 validation   `held_out_run` what it confirms, errors before and after · `validation` the figures of a channel ·
+                `free_inertial` position error · `error_figure` the record of one, intervals
+10 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
+11 assessment   `assessment` steps 8-10 as one frozen record · `channel_status` a word for each channel
+12 report       `trace_document` contracts section 6 as types · `report` the document · `driver_curve` curves and their
+                forms · `inclusion` what joins the filter · `result` all that a trace gives
+"""

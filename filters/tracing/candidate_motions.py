@@ -66,7 +66,7 @@ class CandidateMotion:
 
     @property
     def seconds(self) -> float:
-        """Length of the run."""
+        """Duration of the run, s."""
         return self.profile.duration
 
     @property
@@ -94,8 +94,17 @@ class CandidateMotion:
         if self.thermal is not None:
             temperature = np.interp(t, *np.array(self.thermal).T)
         angles, rates = self.profile.angles(rows), self.profile.rates(rows)
-        nothing = np.zeros((t.size, 6))
-        return Run(self.description, t, nothing, temperature, angles, rates, like.axes, like.site, latency=like.latency)
+        return Run(
+            name=self.description,
+            t=t,
+            reading=np.zeros((t.size, 6)),
+            temperature=temperature,
+            angles=angles,
+            rates=rates,
+            axes=like.axes,
+            site=like.site,
+            latency=like.latency,
+        )
 
 
 @dataclass(frozen=True)

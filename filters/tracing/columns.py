@@ -24,12 +24,12 @@ class Term:
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
+        """How many parameters it has: k."""
         return next(iter(self.places.values())).size
 
     @property
     def key(self) -> tuple[str, tuple[int, ...], str]:
-        """What it is."""
+        """Effect, channels and shape: equal for the same hypothesis, whatever the data."""
         h = self.hypothesis
         return h.effect, h.channels, str(sorted(h.shape().items()))
 

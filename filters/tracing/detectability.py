@@ -190,7 +190,16 @@ def _stack(profile: Profile, axes: AxisMap, site: Site) -> tuple[Stack, NDArray[
     fastest = max((s.hz for s in profile.segments if isinstance(s, Sine)), default=0.0)
     hz = min(max(_HZ, _PER_PERIOD * fastest), _MOST_SAMPLES / profile.duration)
     t = np.arange(max(2, round(profile.duration * hz))) / hz
-    run = Run("", t, np.zeros((t.size, 6)), None, profile.angles(t), profile.rates(t), axes, site)
+    run = Run(
+        name="",
+        t=t,
+        reading=np.zeros((t.size, 6)),
+        temperature=None,
+        angles=profile.angles(t),
+        rates=profile.rates(t),
+        axes=axes,
+        site=site,
+    )
     stack = Stack.of([average(run, max(_BLOCK_S, 1.0 / hz))])
     segment = profile.index(stack.t)
     if profile.align == "marks":

@@ -60,7 +60,7 @@ class EvaluatedMotion:
 
     @property
     def expected(self) -> float:
-        """The d of that rival."""
+        """The d against that rival."""
         return self.d[self.hardest]
 
     @property

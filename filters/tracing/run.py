@@ -66,7 +66,7 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """Length."""
+        """Duration, s."""
         return float(self.t[-1] - self.t[0])
 
     @property

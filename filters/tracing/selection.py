@@ -106,7 +106,7 @@ class Selection:
         return float(self.design.gains(rest, [term])[0])
 
     def fit(self) -> Fit:
-        """Joint fit of all."""
+        """Joint least-squares fit of all selected terms."""
         return self.design.fit(self.terms)
 
     def on(self, channel: int) -> list[Term]:

@@ -49,7 +49,7 @@ class Stack:
 
     @classmethod
     def of(cls, blocks: Sequence[Blocks]) -> "Stack":
-        """Stack blocks."""
+        """Runs one after the other; cells are numbered on from run to run."""
         sizes = [b.t.size for b in blocks]
         run = np.repeat(np.arange(len(blocks)), sizes)
         t = np.concatenate([b.t for b in blocks])
@@ -64,7 +64,7 @@ class Stack:
         return cls(tuple(blocks), t, run, starts, y, weight, cell, float(np.mean([b.period for b in blocks])))
 
     def seconds(self, channel: int) -> float:
-        """Length of good data."""
+        """How long good data of a channel last, s."""
         return float(np.count_nonzero(self.weight[:, channel])) * self.period
 
     def white_sd(self) -> Array:

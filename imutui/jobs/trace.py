@@ -91,7 +91,7 @@ def trace(
     ValueError
         If they do not belong together, or do not follow their reference; the message says what to do.
     """
-    from filters.tracing import trace as tracing
+    from filters.tracing.trace import trace as trace_runs
 
     _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)
@@ -109,7 +109,7 @@ def trace(
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += run_consistency.expectations(fitted, held)
 
-    found = tracing.trace(
+    found = trace_runs(
         [read.run for read in fitted],
         None if held is None else held.run,
         asked=options.asked,
