@@ -8,10 +8,10 @@ import math
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from scipy import signal
 
 from filters.imu import CHANNELS
 from filters.motion.profile import AXES
+from filters.simulation.first_order import first_order
 from filters.simulation.parameters import (
     DPS,
     GYROS,
@@ -98,16 +98,14 @@ class ThermalLag:
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
-        self._memory: Array | None = None
+        self._memory: float | None = None
 
     def error(self, inputs: Inputs) -> Array:
         """k (T_τ - T)."""
         if self._memory is None:
-            self._memory = np.array([self._pole * inputs.temperature[0]])
-        lagged, self._memory = signal.lfilter(
-            [1.0 - self._pole], [1.0, -self._pole], inputs.temperature, zi=self._memory
-        )
-        return self._k * (np.asarray(lagged) - inputs.temperature)
+            self._memory = self._pole * float(inputs.temperature[0])
+        lagged, self._memory = first_order(inputs.temperature, 1.0 - self._pole, self._pole, self._memory)
+        return self._k * (lagged - inputs.temperature)
 
 
 class Hysteresis:
