@@ -12,7 +12,9 @@ from pathlib import Path
 from helpers.paths import ROOT
 
 PACKAGES = ("imutui", "filters")
-GROUND = {f"filters.{name}" for name in ("types", "channels", "earth", "attitude", "imu", "allan", "state")}
+GROUND = {
+    f"filters.{name}" for name in ("types", "channels", "first_order", "earth", "attitude", "imu", "allan", "state")
+}
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {

@@ -13,7 +13,7 @@ fault          `faults` all of them · `spikes`, `saturation` two of its searche
                `quantisation` steps of readings, size of noise · `fault_records` what the searches share
 
 What they are made of: `hypothesis` what every deterministic effect offers: regressor, parameters, shape · `inputs` what
-they are functions of · `lag` a first-order lag. What the filter takes: `records` effects as files keep them · `runtime`
+they are functions of. What the filter takes: `records` effects as files keep them · `runtime`
 their regressors from the past alone.
 
 Everything is in the instrument's own axes and sign, SI. Imports: the ground and `filters.motion`, never a filter. What

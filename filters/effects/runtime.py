@@ -17,8 +17,8 @@ from filters.effects import catalogue
 from filters.effects.drivers import SCALARS
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S, Inputs
-from filters.effects.lag import first_order
 from filters.effects.records import Included
+from filters.first_order import first_order
 from filters.imu import AxisMap
 from filters.motion import kinematics
 from filters.motion.reference import FORCE, QUATERNION, RATE
@@ -261,7 +261,7 @@ class _Thermal:
         _, slope = self._doubled(raw, 1)
         lagged = np.empty((raw.size, len(LAGS)))
         for k, pole in enumerate(self._lags):
-            lagged[:, k], self._lagging[k] = first_order(level, pole, self._lagging[k])
+            lagged[:, k], self._lagging[k] = first_order(level, 1.0 - pole, pole, self._lagging[k])
         return level, slope, lagged, self._played(level - self._start)
 
     def _filled(self, temperature: Array) -> Array:
@@ -280,8 +280,8 @@ class _Thermal:
         """Level and slope by double exponential smoothing."""
         assert self._memories is not None
         pole, tau = self._poles[which], (SMOOTH_S, SLOPE_S)[which]
-        once, self._memories[2 * which] = first_order(raw, pole, self._memories[2 * which])
-        twice, self._memories[2 * which + 1] = first_order(once, pole, self._memories[2 * which + 1])
+        once, self._memories[2 * which] = first_order(raw, 1.0 - pole, pole, self._memories[2 * which])
+        twice, self._memories[2 * which + 1] = first_order(once, 1.0 - pole, pole, self._memories[2 * which + 1])
         return 2.0 * once - twice, (once - twice) / tau
 
     def _played(self, u: Array) -> Array:

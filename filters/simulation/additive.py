@@ -8,10 +8,10 @@ import math
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from scipy import signal
 
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import PLAYS, REFERENCE_DEGC
+from filters.first_order import first_order
 from filters.motion.segments import AXES
 from filters.simulation.parameters import GYRO_CHANNELS, ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
@@ -87,15 +87,13 @@ class ThermalLag:
     def __init__(self, setup: Setup) -> None:
         self._k = setup.number("k")
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
-        self._memory: Array | None = None
+        self._memory: float | None = None
 
     def error(self, inputs: TrueInputs) -> Array:
         if self._memory is None:
-            self._memory = np.array([self._pole * inputs.temperature[0]])
-        lagged, self._memory = signal.lfilter(
-            [1.0 - self._pole], [1.0, -self._pole], inputs.temperature, zi=self._memory
-        )
-        return self._k * (np.asarray(lagged) - inputs.temperature)
+            self._memory = self._pole * float(inputs.temperature[0])
+        lagged, self._memory = first_order(inputs.temperature, 1.0 - self._pole, self._pole, self._memory)
+        return self._k * (lagged - inputs.temperature)
 
 
 class Hysteresis:

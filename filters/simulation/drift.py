@@ -4,9 +4,9 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from filters.channels import CHANNELS
+from filters.first_order import first_order
 from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
@@ -61,9 +61,9 @@ class GaussMarkov:
         self._pole = math.exp(-1.0 / (setup.rate_hz * setup.number("tau")))
         self._sd = setup.number("sd") * math.sqrt(-math.expm1(-2.0 / (setup.rate_hz * setup.number("tau"))))
         self._rng = setup.rng
-        self._memory = np.array([self._pole * setup.number("sd") * self._rng.standard_normal()])
+        self._memory = self._pole * setup.number("sd") * float(self._rng.standard_normal())
 
     def error(self, inputs: TrueInputs) -> Array:
         drive = self._sd * self._rng.standard_normal(inputs.t.size)
-        out, self._memory = signal.lfilter([1.0], [1.0, -self._pole], drive, zi=self._memory)
-        return np.asarray(out)
+        out, self._memory = first_order(drive, 1.0, self._pole, self._memory)
+        return out

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
+from filters.first_order import first_order
 from filters.imu import IMU400CD_200, LOOP_HZ, ImuSpec, Samples
 from filters.motion.profile import Profile
 from filters.simulation.additive import Additive
@@ -321,23 +321,20 @@ class _BandLimit:
 
     def __init__(self, poles: Array) -> None:
         self._poles = poles
-        self._memory = np.zeros((1, 6))
+        self._memory = np.zeros(6)
         self._settled = False
 
     def settle(self, values: Array) -> None:
         """Let the first values of all, shape (6,), have been there for ever."""
         if not self._settled:
-            self._memory[0] = self._poles * values
+            self._memory[:] = self._poles * values
             self._settled = True
 
     def limited(self, values: Array) -> Array:
         """The next values, shape (N, 6)."""
         out = np.empty_like(values)
-        for pole in np.unique(self._poles):
-            c = self._poles == pole
-            out[:, c], self._memory[:, c] = signal.lfilter(
-                [1.0 - pole], [1.0, -pole], values[:, c], axis=0, zi=self._memory[:, c]
-            )
+        for c, pole in enumerate(self._poles.tolist()):
+            out[:, c], self._memory[c] = first_order(values[:, c], 1.0 - pole, pole, self._memory[c])
         return out
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S
-from filters.effects.lag import first_order
+from filters.first_order import first_order
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -92,7 +92,7 @@ def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
 def lag(u: Array, samples: float) -> Array:
     """First-order lag of u, from equality at the start; time constant in samples."""
     pole = float(np.exp(-1.0 / samples))
-    return first_order(u, pole, pole * float(u[0]))[0]
+    return first_order(u, 1.0 - pole, pole, pole * float(u[0]))[0]
 
 
 def plays(u: Array) -> Array:

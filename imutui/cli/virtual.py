@@ -78,7 +78,9 @@ def command(
     unit = VirtualUnit(source, UnitOptions(serial_number=serial_number, version=version), seed or 0)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        # where a shell has put us into the background, its Ctrl+C is for others, and ignored from the start
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: stop.set())
 
     def ready(port: str) -> None:
         print(port, flush=True)

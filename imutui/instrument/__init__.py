@@ -1,5 +1,6 @@
 """The instrument's side of the program: protocol, port, time, and a virtual unit.
 
-`crossbow` bytes to events and back, with `messages` and `scaling`, no I/O · `clock` counter to time, no I/O · `port`
-the only user of pyserial · `unit` an IMU400CD as a state machine, no I/O · `virtual` the same on a pseudo-terminal.
+`crossbow` bytes to events and back, no I/O, with `messages`, `scaling`, `inbox`, `packet_search` and `reply_search` ·
+`clock` counter to time, no I/O · `port` the only user of pyserial · `unit` an IMU400CD as a state machine, no I/O ·
+`virtual` the same on a pseudo-terminal, `faults` of its line.
 """

@@ -6,7 +6,8 @@ With the instrument: `handshake` the opening dialogue · `reader_thread` reads t
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
 `lifecycle` where it stands.
 From packets to a file: `sample_pipeline` a run of samples · `averaging` packets to samples · `live_filter` the filter ·
-`recording` the file's life, `rotation` when it is full · `disk_space` · `timebase` UTC that no clock step moves.
+`recording` the file's life, `rotation` when it is full · `disk_space` · `timebase` UTC that no clock step moves ·
+`silence` of the unit.
 For viewers: `snapshot` what they see and `requests` what they ask, records only · `observe` fills the snapshot, with
 `observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it · `exit_codes`.

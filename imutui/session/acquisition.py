@@ -25,13 +25,15 @@ from imutui.session.recent_packets import RecentPackets
 from imutui.session.recording import Recording
 from imutui.session.requests import FilterChanges
 from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.silence import SilenceMonitor
 from imutui.session.snapshot import ProfileDescription, Snapshot
 from imutui.session.timebase import ClockStepMonitor, Timebase
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
-_WARNING, _ERROR = 30, 40
+INFORMATION, WARNING, ERROR = 20, 30, 40
+"""Levels of events, as /rosout has them."""
 
 
 class Acquisition:
@@ -83,7 +85,7 @@ class Acquisition:
         self._zeroing: Future[str] | None = None
         self._begins_recording = plan.record
         self._line_errors = (0, 0)
-        self._silent = False
+        self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
         self._duration_from_ns: int | None = None
         self._has_recorded = False
 
@@ -124,7 +126,7 @@ class Acquisition:
         pending, self._zeroing = self._zeroing, None
         if event.seconds is None:
             said = zeroing.unanswered(event.argument)
-            self.event("acquisition", said, _WARNING)
+            self.event("acquisition", said, WARNING)
             if pending is not None:
                 pending.set_exception(ValueError(said))
             return
@@ -141,23 +143,15 @@ class Acquisition:
             self._recording.measure_growth(now)
         if self._guide is not None:
             self._guide.advance(now)
-        self._look_for_silence(now)
+        silence = (now - self._reader.last_packet_ns) / 1e9
+        expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
+        silent = self._silence.check(silence, expected=expected)
+        if silent is not None:
+            text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
+            self.event("acquisition", text, WARNING if silent else INFORMATION)
         step = self._clock_steps.check()
         if step is not None:
-            self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", _WARNING)
-
-    def _look_for_silence(self, now_ns: int) -> None:
-        silence = (now_ns - self._reader.last_packet_ns) / 1e9
-        period = 1.0 / self._plan.rate_hz if self._plan.sampling == "polled" else 0.0
-        silent = silence > max(1.0, 3.0 * period) and self._zeroing is None
-        if silent != self._silent and self._lifecycle.streaming.is_set():
-            self._silent = silent
-            text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
-            self.event("acquisition", text, _WARNING if silent else 20)
-
-    def line_lost(self, message: str) -> None:
-        """Write down that the line went away."""
-        self.event("acquisition", message, _ERROR)
+            self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING)
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
@@ -323,7 +317,7 @@ class Acquisition:
 
     # -- files and runs of samples --------------------------------------------------------------------------------
 
-    def event(self, name: str, text: str, level: int = 20) -> None:
+    def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
         now = time.monotonic_ns()
         self._events.add(name, text, now)
@@ -350,7 +344,7 @@ class Acquisition:
         self.event("acquisition", f"recording to {recording.writer.path.name}")
         if self._plan.rotates != bool(self._plan.rotate_minutes or self._plan.rotate_mb):
             why = "the reference is told from one log's first sample on"
-            self.event("acquisition", f"the recording stays in one file: {why}", _WARNING)
+            self.event("acquisition", f"the recording stays in one file: {why}", WARNING)
         return str(recording.writer.path)
 
     def _is_file_full(self, now_ns: int) -> bool:

@@ -18,7 +18,7 @@ from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES
 from imutui.instrument.port import Port
 from imutui.session import exit_codes, ipc, live_filter, zeroing
-from imutui.session.acquisition import Acquisition
+from imutui.session.acquisition import ERROR, Acquisition
 from imutui.session.handshake import Identity, InstrumentError
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
@@ -193,7 +193,7 @@ class Engine:
                 self._acquisition.zeroing_finished(item)
             case LineLost():
                 self._fail(exit_codes.INSTRUMENT, item.message)
-                self._acquisition.line_lost(item.message)
+                self._acquisition.event("acquisition", item.message, ERROR)
             case QueuedCall():
                 self._carry_out(item)
 

@@ -11,7 +11,7 @@ UNITS = ("deg/s", "deg/s", "deg/s", "mg", "mg", "mg", "degC")
 STATISTICS_S = 10.0
 _SERIES_S = 30.0
 _CAPACITY = 8192
-_MOST_ROWS = 4000
+_MAX_ROWS = 4000
 
 
 class RecentPackets:
@@ -29,7 +29,7 @@ class RecentPackets:
         self._values = np.zeros((_CAPACITY, 7))
         self._counts = np.zeros(7, int)
         self.count = 0
-        self._since_interruption = 0
+        self._interrupted_at = 0
         self._interrupted = False
 
     def interrupt(self) -> None:
@@ -38,14 +38,14 @@ class RecentPackets:
 
     def _recent(self) -> tuple[np.ndarray, np.ndarray]:
         """Times and values that statistics are made of: the last 10 s, as far as they belong together."""
-        t, values = self._last(self.count - self._since_interruption)
+        t, values = self._last(self.count - self._interrupted_at)
         recent = t >= (t[-1] if t.size else 0.0) - STATISTICS_S
         return t[recent], values[recent]
 
     def add(self, t: float, packet: Packet) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
         if self._interrupted:
-            self._since_interruption, self._interrupted = self.count, False
+            self._interrupted_at, self._interrupted = self.count, False
         slot = self.count % _CAPACITY
         self._t[slot] = t
         values = self._values[slot]
@@ -94,7 +94,7 @@ class RecentPackets:
 
     def series(self, since: int) -> SeriesSnapshot:
         """Packets from number `since` on, at most the last 30 s."""
-        t, values = self._last(min(self.count - max(since, 0), _MOST_ROWS))
+        t, values = self._last(min(self.count - max(since, 0), _MAX_ROWS))
         if t.size:
             keep = t >= t[-1] - _SERIES_S
             t, values = t[keep], values[keep]

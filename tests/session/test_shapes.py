@@ -23,7 +23,7 @@ align = "marks"
 [[segment]]
 kind = "dwell"
 angles_deg = [0.0, 0.0, 0.0]
-seconds = 0.2
+seconds = 600.0
 [[segment]]
 kind = "rate"
 axis = "inner"

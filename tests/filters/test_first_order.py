@@ -1,4 +1,4 @@
-"""A first-order lag against scipy's filter, and what effects in the filter need of scipy."""
+"""The first-order recursion against scipy's filter, and what effects in the filter need of scipy."""
 
 import subprocess
 import sys
@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from filters.effects.lag import first_order
+from filters.first_order import first_order
 
 
-@pytest.mark.parametrize("pole", [0.5, 0.9, 0.9987, 1.0 - 1e-6])
+@pytest.mark.parametrize("pole", [0.0, 0.3, 0.5, 0.9, 0.9987, 1.0 - 1e-6])
 def test_a_lag_is_that_of_lfilter_to_the_last_bit(pole: float) -> None:
     """In one piece and in many: what was filtered before keeps its numbers."""
     u = np.random.default_rng(int(1e6 * pole)).normal(25.0, 3.0, 1000)
     expected, memory = signal.lfilter([1.0 - pole], [1.0, -pole], u, zi=np.array([pole * u[0]]))
-    whole, last = first_order(u, pole, pole * float(u[0]))
+    whole, last = first_order(u, 1.0 - pole, pole, pole * float(u[0]))
     assert np.array_equal(whole, expected)
     assert last == memory[0]
     parts, last = [], pole * float(u[0])
     for piece in np.array_split(u, 7):
-        out, last = first_order(piece, pole, last)
+        out, last = first_order(piece, 1.0 - pole, pole, last)
         parts.append(out)
     assert np.array_equal(np.concatenate(parts), whole)
 

@@ -1,0 +1,36 @@
+"""A first-order recursion, value by value: lags and band limits, of the filter's effects and of the simulation.
+
+Written out rather than left to `scipy.signal.lfilter`, whose numbers it gives to the last bit: replay, acquisition and
+the virtual instrument need nothing else of scipy.signal, which takes longer to load than a short log to filter.
+"""
+
+import numpy as np
+
+from filters.types import Array
+
+
+def first_order(values: Array, gain: float, pole: float, memory: float) -> tuple[Array, float]:
+    """First-order recursion over a stretch: y_k = gain x_k + pole y_{k-1}.
+
+    Parameters
+    ----------
+    values : Array
+        x, shape (N,).
+    gain, pole : float
+        With gain 1 - pole it is a lag: of unit gain at zero frequency.
+    memory : float
+        pole · y_{-1}; pole · x_0 for a lag that begins in equality.
+
+    Returns
+    -------
+    Array
+        y, shape (N,), unit of gain · x.
+    float
+        Memory for the stretch that follows.
+    """
+    out = []
+    for driven in (gain * values).tolist():
+        y = memory + driven
+        out.append(y)
+        memory = pole * y
+    return np.array(out, np.float64), memory
