@@ -244,7 +244,7 @@ def measured(base: type[Driver]) -> type[Driver]:
             super().__init__(*positional, **named)
 
         def write(self, data: str) -> None:
-            """Write."""
+            """Count and time a write, and pass it on."""
             _counted(self.meter, super().write, data)  # type: ignore[safe-super]
 
     return Counted

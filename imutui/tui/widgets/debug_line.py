@@ -12,5 +12,5 @@ class DebugLine(TextLines):
     DEFAULT_CSS = "DebugLine { height: 1; display: none; color: $foreground 60%; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One line."""
+        """What the frame monitor has measured, cut to the width."""
         return [self.line(f" {view.debug}"[:width])]

@@ -47,7 +47,7 @@ class OptionRows(OptionList, inherit_bindings=False):
         self._shown = plain
 
     def as_text(self) -> str:
-        """All lines."""
+        """The lines as they are shown, without the cursor."""
         return "\n".join(line.rstrip() for line in self._shown)
 
     @property

@@ -53,7 +53,7 @@ class Radio(Widget, can_focus=True):
         self.refresh()
 
     def watch_value(self) -> None:
-        """Tell."""
+        """Tell the page that another value is chosen."""
         self.post_message(self.Changed())
 
     def action_step(self, step: int) -> None:

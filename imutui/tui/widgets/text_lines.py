@@ -51,7 +51,7 @@ class TextLines(Widget):
         raise NotImplementedError
 
     def render(self) -> Content:
-        """All lines."""
+        """The lines as they were made for the newest view, or anew for another width or cursor."""
         if self._made is None or not self._fresh or self._made_for != self._width():
             self._made = self._make()
         self._fresh = False  # whatever asks again has another reason than a new view: a cursor that moved

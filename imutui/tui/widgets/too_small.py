@@ -12,7 +12,7 @@ class TooSmall(Widget):
     DEFAULT_CSS = "TooSmall { width: 1fr; height: 1fr; content-align: center middle; text-align: center; }"
 
     def render(self) -> Content:
-        """The message."""
+        """The size needed, the size there is, and what to do."""
         size, (width, height) = self.app.size, NEEDED
         return Content(
             f"imutui needs {width}x{height} characters;\nthis terminal has {size.width}x{size.height}.\n\n"

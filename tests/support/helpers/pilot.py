@@ -26,8 +26,14 @@ async def until(pilot: Pilot[Any], truth: Callable[[], object], rounds: int = 20
 
 
 async def shows(pilot: Pilot[Any], *texts: str) -> str:
-    """Wait until the screen has all texts; returns it."""
+    """Wait until the screen has all texts, wrapped or not; returns it."""
     app = pilot.app
     assert isinstance(app, ImutuiApp)
-    await until(pilot, lambda: all(t in text_of(app) for t in texts))
+
+    def has_all() -> bool:
+        screen = text_of(app)
+        unwrapped = " ".join(screen.split())
+        return all(text in screen or text in unwrapped for text in texts)
+
+    await until(pilot, has_all)
     return text_of(app)

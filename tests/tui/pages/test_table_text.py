@@ -45,7 +45,7 @@ def test_the_end_and_a_cancelled_run_say_what_next() -> None:
     assert "r finishes the file; then 6" in text.said(guide("done"), PROFILE, True)[1]
     assert "b begins again" in text.said(guide("done"), PROFILE, False)[0]
     assert "b resumes there" in text.said(guide("cancelled"), PROFILE, True)[1]
-    assert "by itself" in text.said(None, {**PROFILE, "align": "gyro"}, False, guided=False)[0]
+    assert "by itself" in text.said(None, {**PROFILE, "align": "gyro"}, False, by_hand=False)[0]
 
 
 def test_what_can_be_asked_follows_the_state() -> None:

@@ -200,7 +200,7 @@ class ConnectForm(Vertical):
         self.connect()
 
     def on_button_pressed(self) -> None:
-        """Connect."""
+        """The button connects to what is chosen."""
         self.connect()
 
     def connect(self) -> None:

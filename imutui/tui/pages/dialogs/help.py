@@ -122,13 +122,13 @@ class HelpDialog(ModalScreen[None]):
     ]
 
     def compose(self) -> ComposeResult:
-        """The text."""
+        """The help, and how to leave."""
         with VerticalScroll(classes="dialog help"):
             yield Static(Content(choose().text(HELP)))
             yield Static(Content.styled("arrows scroll, Esc closes", "dim"))
 
     def action_dismiss_help(self) -> None:
-        """Close."""
+        """Back to the page."""
         self.dismiss(None)
 
     def action_down(self) -> None:

@@ -23,7 +23,7 @@ class MarkDialog(ModalScreen[str | None]):
             yield Static(Content("Enter sets it with the time of Enter. Esc cancels."), classes="text")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Done."""
+        """Return the text; an empty one is "mark"."""
         self.dismiss(event.value.strip() or "mark")
 
     def action_cancel(self) -> None:

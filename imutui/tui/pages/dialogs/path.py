@@ -35,7 +35,7 @@ class PathDialog(ModalScreen[str | None]):
             yield Static(Content(self._hint), classes="text")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Enter."""
+        """Return the path; None for an empty one."""
         self.dismiss(event.value.strip() or None)
 
     def action_cancel(self) -> None:

@@ -34,13 +34,13 @@ class WhyDialog(ModalScreen[None]):
         self._view = view
 
     def compose(self) -> ComposeResult:
-        """The text."""
+        """The explanation, and how to leave."""
         with VerticalScroll(classes="dialog help"):
             yield Static(Content(choose().text(explanation(self._view))))
             yield Static(Content.styled("arrows scroll, Esc closes", "dim"))
 
     def action_dismiss_why(self) -> None:
-        """Close."""
+        """Back to the page."""
         self.dismiss(None)
 
     def action_down(self) -> None:

@@ -19,7 +19,7 @@ class WarmLine(TextLines):
     DEFAULT_CSS = "WarmLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One line."""
+        """Word, minutes, slope, advice; empty without an acquisition."""
         now = view.now
         said = messages.warm_up(now["since_start_s"], view.series.slope_per_minute(TEMPERATURE)) if now else ""
         word, _, rest = said.partition(" ")
@@ -32,7 +32,7 @@ class LinkLine(TextLines):
     DEFAULT_CSS = "LinkLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One line."""
+        """Rate asked and measured, packets lost, wrong checksums; empty without an acquisition."""
         now = view.now
         if now is None:
             return [Content("")]
@@ -59,7 +59,7 @@ class RecordingLine(TextLines):
     DEFAULT_CSS = "RecordingLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """One line."""
+        """Name, size, samples and flush of the file, shorter where there is no room."""
         now, recording = view.now, view.recording
         if recording is None:
             running = now is not None and now["state"] == "running"

@@ -102,11 +102,11 @@ class LogsPage(Page):
         return [self._job_line.job.what] if self._job_line.job is not None else []
 
     def abandon(self) -> None:
-        """End it."""
+        """End the job that runs, because the program ends."""
         self._job_line.cancel()
 
     def as_text(self) -> str:
-        """The recordings."""
+        """Folder, columns and the recordings in it."""
         return f"{self.folder}\n{text.heading(self.app.size.width - 1)}\n{self._rows.as_text()}"
 
     def show(self, view: View) -> None:

@@ -22,7 +22,7 @@ class RecordingState(TextLines):
         """What was written last: names and values."""
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Eight lines."""
+        """State and hint; four lines of the file, written or to come; rate, losses, line."""
         now = view.now
         level, said = text.state(now)
         style = LEVEL_STYLES[level]

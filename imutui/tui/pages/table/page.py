@@ -221,7 +221,7 @@ class TablePage(Page):
         self.post_message(requests.BeginGuide())
 
     def action_choose(self) -> None:
-        """Another profile."""
+        """Back to the list, to take another profile."""
         self._choosing = True
         self._part()
         self.look()
