@@ -5,11 +5,14 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from imutui.cli.options import Effects, End, Force, Json, Output, Reference, Start, effects_of, reference_of
+
+if TYPE_CHECKING:
+    from imutui.logbook.session_info import Overrides
 
 
 def command(
@@ -121,7 +124,7 @@ def _tell(log: Path, document: dict[str, Any]) -> None:
         say(f"imutui: cannot be told apart: {sentence}")
 
 
-def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> dict[str, Any]:
+def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
     from imutui.config import ConfigError, parse_pairs
 
     fields = {
@@ -139,7 +142,7 @@ def _overrides(filter_name: str | None, reference: str | None, pairs: list[str])
         raise ConfigError(
             f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}"
         )
-    overrides = {fields[key]: value for key, value in values.items()}
+    overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
     if filter_name is not None:
         overrides["filter"] = filter_name
     if reference is not None:

@@ -167,7 +167,7 @@ def _judge(found: Scan, data: mmap.mmap) -> None:
 
 
 def content(data: mmap.mmap | bytes, piece: Piece) -> bytes:
-    """Bytes of a record's content."""
+    """Content of a record, copied out of the file's bytes."""
     return bytes(data[piece.at : piece.at + piece.length])
 
 
@@ -185,7 +185,7 @@ class _FileWalk:
         self._in_summary = False
 
     def run(self) -> None:
-        """Fill the scan."""
+        """Walk from the first byte to the last and note pieces and damages in the scan."""
         found = self._found
         found.index = self._index(found.size)
         at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else self._after_damage(0, "it does not begin as it must")

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ class LogWriter:
             raise
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
-        """Add an attachment."""
+        """Add an attachment, stamped with `now_ns`, UTC, ns."""
         self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
 
     def flush(self) -> None:
@@ -115,7 +116,7 @@ class LogWriter:
             raise
         self._good = self._file.tell()
 
-    def finish(self, summary: dict[str, Any], now_ns: int) -> None:
+    def finish(self, summary: Mapping[str, object], now_ns: int) -> None:
         """Write the quality summary and the index, and close; after a failure there is nothing left to do."""
         if self._broken:
             return
