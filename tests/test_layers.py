@@ -116,8 +116,12 @@ def test_there_are_no_import_cycles() -> None:
 @pytest.mark.parametrize("module", [m for m in MODULES if within(m, "imutui.cli")])
 def test_a_command_imports_what_is_heavy_when_it_runs(module: str) -> None:
     """Help is instant: no command loads numpy, textual, mcap or a filter at the top of its module."""
-    if module in ("imutui.cli.readings", "imutui.cli.following", "imutui.cli.session_options"):
+    if module in ("imutui.cli.virtual_readings", "imutui.cli.follow_acquisition", "imutui.cli.session_options"):
         return  # helpers that commands import when they run
     heavy = {n for n in imports(MODULES[module], top_level=True) if within(n, "filters") or within(n, "imutui")}
-    heavy = {n for n in heavy if not within(n, "imutui.cli") or n.rsplit(".", 1)[-1] in ("readings", "following")}
+    heavy = {
+        n
+        for n in heavy
+        if not within(n, "imutui.cli") or n.rsplit(".", 1)[-1] in ("virtual_readings", "follow_acquisition")
+    }
     assert not heavy, f"{module} imports {sorted(heavy)} at its top"

@@ -50,7 +50,7 @@ def command(
 
     Example: imutui devices --probe
     """
-    from imutui.cli.outcome import FINDINGS, FINE
+    from imutui.cli.exit_codes import FINDINGS, FINE
     from imutui.session import client
 
     running = _running()

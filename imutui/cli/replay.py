@@ -45,8 +45,8 @@ def command(
 
     Example: imutui replay logs/*.mcap --json
     """
-    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing, say
-    from imutui.cli.tables import print_result
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
+    from imutui.cli.result_table import print_result
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
 
@@ -103,7 +103,7 @@ def _show(text: str) -> None:
 
 
 def _one(log: Path, options: Any, progress: Any = None) -> Any:
-    from imutui.cli.outcome import in_words
+    from imutui.cli.exit_codes import in_words
     from imutui.jobs.replay import replay
 
     try:
@@ -113,7 +113,7 @@ def _one(log: Path, options: Any, progress: Any = None) -> Any:
 
 
 def _tell(log: Path, document: dict[str, Any]) -> None:
-    from imutui.cli.outcome import say
+    from imutui.cli.exit_codes import say
 
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
