@@ -46,7 +46,6 @@ def command(
     Example: imutui replay logs/*.mcap --json
     """
     from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
-    from imutui.cli.result_table import print_result
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
 
@@ -76,6 +75,8 @@ def command(
     if json and (documents or len(logs) > 1):
         print(dumps(documents if len(logs) > 1 else documents[0]))
     elif not json:
+        from imutui.cli.result_table import print_result
+
         for document in documents:
             print_result(document)
     raise typer.Exit(code)
