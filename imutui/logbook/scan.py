@@ -37,6 +37,7 @@ from imutui.logbook.session_info import METADATA
 RECOVERED = "imutui.recovered"
 """Metadata record of a file that was rebuilt: from what, and what was lost."""
 _DEPTH = 3
+"""Heads of records that must make sense one after the other before bytes count as records."""
 
 _ATTACHED = (summary.CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
 _MARKS: tuple[tuple[bytes, int, int], ...] = (
