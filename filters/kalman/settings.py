@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 FILTERS = ("spkf", "spkf-paper", "ekf")
 """Filters by name; `filters.kalman.engines.ENGINES` makes them."""
 MEASUREMENTS = ("exact", "drawn")
-GAP_PERIODS = 2.5
+GAP = 2.5
 """Sample periods beyond which a step is a gap."""
 
 

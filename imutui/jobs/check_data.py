@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from filters.imu import CHANNELS, LOOP_HZ
-from filters.kalman.settings import GAP_PERIODS
+from filters.kalman.settings import GAP
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding
@@ -76,7 +76,7 @@ def _gaps(log: CheckContext) -> Iterator[Finding]:
     steps = np.diff(log.t)
     info = log.audit.info
     period = 1.0 / info.rate_hz if info is not None else float(np.median(steps))
-    long = np.flatnonzero(steps > GAP_PERIODS * period)
+    long = np.flatnonzero(steps > GAP * period)
     # bursts of a host's stamps are no gaps in the samples
     if (long.size and long.size <= max(1.0, 0.001 * steps.size)) or (
         long.size and info is not None and log.raw is not None

@@ -13,7 +13,7 @@ import numpy as np
 from filters.imu import Noise
 from filters.kalman import layout, runner
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import GAP_PERIODS, Settings
+from filters.kalman.settings import GAP, Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
@@ -252,7 +252,7 @@ def measured_noise(info: SessionInfo, part: Part) -> Noise:
             " still log, or leave filter.noise at table1."
         )
     period = 1.0 / info.rate_hz
-    breaks = np.flatnonzero(np.diff(part.t) > GAP_PERIODS * period) + 1
+    breaks = np.flatnonzero(np.diff(part.t) > GAP * period) + 1
     # bursts of a host's stamps are no gaps in the samples
     if breaks.size > 0.001 * part.t.size:
         breaks = breaks[:0]
