@@ -19,8 +19,8 @@ from filters.motion.segments import Dwell, Rate, Sampled
 from filters.simulation import Fault, PowerOn, Scenario, Temperature, Unit
 from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
-from imutui.cli.outcome import handled
-from imutui.cli.readings import SimulatedReadings, simulated
+from imutui.cli.exit_codes import handled
+from imutui.cli.virtual_readings import SimulatedReadings, simulated
 from imutui.logbook import reader
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 

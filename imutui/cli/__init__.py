@@ -1,5 +1,9 @@
 """The commands, one file each; the only place with exit codes.
 
+What is no command: `exit_codes` how a command ends · `options`, `session_options` what several commands take ·
+`each_log` one job over logs named on the command line · `result_table` a result for people · `follow_acquisition` what
+`record` and the headless demo show · `virtual_readings` what the virtual instrument reads.
+
 0 fine · 1 findings (not converged, damaged file) · 2 usage · 3 input unreadable · 4 instrument or port · 5 disk ·
 130 interrupted. Each command imports what it needs when it runs, so that help is instant.
 """
@@ -28,7 +32,7 @@ from imutui.cli import (
     trace,
     virtual,
 )
-from imutui.cli.outcome import handled
+from imutui.cli.exit_codes import handled
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo.command,

@@ -52,7 +52,7 @@ def has_screen() -> bool:
 
 def _show(connection: "Client | None") -> None:
     from imutui import config
-    from imutui.cli.outcome import USAGE, fail
+    from imutui.cli.exit_codes import USAGE, fail
     from imutui.cli.session_options import plan_from
 
     if not has_screen():

@@ -20,7 +20,7 @@ def command(
 
     Example: imutui check logs/*.mcap
     """
-    from imutui.cli.several import over
+    from imutui.cli.each_log import over
     from imutui.jobs.check import check
     from imutui.report.logs import check_text
 

@@ -21,7 +21,7 @@ def command(
     Example: imutui config --show
     """
     from imutui import config
-    from imutui.cli.outcome import say
+    from imutui.cli.exit_codes import say
     from imutui.logbook.json_text import dumps
 
     loaded = config.load()

@@ -30,8 +30,8 @@ def command(
     """
     from imutui import config
     from imutui.cli.attach import has_screen
-    from imutui.cli.following import follow
-    from imutui.cli.outcome import USAGE, fail
+    from imutui.cli.exit_codes import USAGE, fail
+    from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
     from imutui.session.plan import DEMO_RATE_HZ, demo
 

@@ -1,6 +1,6 @@
 """`imutui devices`."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Required, TypedDict
 
 import typer
 
@@ -8,6 +8,31 @@ from imutui.cli.options import Json
 
 if TYPE_CHECKING:
     from imutui.session.snapshot import ProbeAnswer
+
+
+class PortEntry(TypedDict, total=False):
+    """A port, and what answers there if it was asked; see `session.snapshot.ProbeAnswer`."""
+
+    port: Required[str]
+    description: Required[str]
+    answers: bool
+    instrument: str
+    serial_number: str
+    firmware: str
+    baud: int | None
+    error: str | None
+
+
+class AcquisitionEntry(TypedDict, total=False):
+    """An acquisition of this user; one on its way up has a name and a state only."""
+
+    name: Required[str]
+    state: Required[str]
+    port: str
+    instrument: str
+    serial_number: str
+    kind: str
+    recording: bool
 
 
 def command(
@@ -25,16 +50,15 @@ def command(
 
     Example: imutui devices --probe
     """
-    from imutui.cli.outcome import FINDINGS, FINE
+    from imutui.cli.exit_codes import FINDINGS, FINE
     from imutui.session import client
 
     running = _running()
-    known = [{"port": name, "description": text} for name, text in client.ports()]
-    found: list[dict[str, Any]] = [dict(p) for p in known if not ports or p["port"] in ports]
+    known: list[PortEntry] = [{"port": name, "description": text} for name, text in client.ports()]
+    found = [entry for entry in known if not ports or entry["port"] in ports]
     found += [{"port": name, "description": ""} for name in ports or () if name not in [p["port"] for p in found]]
     if probe or ports:
-        for entry in found:
-            entry.update(_probed(entry["port"]))
+        found = [_with_answer(entry, _probed(entry["port"])) for entry in found]
     if json:
         from imutui.logbook.json_text import dumps
 
@@ -42,6 +66,10 @@ def command(
     else:
         _tell(found, running)
     raise typer.Exit(FINDINGS if any(not entry.get("answers", True) for entry in found) else FINE)
+
+
+def _with_answer(entry: PortEntry, answer: "ProbeAnswer") -> PortEntry:
+    return {**entry, **answer}
 
 
 def _probed(port: str) -> "ProbeAnswer":
@@ -58,11 +86,11 @@ def _probed(port: str) -> "ProbeAnswer":
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _running() -> list[dict[str, Any]]:
+def _running() -> list[AcquisitionEntry]:
     """Acquisitions of this user: name, port, instrument, state; those on their way up by name only."""
     from imutui.session import client
 
-    out: list[dict[str, Any]] = []
+    out: list[AcquisitionEntry] = []
     for name in client.running():
         try:
             found = client.attach(name)
@@ -85,7 +113,7 @@ def _running() -> list[dict[str, Any]]:
     return out
 
 
-def _tell(found: list[dict[str, Any]], running: list[dict[str, Any]]) -> None:
+def _tell(found: list[PortEntry], running: list[AcquisitionEntry]) -> None:
     if not found:
         print("no serial port on this machine. Plug the adapter in; `imutui demo` needs none.")
     for entry in found:
@@ -102,7 +130,7 @@ def _tell(found: list[dict[str, Any]], running: list[dict[str, Any]]) -> None:
         print(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
 
 
-def _answer(entry: dict[str, Any]) -> str:
+def _answer(entry: PortEntry) -> str:
     if not entry["answers"]:
         return f"no answer: {entry['error']}"
     number = f" #{entry['serial_number']}" if entry["serial_number"] else ""

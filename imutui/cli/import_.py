@@ -53,7 +53,7 @@ def command(
     Example: imutui import still.npz -o still.mcap --accel-sign +1 --reference gravity
     """
     from imutui import config
-    from imutui.cli.outcome import USAGE, fail, refuse_existing, say
+    from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say
     from imutui.cli.session_options import session_from
     from imutui.logbook import import_reference, importer
 

@@ -18,7 +18,7 @@ def command(
 
     Example: imutui info logs/sample.mcap
     """
-    from imutui.cli.several import over
+    from imutui.cli.each_log import over
     from imutui.jobs.info import info
     from imutui.report.logs import info_text
 

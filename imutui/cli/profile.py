@@ -26,7 +26,7 @@ def command(
 
     Example: imutui profile "six positions, 30 s each"
     """
-    from imutui.cli.outcome import UNREADABLE, fail
+    from imutui.cli.exit_codes import UNREADABLE, fail
     from imutui.jobs import operator_steps
     from imutui.logbook.json_text import dumps
 

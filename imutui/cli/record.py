@@ -72,8 +72,8 @@ def command(
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
     from imutui import config
-    from imutui.cli.following import follow
-    from imutui.cli.outcome import refuse_existing
+    from imutui.cli.exit_codes import refuse_existing
+    from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
 
     if output is not None:

@@ -23,8 +23,8 @@ def command(
 
     Example: imutui recover logs/broken.mcap -o logs/fixed.mcap
     """
-    from imutui.cli.outcome import FINDINGS, FINE, refuse_existing
-    from imutui.cli.several import progress, width
+    from imutui.cli.each_log import progress, width
+    from imutui.cli.exit_codes import FINDINGS, FINE, refuse_existing
     from imutui.jobs.recover import recover
     from imutui.logbook.json_text import dumps
     from imutui.report.logs import recover_text

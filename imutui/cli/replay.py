@@ -13,6 +13,7 @@ from imutui.cli.options import Effects, End, Force, Json, Output, Reference, Sta
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
+    from imutui.logbook.session_info import Overrides
 
 
 def command(
@@ -45,8 +46,7 @@ def command(
 
     Example: imutui replay logs/*.mcap --json
     """
-    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, refuse_existing, say
-    from imutui.cli.tables import print_result
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
 
@@ -76,6 +76,8 @@ def command(
     if json and (documents or len(logs) > 1):
         print(dumps(documents if len(logs) > 1 else documents[0]))
     elif not json:
+        from imutui.cli.result_table import print_result
+
         for document in documents:
             print_result(document)
     raise typer.Exit(code)
@@ -103,7 +105,7 @@ def _show(text: str) -> None:
 
 
 def _one(log: Path, options: Any, progress: Any = None) -> Any:
-    from imutui.cli.outcome import in_words
+    from imutui.cli.exit_codes import in_words
     from imutui.jobs.replay import replay
 
     try:
@@ -113,7 +115,7 @@ def _one(log: Path, options: Any, progress: Any = None) -> Any:
 
 
 def _tell(log: Path, document: "ResultDocument") -> None:
-    from imutui.cli.outcome import say
+    from imutui.cli.exit_codes import say
 
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
@@ -124,7 +126,7 @@ def _tell(log: Path, document: "ResultDocument") -> None:
         say(f"imutui: cannot be told apart: {sentence}")
 
 
-def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> dict[str, Any]:
+def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
     from imutui.config import ConfigError, parse_pairs
 
     fields = {
@@ -142,7 +144,7 @@ def _overrides(filter_name: str | None, reference: str | None, pairs: list[str])
         raise ConfigError(
             f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}"
         )
-    overrides = {fields[key]: value for key, value in values.items()}
+    overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
     if filter_name is not None:
         overrides["filter"] = filter_name
     if reference is not None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imutui.cli.outcome import say
+from imutui.cli.exit_codes import say
 from imutui.config import Config
 from imutui.session.plan import Plan
 

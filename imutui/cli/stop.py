@@ -8,7 +8,7 @@ def command(name: Name = None, json: Json = False) -> None:
 
     Example: imutui stop
     """
-    from imutui.cli.outcome import say
+    from imutui.cli.exit_codes import say
     from imutui.logbook.json_text import dumps
     from imutui.session import client
 
@@ -18,6 +18,6 @@ def command(name: Name = None, json: Json = False) -> None:
     elif result is None:
         say("stopped; nothing was being recorded")
     else:
-        from imutui.cli.tables import print_result
+        from imutui.cli.result_table import print_result
 
         print_result(result)

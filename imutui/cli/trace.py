@@ -42,7 +42,7 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.outcome import FINDINGS, FINE, USAGE, fail, say
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say
     from imutui.jobs.trace import TraceOptions, trace
     from imutui.logbook.json_text import dumps
     from imutui.report import sentences
@@ -77,7 +77,7 @@ def command(
 
 def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], force: bool) -> None:
     """Refuse what cannot be written before minutes are spent on it."""
-    from imutui.cli.outcome import USAGE, fail, refuse_existing
+    from imutui.cli.exit_codes import USAGE, fail, refuse_existing
 
     if output is not None:
         if any(output.exists() and log.exists() and output.samefile(log) for log in logs):
@@ -97,7 +97,7 @@ def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], f
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
-    from imutui.cli.outcome import say
+    from imutui.cli.exit_codes import say
     from imutui.logbook import atomic_file, effects_file
 
     atomic_file.write(output, effects_file.dumps(traced.trace, traced.source), overwrite=force)

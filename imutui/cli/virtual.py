@@ -48,8 +48,8 @@ def command(
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
-    from imutui.cli.outcome import UNREADABLE, USAGE, fail, refuse_existing, say
-    from imutui.cli.readings import SIMULATED, played, simulated
+    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say
+    from imutui.cli.virtual_readings import SIMULATED, played, simulated
     from imutui.instrument.virtual import FaultyLine, Source, UnitOptions, VirtualUnit, serve
     from imutui.scenario import ScenarioError
 

@@ -89,7 +89,7 @@ class Brief:
 
     @property
     def name(self) -> str:
-        """File name."""
+        """Name of the file, without its folder."""
         return self.path.name
 
 

@@ -190,7 +190,7 @@ def from_segments(segments: Sequence[Mapping[str, Any]], align: str = "none") ->
 
 
 def steps(profile: Profile) -> list[OperatorStep]:
-    """The guided list."""
+    """Segments of a profile as an operator has them, in order."""
     shown = makes_observable(profile)
     return [
         OperatorStep(what_to_do(segment), seconds_of(segment), tuple(own))
@@ -199,7 +199,7 @@ def steps(profile: Profile) -> list[OperatorStep]:
 
 
 def document(profile: Profile, name: str) -> GuidedListDocument:
-    """The guided list, JSON-ready."""
+    """`steps` of a profile with its name and length, JSON-ready."""
     return {
         "version": VERSION,
         "profile": name,

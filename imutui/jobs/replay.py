@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, ResultDocument, Timings
-from imutui.logbook.session_info import FROM_LOG, SessionInfo
+from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
 from imutui.logbook.writer import LogWriter
 
 ESTIMATES_HZ = 1.0
@@ -45,7 +44,7 @@ class ReplayOptions:
     ----------
     start, end : float or None
         Part of the log, s since its first sample.
-    overrides : dict
+    overrides : Overrides or None
         Fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
     reference : ReferenceFile or None
         A profile or trajectory instead of what the log has.
@@ -63,7 +62,7 @@ class ReplayOptions:
 
     start: float | None = None
     end: float | None = None
-    overrides: dict[str, Any] | None = None
+    overrides: Overrides | None = None
     reference: ReferenceFile | None = None
     effects: bytes | None = None
     speed: float | None = None
@@ -208,7 +207,7 @@ def session_of(log: Log, options: ReplayOptions) -> SessionInfo:
         digest = hashlib.sha256(options.reference.content).hexdigest()
         info = replace(info, reference=options.reference.kind, reference_sha256=digest)
     info = replace(info, effects_sha256=effects_file.digest(effects_of(log, options)))
-    return replace(info, **(options.overrides or {}))
+    return info.overridden(options.overrides or {})
 
 
 def effects_of(log: Log, options: ReplayOptions) -> bytes:
@@ -350,5 +349,5 @@ class _EstimateSink:
         self._part.replace(self._output)
 
     def abandon(self) -> None:
-        """Leave nothing behind."""
+        """Remove the unfinished file of estimates."""
         self._part.unlink(missing_ok=True)

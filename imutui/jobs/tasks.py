@@ -72,14 +72,14 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
 
 
 def info_log(path: Path, tell: Tell) -> "InfoDocument":
-    """All that is in a log."""
+    """All that is in a log, see `jobs.info`."""
     from imutui.jobs import info
 
     return info.info(path, tell)
 
 
 def check_log(path: Path, tell: Tell) -> "CheckDocument":
-    """A log's integrity."""
+    """Whether a log is whole and its parts agree, see `jobs.check`."""
     from imutui.jobs import check
 
     return check.check(path, tell)

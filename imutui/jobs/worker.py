@@ -82,7 +82,7 @@ class Worker:
         self._failure: Failure | None = None
 
     def start(self) -> None:
-        """Begin; returns at once."""
+        """Start the process and hand it the job; returns at once."""
         assert self._process is None, "a worker works once"
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, "-P", "-m", __name__]

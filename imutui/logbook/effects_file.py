@@ -76,7 +76,7 @@ class EffectsDocument:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """Of all effects, in order."""
+        """States of all effects, in the order of the correlation's rows."""
         return tuple(state for effect in self.effects for state in effect.states)
 
     def covariance(self) -> np.ndarray:

@@ -28,7 +28,7 @@ class BiasVerdicts:
 
     @classmethod
     def of(cls, estimator: Estimator, info: SessionInfo) -> "BiasVerdicts":
-        """As it stands."""
+        """What the estimator says after its latest sample."""
         axes = info.axes()
         since = results.converged_since(estimator, axes)
         converged = tuple(s is not None for name in ("accel_bias", "gyro_bias") for s in since[name])

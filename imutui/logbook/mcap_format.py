@@ -158,7 +158,7 @@ def _from_lz4(chunk: Chunk) -> bytes:
 
     inflater = lz4.frame.LZ4FrameDecompressor()
     try:
-        content = inflater.decompress(chunk.data, max_length=chunk.uncompressed_size)
+        content = inflater.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
     except RuntimeError as error:
         raise McapError("a chunk cannot be decompressed") from error
     if len(content) != chunk.uncompressed_size:

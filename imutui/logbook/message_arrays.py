@@ -8,7 +8,6 @@ import mmap
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import zstandard
@@ -111,7 +110,7 @@ class Audit:
     undecodable: list[tuple[str, int, str]] = field(default_factory=list)
     undecodable_count: int = 0
     homeless: int = 0
-    result: dict[str, Any] = field(default_factory=dict)
+    result: dict[str, object] = field(default_factory=dict)
 
     @property
     def imu_topic(self) -> str | None:
@@ -158,7 +157,7 @@ class _Work:
                 self._declare(channel)
 
     def take(self, piece: Piece, body: bytes) -> None:
-        """One whole record."""
+        """Take a record of the file: a chunk's messages, metadata, an attachment, or what stands outside of chunks."""
         if piece.opcode == Opcode.CHUNK:
             self._records(mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor))
         elif piece.opcode == Opcode.METADATA:

@@ -64,7 +64,7 @@ class RebuiltContent:
 
     @property
     def messages(self) -> int:
-        """All of them."""
+        """Messages on all topics."""
         return sum(self.topics.values())
 
 
@@ -139,7 +139,7 @@ class _Copy:
         )
 
     def take(self, piece: Piece) -> None:
-        """One record of the file."""
+        """Copy one whole record of the source, a chunk message by message."""
         body = scanning.content(self._data, piece)
         if piece.opcode == Opcode.CHUNK:
             self.kept.chunks += 1

@@ -37,6 +37,7 @@ from imutui.logbook.session_info import METADATA
 RECOVERED = "imutui.recovered"
 """Metadata record of a file that was rebuilt: from what, and what was lost."""
 _DEPTH = 3
+"""Heads of records that must make sense one after the other before bytes count as records."""
 
 _ATTACHED = (summary.CONFIGURATION, effects_file.ATTACHMENT, summary.SUMMARY, *reference_file.ATTACHMENTS)
 _MARKS: tuple[tuple[bytes, int, int], ...] = (
@@ -167,7 +168,7 @@ def _judge(found: Scan, data: mmap.mmap) -> None:
 
 
 def content(data: mmap.mmap | bytes, piece: Piece) -> bytes:
-    """Bytes of a record's content."""
+    """Content of a record, copied out of the file's bytes."""
     return bytes(data[piece.at : piece.at + piece.length])
 
 
@@ -185,7 +186,7 @@ class _FileWalk:
         self._in_summary = False
 
     def run(self) -> None:
-        """Fill the scan."""
+        """Walk from the first byte to the last and note pieces and damages in the scan."""
         found = self._found
         found.index = self._index(found.size)
         at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else self._after_damage(0, "it does not begin as it must")

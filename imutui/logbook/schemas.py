@@ -217,12 +217,12 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 
 def make(typename: str, **fields: Any) -> Any:
-    """Message of a type."""
+    """Message object of a type, to be filled and encoded."""
     return typestore().types[typename](**fields)
 
 
 def header(stamp_ns: int, frame_id: str) -> Any:
-    """std_msgs/Header."""
+    """std_msgs/Header with a stamp (UTC, ns) and the frame that the numbers are in."""
     return make("std_msgs/msg/Header", stamp=_time(stamp_ns), frame_id=frame_id)
 
 
@@ -296,7 +296,7 @@ def encode_table_reference(stamp: int, kind: str, angles_deg: list[float], rates
 
 
 def table_reference(stamp: int, kind: str, angles_deg: np.ndarray, rates_dps: np.ndarray) -> Any:
-    """imutui_msgs/TableReference."""
+    """imutui_msgs/TableReference: what is known of the table, angles (deg, (3,)) and rates (deg/s, (3,))."""
     head = header(stamp, "table")
     return make(TYPES[REFERENCE], header=head, kind=kind, angles_deg=angles_deg, rates_dps=rates_dps)
 

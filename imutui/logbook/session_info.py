@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -25,6 +26,9 @@ UNKNOWN = "unknown"
 TABLE_1 = "table1"
 FROM_LOG = "log"
 NOISES = (TABLE_1, FROM_LOG)
+
+Overrides: TypeAlias = Mapping[str, str | float]
+"""Values of some fields of `SessionInfo`, by the field's name, to replace a log's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +145,10 @@ class SessionInfo:
             offset_sd=offset_sd,
             effects=effects,
         )
+
+    def overridden(self, values: Overrides) -> "SessionInfo":
+        """The same session with other values of some fields; raises TypeError if there is no such field."""
+        return replace(self, **cast("dict[str, Any]", values))
 
     def strings(self) -> dict[str, str]:
         """Fields as MCAP metadata."""

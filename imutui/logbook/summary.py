@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import zstandard
 from mcap.opcode import Opcode
@@ -74,7 +74,7 @@ class Summary:
     samples: int | None = None
     started_ns: int | None = None
     seconds: float | None = None
-    result: dict[str, Any] = field(default_factory=dict)
+    result: dict[str, object] = field(default_factory=dict)
     attachments: dict[str, int] = field(default_factory=dict)
     by_ends: bool = False
 
@@ -163,8 +163,9 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
         found.started_ns = statistics.message_start_time
         found.seconds = (statistics.message_end_time - statistics.message_start_time) / 1e9
     # of the samples alone, where it was counted
-    if isinstance(found.result.get("duration_s"), float) and found.samples:
-        found.seconds = found.result["duration_s"]
+    counted = found.result.get("duration_s")
+    if isinstance(counted, float) and found.samples:
+        found.seconds = counted
 
 
 def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:

@@ -102,7 +102,7 @@ class LogWriter:
             raise
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
-        """Add an attachment."""
+        """Add an attachment, stamped with `now_ns`, UTC, ns."""
         self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
 
     def flush(self) -> None:

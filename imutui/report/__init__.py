@@ -1,4 +1,5 @@
-"""Pages and figures from result records: pure functions, no reading of logs, no judgement of their own.
+"""Pages, figures and text from result records: pure functions, no reading of logs, no judgement of their own.
 
-`sentences` what a trace found, in words   `figures` matplotlib, the only user of it   `page` one HTML file
+`sentences` what a trace found, in words · `logs` what `info`, `check` and `recover` found · `numbers` as people read
+them · `figures` matplotlib, the only user of it · `page` one HTML file
 """

@@ -56,7 +56,7 @@ def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], so
 
 
 def page(document: TraceDocument, made: Sequence[Picture], source: str) -> str:
-    """Text of the page."""
+    """HTML of the page, pictures and style in it."""
     head, *lines = sentences.headline(document, source)
     body = [f"<h1>{escape(head)}</h1>", *(f"<p>{escape(line)}</p>" for line in lines), "<table>"]
     for line in sentences.channel_lines(document):

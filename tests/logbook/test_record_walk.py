@@ -5,13 +5,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from logbook.test_reader import LAYOUTS, START, recorded, rewritten, with_frame
+from mcap.exceptions import McapError
+from mcap.records import Chunk
 
-from imutui.logbook import message_arrays, message_layout, reader, record_walk, scan, schemas
+from imutui.logbook import mcap_format, message_arrays, message_layout, reader, record_walk, scan, schemas
 from imutui.logbook.mcap_format import HEAD, MESSAGE
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.record_walk import PLAIN, Walk, compiled
@@ -132,3 +136,24 @@ def test_both_walks_take_the_same_fields(seed: int, changes: int) -> None:
         plain = walk.gather(data, rows, roles, *into)
         taken.append((counts.tolist(), others.tolist(), plain, [a.tobytes() for a in into] if plain else None))
     assert taken[0] == taken[1]
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+def test_a_chunk_takes_no_more_memory_than_it_says(compression: str) -> None:
+    """A chunk of a few bytes that says little and holds much, or says too much, is damage in words."""
+    content = bytes(2**22)
+    packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](content)
+    decompressor = zstandard.ZstdDecompressor()
+
+    def chunk(size: int, data: bytes = packed) -> Chunk:
+        return Chunk(compression, data, 0, 0, 0, size)
+
+    assert mcap_format.inflated(chunk(len(content)), decompressor) == content
+    for wrong in (chunk(mcap_format.LIMIT + 1), *([chunk(10)] if compression == "lz4" else [])):
+        with pytest.raises(McapError):
+            mcap_format.inflated(wrong, decompressor)
+    if compression:
+        with pytest.raises((McapError, zstandard.ZstdError)):
+            mcap_format.inflated(chunk(len(content), packed[:20]), decompressor)
+    with pytest.raises(mcap_format.ChecksumError):
+        mcap_format.inflated(Chunk(compression, packed, 0, 0, 1, len(content)), decompressor)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import typer
 
-from imutui.cli.outcome import FINDINGS, FINE, in_words, say
+from imutui.cli.exit_codes import FINDINGS, FINE, in_words, say
 
 _WIDEST = 100
 

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from imutui.cli.outcome import FINDINGS, FINE, INTERRUPTED, say
-from imutui.cli.tables import print_result
+from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, say
+from imutui.cli.result_table import print_result
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
