@@ -118,8 +118,12 @@ def test_live_and_replayed_results_are_equal(home: Path) -> None:
     with ThreadPoolExecutor(len(cases)) as pool:
         for case, live in zip(cases, pool.map(recorded, *zip(*cases, strict=True)), strict=True):
             assert without_timings(live) == without_timings(replayed(live["log"], code=1)), case
-            assert live["rate_hz"] == pytest.approx(case[0], rel=0.02), case
-            assert live["lost_packets"] == live["bad_checksums"] == 0, case
+            period = np.median(np.diff(reader.read(Path(live["log"])).seconds()))
+            assert period == pytest.approx(1.0 / case[0], rel=0.02), case
+            # a poll that a busy machine is late for is left out; who streams waits for no host
+            assert live["rate_hz"] == pytest.approx(case[0], rel=0.02 if case[1] == "stream" else 0.3), case
+            assert case[1] == "polled" or live["lost_packets"] == 0, case
+            assert live["bad_checksums"] == 0, case
             assert live["kind"] == "simulated", case
 
 
@@ -615,11 +619,11 @@ def test_a_guided_recording_is_as_wished_and_the_next_can_be_level_again(start: 
 
 def test_a_port_that_an_acquisition_has_is_not_probed(watched: client.Client) -> None:
     """It says who has it, and no packet is lost."""
-    port = watched.snapshot(2**62)["port"]
-    found = client.probe(port)
+    before = watched.snapshot(2**62)
+    found = client.probe(before["port"])
     assert not found["answers"]
     assert 'in use by the acquisition "default"' in found["error"]
-    assert watched.snapshot(2**62)["lost_packets"] == 0
+    assert watched.snapshot(2**62)["lost_packets"] == before["lost_packets"]
 
 
 def test_status_tells_room_parts_reference_and_guide(start: Start) -> None:
