@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
+from filters.effects.records import ShapeValue, number_of, numbers_of
+from filters.motion.profile import AXES
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ EFFECTS: dict[str, Entry] = {
 """Name to entry, in the order of contracts section 6."""
 
 
-def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any]) -> Hypothesis:
+def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, ShapeValue]) -> Hypothesis:
     """A deterministic effect from its name, channels and shape, as a trace wrote them.
 
     Parameters
@@ -114,17 +115,17 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any])
     raise ValueError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')
 
 
-def _driver(name: str, channel: int, shape: Mapping[str, Any]) -> Hypothesis:
+def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothesis:
     """A driver on its own knots; those without a memory of the table's motion."""
-    ranges = dict.fromkeys((*drivers.SCALARS, "outer", "middle", "inner"), (0.0, 1.0))
-    knots = shape.get("knots")
-    if knots is not None:
-        ranges[name] = (float(knots[0]), float(knots[-1]))
+    ranges = dict.fromkeys((*drivers.SCALARS, *AXES), (0.0, 1.0))
+    if "knots" in shape:
+        knots = numbers_of(shape, "knots")
+        ranges[name] = (knots[0], knots[-1])
     if "centre" in shape:
-        first = name.split("*")[0]
-        ranges[first] = (float(shape["centre"]), float(shape["centre"]))
+        centre = number_of(shape, "centre")
+        ranges[name.split("*")[0]] = (centre, centre)
     if "threshold_degc" in shape:
-        return drivers.threshold(float(shape["threshold_degc"])).on(channel)
+        return drivers.threshold(number_of(shape, "threshold_degc")).on(channel)
     for basis in drivers.bases(ranges):
         same = basis.name == name and basis.kind == shape.get("basis")
         if same and all(basis.parts.get(key) == shape.get(key) for key in ("order", "tau_s")):

@@ -1,7 +1,10 @@
 """Records of effects that join the filter, as a trace finds them and files keep them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+
+ShapeValue = float | str | list[float]
+"""What fixes an effect's shape: a number, a word, or knots."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Included:
         Which it acts on, instrument axes.
     include_as : str
         A extra constant states, S stochastic states, N noise, P pre-filter.
-    parameters : dict
+    parameters : dict of ShapeValue
         What fixes its shape, SI or as named: time constants, knots, ….
     states : tuple of State
         In order.
@@ -49,5 +52,41 @@ class Included:
     effect: str
     channels: tuple[str, ...]
     include_as: str
-    parameters: dict[str, Any] = field(default_factory=dict)
+    parameters: dict[str, ShapeValue] = field(default_factory=dict)
     states: tuple[State, ...] = ()
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A parameter that is a number; ValueError if it is none."""
+        return number_of(self.parameters, name, default)
+
+    def numbers(self, name: str) -> list[float]:
+        """A parameter that is a list of numbers; ValueError if it is none."""
+        return numbers_of(self.parameters, name)
+
+
+def number_of(shape: Mapping[str, ShapeValue], name: str, default: float | None = None) -> float:
+    """A number among what fixes a shape.
+
+    Raises
+    ------
+    ValueError
+        If it is missing and has no default, or is no number.
+    """
+    value = shape.get(name, default)
+    if not isinstance(value, int | float):
+        raise ValueError(f"`{name}` is {value!r}, not a number")
+    return float(value)
+
+
+def numbers_of(shape: Mapping[str, ShapeValue], name: str) -> list[float]:
+    """A list of numbers among what fixes a shape.
+
+    Raises
+    ------
+    ValueError
+        If it is missing, or is no list.
+    """
+    value = shape.get(name)
+    if not isinstance(value, list):
+        raise ValueError(f"`{name}` is {value!r}, not a list of numbers")
+    return [float(x) for x in value]

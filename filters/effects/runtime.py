@@ -185,7 +185,7 @@ class CausalEffects:
         out = np.ones((inputs.t.size, 6))
         for level in self._levels:
             value = SCALARS[str(level.parameters["driver"])][1](inputs)
-            ratio = np.interp(value, level.parameters["knots"], level.parameters["ratio"])
+            ratio = np.interp(value, level.numbers("knots"), level.numbers("ratio"))
             for name in level.channels:
                 out[:, CHANNELS.index(name)] *= ratio
         mount = np.abs(self._axes.mount)
@@ -201,7 +201,7 @@ class CausalEffects:
         self._recent = past[-_MEMORY:].copy()
         for gate in self._gates:
             for c in (CHANNELS.index(name) for name in gate.channels):
-                limit = float(gate.parameters["limit"]) * error_unit(c)[1]
+                limit = gate.number("limit") * error_unit(c)[1]
                 if gate.effect == "saturation":
                     use &= np.abs(reading[:, c]) < limit * (1.0 - 1e-6)
                 else:
@@ -215,7 +215,7 @@ def _part(effect: Included) -> _Part:
     channels = tuple(CHANNELS.index(name) for name in effect.channels)
     if effect.effect in ("random_walk", "gauss_markov", "tone"):
         scale = np.full(len(effect.states), error_unit(channels[0])[1])
-        return _Part(channels, None, scale, float(effect.parameters.get("hz", 0.0)))
+        return _Part(channels, None, scale, effect.number("hz", 0.0))
     if effect.effect.startswith(_NOT_CAUSAL):
         raise ValueError(
             f'"{effect.effect}" follows the table\'s past motion, which the filter does not have: take it out of the'

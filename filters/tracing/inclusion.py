@@ -1,12 +1,10 @@
 """What joins the filter: findings that carry over and were not refuted, drift, levels of noise, gates, slow tones."""
 
-from typing import Any
-
 import numpy as np
 
 from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
-from filters.effects.records import Included, State
+from filters.effects.records import Included, ShapeValue, State
 from filters.effects.run_specific import Tone
 from filters.tracing.assessment import Assessment
 from filters.tracing.findings import Finding
@@ -64,7 +62,7 @@ def _constant(f: Finding) -> Included:
         State(p.name, p.unit, float(v / p.si), float(s / p.si))
         for p, v, s in zip(h.parameters(), f.theta, sd, strict=True)
     )
-    parameters: dict[str, Any] = dict(h.shape())
+    parameters: dict[str, ShapeValue] = dict(h.shape())
     if isinstance(h, Driver) and h.knots:
         parameters["knots"] = list(h.knots)
     return Included(h.effect, tuple(CHANNELS[c] for c in h.channels), "A", parameters, states)
@@ -79,7 +77,7 @@ def _drift(channel: int, drift: Drift) -> Included:
 
 
 def _noise_level(driver: NoiseDriver) -> Included:
-    parameters = {"driver": driver.driver, "knots": list(driver.knots), "ratio": list(driver.at)}
+    parameters: dict[str, ShapeValue] = {"driver": driver.driver, "knots": list(driver.knots), "ratio": list(driver.at)}
     return Included("noise_level", (CHANNELS[driver.channel],), "N", parameters)
 
 

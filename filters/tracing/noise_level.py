@@ -17,6 +17,8 @@ WINDOW_S = 2.0
 _ACCEPT = 14.0
 _TERMS = 3
 _LEAST_RATIO = 1.08
+_LEAST_WINDOWS = 64
+_MULTIPLIERS = (0.05, 20.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,105 +68,165 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
     return multiplier, found
 
 
+@dataclass(frozen=True)
+class _Windows:
+    """One channel in windows of 2 s.
+
+    Attributes
+    ----------
+    channel : int
+    log_variance : Array
+        Of first differences, less its median over the good windows, shape (W,).
+    columns : Array
+        Means of the design's columns, shape (W, K).
+    good : boolean array
+        Windows with enough differences, shape (W,).
+    sd : float
+        Of `log_variance` in even noise.
+    cell : integer array
+        Number of the cell for folds, shape (W,).
+    """
+
+    channel: int
+    log_variance: Array
+    columns: Array
+    good: _Bools
+    sd: float
+    cell: NDArray[np.int_]
+
+    def of(self, term: Term) -> Array:
+        """Columns of a term, shape (W, k)."""
+        return self.columns[:, term.places[self.channel]]
+
+    def centred(self, term: Term) -> Array:
+        """The same less their means over the good windows."""
+        columns = self.of(term)
+        return np.asarray(columns - columns[self.good].mean(axis=0))
+
+    def gain(self, base: Array, own: Array) -> float:
+        """Drop of chi-square when columns join a base, both of shape (W, …)."""
+        y, part = self.log_variance[self.good], base[self.good]
+        both = np.column_stack([part, own[self.good]])
+        r0, r1 = (y - X @ _theta(X, y) for X in (part, both))
+        return float(r0 @ r0 - r1 @ r1) / self.sd**2
+
+    def holds(self, base: Array, own: Array, gain: float) -> bool:
+        """Whether columns gain on cells that the fit has not seen."""
+        y, both = self.log_variance, np.column_stack([base, own])
+        total = 0.0
+        for fold in range(FOLDS):
+            train, test = self.good & (self.cell % FOLDS != fold), self.good & (self.cell % FOLDS == fold)
+            if train.sum() < both.shape[1] + 8 or not test.any():
+                return False
+            before, after = (y[test] - X[test] @ _theta(X[train], y[train]) for X in (base, both))
+            total += float(before @ before - after @ after) / self.sd**2
+        return total > 0.5 * gain
+
+
 def _channel(design: Design, c: int, terms: list[Term]) -> tuple[Array, list[NoiseDriver]]:
+    """Multiplier of the noise of every block of a channel, shape (n,), and what it follows."""
+    windows = _windows(design, c)
+    even = np.ones(design.stack.t.size)
+    if windows is None or not terms:
+        return even, []
+    base = np.ones((windows.log_variance.size, 1))
+    chosen: list[Term] = []
+    found: list[NoiseDriver] = []
+    for _ in range(_TERMS):
+        best, score = _best(windows, [a for a in terms if not _has(chosen, a)], base, np.log(design.stack.seconds(c)))
+        if best is None:
+            break
+        chosen.append(best)
+        base = np.column_stack([base, windows.centred(best)])
+        theta = _theta(base[windows.good], windows.log_variance[windows.good])
+        found.append(_driver(windows, best, theta[-best.size :], score))
+    if not chosen:
+        return even, []
+    theta = _theta(base[windows.good], windows.log_variance[windows.good])
+    multiplier = _multiplier(design, windows, chosen, theta)
+    return multiplier, [driver for driver in found if driver.ratio > _LEAST_RATIO]
+
+
+def _windows(design: Design, c: int) -> _Windows | None:
+    """A channel's windows; None with too few good ones."""
     stack = design.stack
-    even = np.ones(stack.t.size)
     per = max(1, round(WINDOW_S / stack.period))
     label = stack.run * (1 << 40) + stack.t.astype(np.int64) // max(1, round(per * stack.period))
     edges = np.flatnonzero(np.diff(label, prepend=-1))
     rough = np.add.reduceat(np.concatenate([b.rough[:, c] for b in stack.blocks]), edges)
     pairs = np.add.reduceat(np.concatenate([b.pairs[:, c] for b in stack.blocks]), edges)
     good = (pairs >= 8) & (rough > 0.0)
-    if good.sum() < 64 or not terms:
-        return even, []
+    if good.sum() < _LEAST_WINDOWS:
+        return None
     v = np.log(np.where(good, rough, 1.0) / np.maximum(pairs, 1.0))
     counts = np.diff(np.append(edges, stack.t.size))[:, None]
-    X = np.add.reduceat(design.columns, edges, axis=0) / counts
+    columns = np.add.reduceat(design.columns, edges, axis=0) / counts
     steps = np.diff(v)[good[1:] & good[:-1]]
     sd = np.sqrt(np.median(steps**2) / CHI2_MEDIAN / 2.0)
-    return _greedy(design, c, terms, v, X, good, max(sd, 1e-3), stack.cell[edges])
+    return _Windows(
+        channel=c,
+        log_variance=v - np.median(v[good]),
+        columns=columns,
+        good=good,
+        sd=max(sd, 1e-3),
+        cell=stack.cell[edges],
+    )
 
 
-def _greedy(
-    design: Design, c: int, terms: list[Term], v: Array, X: Array, good: _Bools, sd: float, cell: NDArray[np.int_]
-) -> tuple[Array, list[NoiseDriver]]:
-    use = good
-    mean = np.median(v[use])
-    base = np.ones((v.size, 1))
-    chosen: list[Term] = []
-    found: list[NoiseDriver] = []
-    log_n = np.log(design.stack.seconds(c))
-    for _ in range(_TERMS):
-        best, best_score = None, _ACCEPT
-        for term in terms:
-            if any(a.hypothesis.effect == term.hypothesis.effect for a in chosen):
-                continue
-            own = _centred(X[:, term.places[c]], use)
-            gain = _gain(base, own, v - mean, use, sd)
-            score = gain - term.size * log_n - 2.0 * float(np.log(term.hypothesis.grid))
-            if score > best_score and _holds(base, own, v - mean, use, sd, cell, gain):
-                best, best_score = term, score
-        if best is None:
-            break
-        own = _centred(X[:, best.places[c]], use)
-        base = np.column_stack([base, own])
-        theta = _theta(base[use], v[use] - mean)
-        part = own @ theta[-own.shape[1] :]
-        low, high = np.exp(0.5 * np.quantile(part[use] - np.median(part[use]), [0.0, 1.0]))
-        chosen.append(best)
-        curve = _curve(best, theta[-own.shape[1] :], X[:, best.places[c]], use)
-        name = best.hypothesis.effect.removeprefix("driver:")
-        found.append(NoiseDriver(c, name, float(low), float(high), best_score, *curve))
-    if not chosen:
-        return np.ones(design.stack.t.size), []
-    theta = _theta(base[use], v[use] - mean)
-    raw = np.ones(design.stack.t.size) * theta[0]
-    at = 1
-    for term in chosen:
-        columns = design.columns[:, term.places[c]]
-        centre = X[use][:, term.places[c]].mean(axis=0)
-        raw = raw + (columns - centre) @ theta[at : at + term.size]
-        at += term.size
-    fitted = np.exp(0.5 * (raw - np.median(raw)))
-    return np.clip(fitted, 0.05, 20.0), [level for level in found if level.ratio > _LEAST_RATIO]
+def _has(chosen: list[Term], term: Term) -> bool:
+    """Whether another form of a term's effect is chosen already."""
+    return any(a.hypothesis.effect == term.hypothesis.effect for a in chosen)
 
 
-def _curve(term: Term, theta: Array, columns: Array, use: _Bools) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _best(windows: _Windows, terms: list[Term], base: Array, log_seconds: float) -> tuple[Term | None, float]:
+    """The term of the best score that holds on unseen cells, and its score; None if none is accepted."""
+    best, best_score = None, _ACCEPT
+    for term in terms:
+        own = windows.centred(term)
+        gain = windows.gain(base, own)
+        score = gain - term.size * log_seconds - 2.0 * float(np.log(term.hypothesis.grid))
+        if score > best_score and windows.holds(base, own, gain):
+            best, best_score = term, score
+    return best, best_score
+
+
+def _driver(windows: _Windows, term: Term, theta: Array, score: float) -> NoiseDriver:
+    """What a chosen term says of the noise."""
+    part = (windows.centred(term) @ theta)[windows.good]
+    low, high = np.exp(0.5 * np.quantile(part - np.median(part), [0.0, 1.0]))
+    knots, at = _curve(windows, term, theta)
+    return NoiseDriver(
+        channel=windows.channel,
+        driver=term.hypothesis.effect.removeprefix("driver:"),
+        low=float(low),
+        high=float(high),
+        score=score,
+        knots=knots,
+        at=at,
+    )
+
+
+def _curve(windows: _Windows, term: Term, theta: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Relative standard deviation at the knots of a scalar driver."""
     h = term.hypothesis
     if not isinstance(h, Driver) or h.kind != "hat":
         return (), ()
-    part = columns[use] @ theta
+    part = windows.of(term)[windows.good] @ theta
     at = np.exp(0.5 * (np.append(0.0, theta) - np.median(part)))
-    return h.knots, tuple(np.clip(at, 0.05, 20.0).tolist())
+    return h.knots, tuple(np.clip(at, *_MULTIPLIERS).tolist())
 
 
-def _centred(columns: Array, use: _Bools) -> Array:
-    return np.asarray(columns - columns[use].mean(axis=0))
+def _multiplier(design: Design, windows: _Windows, chosen: list[Term], theta: Array) -> Array:
+    """Of every block, 1 in the median, shape (n,)."""
+    raw = np.ones(design.stack.t.size) * theta[0]
+    first = 1
+    for term in chosen:
+        columns = design.columns[:, term.places[windows.channel]]
+        centre = windows.of(term)[windows.good].mean(axis=0)
+        raw = raw + (columns - centre) @ theta[first : first + term.size]
+        first += term.size
+    return np.asarray(np.clip(np.exp(0.5 * (raw - np.median(raw))), *_MULTIPLIERS))
 
 
 def _theta(X: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(X, y, rcond=1e-10)[0])
-
-
-def _gain(base: Array, own: Array, y: Array, use: _Bools, sd: float) -> float:
-    rows = use
-    part, both = base[rows], np.column_stack([base[rows], own[rows]])
-    r0 = y[rows] - part @ _theta(part, y[rows])
-    r1 = y[rows] - both @ _theta(both, y[rows])
-    return float(r0 @ r0 - r1 @ r1) / sd**2
-
-
-def _holds(base: Array, own: Array, y: Array, use: _Bools, sd: float, cell: NDArray[np.int_], gain: float) -> bool:
-    """Whether it gains on cells that the fit has not seen."""
-    rows = use
-    both = np.column_stack([base, own])
-    total = 0.0
-    for fold in range(FOLDS):
-        train, test = rows & (cell % FOLDS != fold), rows & (cell % FOLDS == fold)
-        if train.sum() < both.shape[1] + 8 or not test.any():
-            return False
-        before = y[test] - base[test] @ _theta(base[train], y[train])
-        after = y[test] - both[test] @ _theta(both[train], y[train])
-        total += float(before @ before - after @ after) / sd**2
-    return total > 0.5 * gain

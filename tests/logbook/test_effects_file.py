@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers import traces
 
-from filters.effects.records import Included, State, Trace
+from filters.effects.records import Included, State
+from filters.tracing.result import Trace
 from imutui.logbook import atomic_file, effects_file
 
 
