@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ def differences(a: Any, b: Any, relative: float, place: str = "") -> Iterator[st
         if not math.isclose(a, b, rel_tol=relative):
             yield f"{place}: {a!r} {b!r}, relative {abs(a - b) / max(abs(a), abs(b)):.1e}"
     elif a != b:
-        yield f"{place}: {a!r} {b!r}"
+        yield f"{place}: {textwrap.shorten(repr(a), 80)} {textwrap.shorten(repr(b), 80)}"
 
 
 def compare(before: Path, after: Path, relative: float) -> int:

@@ -7,7 +7,7 @@ from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import ShapeValue, number_of, numbers_of
-from filters.motion.profile import AXES
+from filters.motion.segments import AXES
 
 
 @dataclass(frozen=True, slots=True)
