@@ -106,7 +106,12 @@ class Part:
     temperature: np.ndarray
 
 
-def replay(path: Path, options: Options, progress: Callable[[float], None] = lambda share: None) -> dict[str, Any]:
+def replay(
+    path: Path,
+    options: Options,
+    progress: Callable[[float], None] = lambda share: None,
+    say: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
     """Run the filter over one log.
 
     Parameters
@@ -117,6 +122,8 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
         Part, settings, pace.
     progress : callable
         Told the share done, 0 to 1, now and then.
+    say : callable or None
+        Told in a sentence how far compiling has come, the first time on a machine.
 
     Returns
     -------
@@ -145,7 +152,7 @@ def replay(path: Path, options: Options, progress: Callable[[float], None] = lam
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
-    runner.warm_up()
+    estimator.warm_up(say)
     sink = None
     if options.output is not None:
         sink = _EstimateSink(options.output, options.overwrite, info, log, part.first_ns)

@@ -16,23 +16,30 @@ from imutui.logbook import estimates, reader
 from imutui.logbook.session_info import SessionInfo
 
 ESTIMATE_PERIOD_S = 0.1
-_ready = threading.Event()
-_started = threading.Event()
+_ready, _ready_with_effects = threading.Event(), threading.Event()
+_started, _started_with_effects = threading.Event(), threading.Event()
 
 
-def prepare() -> None:
-    """Begin to load or compile the filter's step; the first time on a machine it takes some seconds."""
-    if not _started.is_set():
-        _started.set()
-        threading.Thread(target=_prepare, name="compiler", daemon=True).start()
+def prepare(*, effects: bool = False) -> None:
+    """Begin to load or compile the filter's step; the first time on a machine it takes some seconds.
+
+    Parameters
+    ----------
+    effects : bool
+        The step with states of effects, which is one of its own.
+    """
+    started = _started_with_effects if effects else _started
+    if not started.is_set():
+        started.set()
+        threading.Thread(target=_prepare, args=(effects,), name="compiler", daemon=True).start()
 
 
-def _prepare() -> None:
+def _prepare(effects: bool) -> None:
     try:
-        runner.warm_up()
+        runner.warm_up(effects=effects)
     finally:
         # if that failed, the first step will say why
-        _ready.set()
+        (_ready_with_effects if effects else _ready).set()
 
 
 class LiveFilter:
@@ -60,6 +67,10 @@ class LiveFilter:
         self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
         self._marks: list[tuple[int, str]] = []
 
+    @property
+    def _step_ready(self) -> threading.Event:
+        return _ready_with_effects if self.estimator.extra_states else _ready
+
     def mark(self, stamp_ns: int, text: str) -> None:
         """Take an operator's mark."""
         self._marks.append((stamp_ns, text))
@@ -80,16 +91,17 @@ class LiveFilter:
         if self._first_ns is None:
             self._first_ns = stamp_ns
             self._pass_marks()
-            prepare()  # not before: while the instrument is being asked who it is, nothing may delay the answers
+            # not before: while the instrument is being asked who it is, nothing may delay the answers
+            prepare(effects=self.estimator.extra_states > 0)
         self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel, degc))
         self.waiting = len(self._waiting)
-        if _ready.is_set():
+        if self._step_ready.is_set():
             yield from self._use(last=False)
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
         if self.failure is None and self._first_ns is not None:
-            _ready.wait()
+            self._step_ready.wait()
             yield from self._use(last=True)
 
     def _use(self, *, last: bool) -> Iterator[tuple[int, bytes]]:
