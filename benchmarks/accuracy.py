@@ -21,7 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from filters import attitude
 from filters.imu import IMU400CD_200
-from filters.kalman import kernels, layout, spkf_paper, strapdown
+from filters.kalman import layout, spkf_paper, strapdown
+from filters.kalman.kernels import lanes, step
+from filters.kalman.kernels.arithmetic import entry
 from filters.kalman.rows import nav_of, row_of
 from filters.state import PAPER_SITE, NavState
 
@@ -82,17 +84,21 @@ def readable_whole(rate: np.ndarray, dt: float) -> State:
     return nav.C_nb, nav.velocity_n
 
 
+@entry
+def _predicted(core, P, par, dt, work):  # type: ignore[no-untyped-def]
+    """The compiled prediction alone."""
+    return lanes.predict(core, P, par, dt, 1.0, 0.0, work)
+
+
 def compiled(rate: np.ndarray, dt: float) -> State:
     """The compiled prediction, with the rule, of a belief so narrow that its mean is its centre."""
     core, par = np.zeros(layout.CORE), np.zeros(layout.PAR)
     core[: layout.NAV] = row_of(_level())
     P = np.zeros((15, layout.STRIDE))
     np.fill_diagonal(P, 1e-30)
-    lanes, room = np.zeros(41 * kernels.LANES), 16 * kernels.LANES
-    X, D, E = lanes[:room], lanes[room : 2 * room], lanes[2 * room :]
-    gyro, accel = np.tile(rate, 2), np.tile(LEVEL, 2)
-    L, mean = np.zeros(15 * layout.STRIDE), np.zeros(layout.STRIDE)
-    failed = kernels._predict(core, P.ravel(), gyro, accel, dt, par, 1.0, 0.0, X, E, D, L, mean)
+    work = step.make_work()
+    work.gyro[:], work.accel[:] = np.tile(rate, 2), np.tile(LEVEL, 2)
+    failed = _predicted(core, P.ravel(), par, dt, work)
     assert failed < 0
     nav = nav_of(core)
     return nav.C_nb, nav.velocity_n

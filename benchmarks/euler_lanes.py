@@ -13,18 +13,8 @@ import math
 import numpy as np
 
 from filters import earth
-from filters.kalman.kernels import (
-    CENTRE,
-    LANES,
-    _cholesky,
-    _compiled,
-    _covariance,
-    _plus,
-    _row,
-    _scaled,
-    _store,
-    gravity_at,
-)
+from filters.kalman.kernels.arithmetic import CENTRE, LANES, cholesky, compiled, entry, plus, row, scaled, store
+from filters.kalman.kernels.lanes import covariance, gravity_at
 from filters.kalman.layout import STRIDE
 
 _LN = LANES
@@ -37,7 +27,7 @@ _TWO_OVER_PI = 2.0 / math.pi
 _PIO2_1, _PIO2_1T = 1.57079632673412561417e00, 6.07710050650619224932e-11
 
 
-@_compiled
+@compiled
 def _sincos(x):  # type: ignore[no-untyped-def]
     """Sine and cosine without a branch, for |x| below some thousand rad (polynomials of fdlibm, k_sin.c, k_cos.c)."""
     k = (x * _TWO_OVER_PI + _ROUND) - _ROUND
@@ -82,7 +72,7 @@ def _sincos(x):  # type: ignore[no-untyped-def]
     return (-sine if half or m == -1.0 else sine), (-cosine if half or m == 1.0 else cosine)
 
 
-@_compiled
+@compiled
 def _rates(Y, B, D, gyro, accel, gravity):  # type: ignore[no-untyped-def]
     """Equations (1)-(4) for every lane: Y rows 0..8 the state, B rows 0..5 the biases, D rows 0..8 the derivative."""
     g0, g1, g2 = gyro[0], gyro[1], gyro[2]
@@ -124,7 +114,7 @@ def _rates(Y, B, D, gyro, accel, gravity):  # type: ignore[no-untyped-def]
         D[8 * _LN + j] = turning
 
 
-@_compiled
+@compiled
 def _integrate(X, B, D, Y, Z, gyro, accel, h, gravity):  # type: ignore[no-untyped-def]
     """One Runge-Kutta step for every lane; Y is scratch, the end of the step goes to Z."""
     _rates(X, B, D, gyro, accel, gravity)
@@ -144,7 +134,7 @@ def _integrate(X, B, D, Y, Z, gyro, accel, h, gravity):  # type: ignore[no-untyp
         Z[i] += h * (1.0 / 6.0) * D[i]
 
 
-@_compiled
+@compiled
 def _units(x, units):  # type: ignore[no-untyped-def]
     """State per error: rad a metre north and east, -1 for down, 1 for the rest."""
     s = math.sin(x[0])
@@ -154,7 +144,7 @@ def _units(x, units):  # type: ignore[no-untyped-def]
     units[2] = -1.0
 
 
-@_compiled
+@compiled
 def _predict(x, P, gyro, accel, dt, Q, kappa, gravity, units, work):  # type: ignore[no-untyped-def]
     """Prediction (11)-(15); `Q` holds the fifteen variances that (15) adds. Returns -1, or the row that failed."""
     L, mean = work[: 15 * STRIDE], work[15 * STRIDE : 16 * STRIDE]
@@ -162,7 +152,7 @@ def _predict(x, P, gyro, accel, dt, Q, kappa, gravity, units, work):  # type: ig
     X, B, D = lanes[: 9 * _LN], lanes[9 * _LN : 15 * _LN], lanes[15 * _LN : 24 * _LN]
     Y, Z = lanes[24 * _LN : 33 * _LN], lanes[33 * _LN : 42 * _LN]
     deviations = lanes[42 * _LN : 58 * _LN]
-    failed = _cholesky(P, L)
+    failed = cholesky(P, L)
     if failed >= 0:
         return failed
     spread = 15.0 + kappa
@@ -184,7 +174,7 @@ def _predict(x, P, gyro, accel, dt, Q, kappa, gravity, units, work):  # type: ig
         per = 1.0 / units[r]
         for j in range(_LN):
             Y[r * _LN + j] = (Z[r * _LN + j] - centre) * per
-    _covariance(Y, L, scale, 0.5 / spread, mean, deviations, P)
+    covariance(Y, L, scale, 0.5 / spread, mean, deviations, P)
     for r in range(9):
         x[r] += mean[r] * units[r]
     for r in range(15):
@@ -192,7 +182,7 @@ def _predict(x, P, gyro, accel, dt, Q, kappa, gravity, units, work):  # type: ig
     return -1
 
 
-@_compiled
+@compiled
 def _correct(x, known, R, P, units, gain, error):  # type: ignore[no-untyped-def]
     """Correction (10), H = [I9 0] and R diagonal: one scalar update a row. Returns -1, or the row that failed."""
     for i in range(STRIDE):
@@ -203,18 +193,18 @@ def _correct(x, known, R, P, units, gain, error):  # type: ignore[no-untyped-def
             return r
         root = 1.0 / math.sqrt(S)
         nu = (known[r] - x[r]) / units[r]
-        u = _scaled(_row(P, r * STRIDE), root)
-        _store(error, 0, _plus(_row(error, 0), (nu - error[r]) * root, u))
+        u = scaled(row(P, r * STRIDE), root)
+        store(error, 0, plus(row(error, 0), (nu - error[r]) * root, u))
         for q in range(15):
             gain[q] = P[q * STRIDE + r] * root
         for q in range(15):
-            _store(P, q * STRIDE, _plus(_row(P, q * STRIDE), -gain[q], u))
+            store(P, q * STRIDE, plus(row(P, q * STRIDE), -gain[q], u))
     for r in range(15):
         x[r] += error[r] * units[r]
     return -1
 
 
-@_compiled
+@entry
 def advance(x, P, gyro, accel, dt, Q, R, known, kappa, anomaly, units, work):  # type: ignore[no-untyped-def]
     """Feed samples (N, 3), each held over the `dt` that it ends. Returns the number used."""
     rest = work[16 * STRIDE + 58 * _LN :]

@@ -16,6 +16,24 @@ SOMIGLIANA = 0.00193185265241
 _M_RATIO = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_CONSTANT
 
 
+def radii(sine: Array) -> tuple[Array, Array]:
+    """Radii of curvature in the meridian and in the prime vertical, m; R_n and R_e of equation (1) without height.
+
+    Parameters
+    ----------
+    sine : Array
+        Of the geodetic latitude, any shape.
+
+    Returns
+    -------
+    tuple of Array
+        m, same shape each. Numba compiles this for the filter's step.
+    """
+    w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
+    w = np.sqrt(w2)
+    return SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (w2 * w), SEMI_MAJOR_AXIS / w
+
+
 def meridian_radius(latitude: Array) -> Array:
     """Radius of curvature in the meridian, m; R_n of equation (1) without height.
 
@@ -29,8 +47,7 @@ def meridian_radius(latitude: Array) -> Array:
     Array
         Radius, m, same shape.
     """
-    s2 = np.sin(latitude) ** 2
-    return SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / (1.0 - ECCENTRICITY_SQUARED * s2) ** 1.5
+    return radii(np.sin(latitude))[0]
 
 
 def transverse_radius(latitude: Array) -> Array:
@@ -46,7 +63,7 @@ def transverse_radius(latitude: Array) -> Array:
     Array
         Radius, m, same shape.
     """
-    return SEMI_MAJOR_AXIS / np.sqrt(1.0 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    return radii(np.sin(latitude))[1]
 
 
 def normal_gravity(latitude: Array, height: Array) -> Array:
@@ -64,10 +81,11 @@ def normal_gravity(latitude: Array, height: Array) -> Array:
     Array
         Magnitude of gravity, m/s², attraction and centrifugal part together.
     """
-    s2 = np.sin(latitude) ** 2
+    s = np.sin(latitude)
+    s2 = s * s
     surface = EQUATORIAL_GRAVITY * (1.0 + SOMIGLIANA * s2) / np.sqrt(1.0 - ECCENTRICITY_SQUARED * s2)
     linear = 2.0 / SEMI_MAJOR_AXIS * (1.0 + FLATTENING + _M_RATIO - 2.0 * FLATTENING * s2) * height
-    return surface * (1.0 - linear + 3.0 * height**2 / SEMI_MAJOR_AXIS**2)
+    return surface * (1.0 - linear + 3.0 * height * height / (SEMI_MAJOR_AXIS * SEMI_MAJOR_AXIS))
 
 
 def earth_rate_n(latitude: Array) -> Array:

@@ -14,8 +14,8 @@ import os, sys
 {first}
 import imutui
 from imutui.logbook import mcap_kernels
-from filters.kalman import kernels
-folders = {{mcap_kernels.count._cache.cache_path, kernels.advance._cache.cache_path}}
+from filters.kalman.kernels import step
+folders = {{mcap_kernels.count._cache.cache_path, step.advance._cache.cache_path}}
 print(*sorted(folders), sep="\\n")
 print(os.environ["NUMBA_CACHE_DIR"])
 """

@@ -4,19 +4,23 @@ Both keep the same totals, in the layout of `filters.kalman.layout`, and stop at
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters import earth, state
 from filters.imu import Noise
-from filters.kalman import ekf, kernels, layout, spkf, spkf_paper
+from filters.kalman import ekf, layout, spkf, spkf_paper
 from filters.kalman.augmentation import Effects
 from filters.kalman.consistency import nis_gates
 from filters.kalman.filter_input import FilterInput
+from filters.kalman.kernels import progress, step
+from filters.kalman.kernels.correction import MAX_REJECTIONS
 from filters.kalman.layout import EXTRA_DENSITY, EXTRA_MEAN, EXTRA_OWN, EXTRA_TAU, STRIDE
 from filters.kalman.rows import covariance_of, nav_of, padded, row_of
 from filters.kalman.settings import FILTERS, GAP_PERIODS, Settings
@@ -115,50 +119,35 @@ class Compiled:
 
     def __init__(self, parameters: Parameters) -> None:
         self.core, self.sums, self.moments, self.out = _totals(parameters)
-        self._P = np.zeros(state.SIZE * STRIDE)
-        self._par = np.zeros(layout.PAR)
-        self._par[layout.PAR_PERIOD] = parameters.period
-        self._par[layout.PAR_KAPPA] = parameters.kappa
-        self._par[layout.PAR_GRAVITY_ANOMALY] = parameters.gravity_anomaly()
-        self._par[layout.PAR_LINEAR] = parameters.linear
-        self._par[layout.PAR_EVERY] = parameters.every
+        par = np.zeros(layout.PAR)
+        par[layout.PAR_PERIOD] = parameters.period
+        par[layout.PAR_KAPPA] = parameters.kappa
+        par[layout.PAR_GRAVITY_ANOMALY] = parameters.gravity_anomaly()
+        par[layout.PAR_LINEAR] = parameters.linear
+        par[layout.PAR_EVERY] = parameters.every
         noise = parameters.noise
         densities = np.concatenate([noise.accel_vrw, noise.gyro_arw, noise.accel_walk, noise.gyro_walk])
-        self._par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
-        self._par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
-        self._par[layout.PAR_WHITE :] = densities[:6] ** 2
+        par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
+        par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
+        par[layout.PAR_WHITE :] = densities[:6] ** 2
         self._effects = parameters.effects
         self._extra, self._across = _extra_of(parameters.effects)
-        self._work = np.zeros(kernels.WORK)
+        self._run = step.Run(self.core, np.zeros(state.SIZE * STRIDE), par, self.sums, self.moments, self.out)
+        self._work = step.make_work()
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief."""
         self.core[: layout.NAV] = row_of(nav)
-        self._P = padded(np.diag(P0_sd**2))
+        self._run.P[:] = padded(np.diag(P0_sd**2))
         self._extra, self._across = _extra_of(self._effects)
 
     def advance(self, samples: FilterInput, first: int, stop: float) -> tuple[int, int]:
         """FilterInput samples; see `FilterEngine`."""
-        k, rows, why, row = kernels.advance(
-            self.core,
-            self._P,
-            self._par,
-            samples.t,
-            samples.gyro,
-            samples.accel,
-            samples.known.reshape(-1),
-            samples.draws,
-            samples.phi,
-            samples.noise_scale,
-            first,
-            stop,
-            self.sums,
-            self.moments,
-            self.out,
-            self._work,
-            self._extra,
-            self._across,
+        fed = step.Samples(
+            samples.t, samples.gyro, samples.accel, samples.known.reshape(-1), samples.draws, samples.noise_scale
         )
+        extra = step.Extra(self._extra, self._across, samples.phi) if self._across.size else None
+        k, rows, why, row = step.advance(self._run, fed, first, stop, self._work, extra)
         if why == layout.INDEFINITE:
             raise DivergenceError(f"the covariance is not positive definite at {_STATES[row]}")
         if why == layout.NOT_FINITE:
@@ -167,11 +156,11 @@ class Compiled:
 
     def belief(self) -> Belief:
         """Present belief."""
-        return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._P))
+        return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._run.P))
 
     def biases(self) -> tuple[Array, Array]:
         """The six biases and their standard deviations."""
-        variances = self._P[9 * (STRIDE + 1) :: STRIDE + 1]
+        variances = self._run.P[9 * (STRIDE + 1) :: STRIDE + 1]
         return self.core[layout.NAV_BA : layout.NAV].copy(), np.sqrt(variances)
 
     def extra(self) -> tuple[Array, Array]:
@@ -180,7 +169,7 @@ class Compiled:
         extra = self._extra.reshape(-1, p) if p else np.empty((EXTRA_OWN, 0))
         across = self._across.reshape(2 * p, STRIDE)[:p, : state.SIZE]
         own = extra[EXTRA_OWN : EXTRA_OWN + p]
-        return extra[EXTRA_MEAN].copy(), np.block([[covariance_of(self._P), across.T], [across, own]])
+        return extra[EXTRA_MEAN].copy(), np.block([[covariance_of(self._run.P), across.T], [across, own]])
 
     def alarm(self) -> str | None:
         """None: no attitude is special to it."""
@@ -278,7 +267,7 @@ class Stepwise:
         core[layout.CORE_NIS_LAST] = np.nan
         if not rows.size:
             return
-        gate = self._gates[rows.size] if core[layout.CORE_IN_A_ROW] < kernels.MAX_REJECTIONS else np.inf
+        gate = self._gates[rows.size] if core[layout.CORE_IN_A_ROW] < MAX_REJECTIONS else np.inf
         self._belief, innovation = self._module.correct(
             self._belief,
             nav_of(np.concatenate([known[:10], np.zeros(6)])),
@@ -370,13 +359,33 @@ _STATES = [f"{axis} {name}" for name in ("position", "velocity", "attitude") for
 ]
 
 
-def compile_all() -> None:
-    """Compile the step, or load it from the cache, by running it once on two samples."""
-    engine = Compiled(Parameters(1.0, 0.0, state.PAPER_SITE, False, Noise((1.0,) * 3, (1.0,) * 3), np.inf))
+def compile_step(say: Callable[[str], None] | None = None, effects: bool = False) -> None:
+    """Compile the step, or load it from the disk, by running it once on two samples; see `runner.warm_up`."""
+    noise = Noise((1.0,) * 3, (1.0,) * 3)
+    joined = _OneState() if effects else None
+    engine = Compiled(Parameters(1.0, 0.0, state.PAPER_SITE, False, noise, np.inf, joined))
     still = reference.level(state.PAPER_SITE)
     nav, P0_sd = still.start()
     engine.start(nav, np.append(P0_sd, np.ones(6)))
-    t = np.array([0.0, 1.0])
+    t, rate = np.array([0.0, 1.0]), np.zeros((2, 3))
     _, force = still.rates_and_forces()
-    known = still.known(t, -np.inf, np.zeros((2, 3)))
-    engine.advance(FilterInput(t, np.zeros((2, 3)), np.tile(force, (2, 1)), known, np.empty((0, 9))), 0, np.inf)
+    known, phi = still.known(t, -np.inf, rate), np.zeros((2, 6, int(effects)))
+    samples = FilterInput(t, rate, np.tile(force, (2, 1)), known, np.empty((0, 9)), phi)
+    with nullcontext() if say is None else progress.told(say, effects=effects):
+        engine.advance(samples, 0, np.inf)
+
+
+class _OneState:
+    """An effect that does nothing, to compile what effects need."""
+
+    names = ("none",)
+    mean = np.zeros(1)
+    covariance = np.eye(1)
+    tau = np.full(1, np.inf)
+    q = np.zeros(1)
+
+    def rows(
+        self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """A regressor of zeros."""
+        return np.zeros((t.size, 6, 1)), np.ones((t.size, 6)), np.ones(t.size, bool)

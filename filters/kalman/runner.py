@@ -4,7 +4,7 @@ Samples may come one by one or many at once; the results are the same to the las
 run; `step`, `run`, `rows` and `finish` feed it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -130,6 +130,16 @@ class Estimator:
         if self._engine is None:
             raise ValueError("the reference is not found yet: there is no estimate")
         return self._engine.extra()
+
+    @property
+    def extra_states(self) -> int:
+        """How many states effects add to the 15."""
+        return 0 if self.effects is None else len(self.effects.names)
+
+    def warm_up(self, say: Callable[[str], None] | None = None) -> None:
+        """Load or compile what this run needs, if it needs anything compiled; `say` as in `runner.warm_up`."""
+        if self.settings.filter == "spkf":
+            warm_up(say, effects=self.extra_states > 0)
 
     @property
     def dof(self) -> float:
@@ -338,8 +348,16 @@ def rows(
         yield from estimator.use_waiting()
 
 
-def warm_up() -> None:
-    """Load or compile the filter's step, which takes some seconds the first time on a machine."""
-    from filters.kalman.engines import compile_all
+def warm_up(say: Callable[[str], None] | None = None, *, effects: bool = False) -> None:
+    """Load or compile the filter's step, which takes some seconds the first time on a machine.
 
-    compile_all()
+    Parameters
+    ----------
+    say : callable or None
+        Told how far compiling has come, a sentence at a time; never called where there is nothing to compile.
+    effects : bool
+        Whether effects will join the filter: theirs is a step of its own, compiled when it is first needed.
+    """
+    from filters.kalman.engines import compile_step
+
+    compile_step(say, effects)

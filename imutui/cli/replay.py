@@ -91,7 +91,7 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
     from filters.kalman import runner
     from imutui.jobs.parallel import each
 
-    runner.warm_up()  # once, or each process would compile the step for itself
+    runner.warm_up(_show)  # once, or each process would compile the step for itself
     _show(f"0 of {len(logs)} logs")
     for number, outcome in enumerate(each(partial(_one, options=options), logs), 1):
         _show(f"{number} of {len(logs)} logs")
@@ -109,7 +109,7 @@ def _one(log: Path, options: Any, progress: Any = None) -> Any:
     from imutui.jobs.replay import replay
 
     try:
-        return replay(log, options, progress or (lambda share: None))
+        return replay(log, options, progress or (lambda share: None), _show if progress else None)
     except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
         return in_words(error)
 
@@ -158,6 +158,6 @@ def _progress(log: Path) -> Any:
 
     def show(share: float) -> None:
         end = "\r\x1b[K" if share >= 1.0 else ""
-        print(f"\r{log.name}: {share * 100:3.0f} %{end}", end="", file=sys.stderr, flush=True)
+        print(f"\r\x1b[K{log.name}: {share * 100:3.0f} %{end}", end="", file=sys.stderr, flush=True)
 
     return show

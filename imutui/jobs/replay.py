@@ -104,7 +104,10 @@ class Part:
 
 
 def replay(
-    path: Path, options: ReplayOptions, progress: Callable[[float], None] = lambda share: None
+    path: Path,
+    options: ReplayOptions,
+    progress: Callable[[float], None] = lambda share: None,
+    say: Callable[[str], None] | None = None,
 ) -> ResultDocument:
     """Run the filter over one log.
 
@@ -116,6 +119,8 @@ def replay(
         Part, settings, pace.
     progress : callable
         Told the share done, 0 to 1, now and then.
+    say : callable or None
+        Told in a sentence how far compiling has come, the first time on a machine.
 
     Returns
     -------
@@ -144,7 +149,7 @@ def replay(
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
-    runner.warm_up()
+    estimator.warm_up(say)
     sink = None
     if options.output is not None:
         sink = _EstimateSink(options.output, options.overwrite, info, log, part.first_ns)

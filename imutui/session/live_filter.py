@@ -23,39 +23,57 @@ if TYPE_CHECKING:
     from filters.kalman.runner import Estimator
 
 ESTIMATE_PERIOD_S = 0.1
-ready = threading.Event()
-"""Set when the filter's step can be used, or will say itself why not."""
-_begun_at: float | None = None
 
 
-def prepare() -> None:
-    """Begin to load or compile the filter's step in a thread, if that has not begun; sets `ready`."""
-    global _begun_at
-    if _begun_at is None:
-        _begun_at = time.monotonic()
-        threading.Thread(target=_prepare, name="compiler", daemon=True).start()
+class Preparation:
+    """Loading, or the first time on a machine compiling, of the filter's step; in a thread, once a process.
+
+    Parameters
+    ----------
+    effects : bool
+        Whether the step for states of effects is prepared too, which is one of its own. The other one is as well:
+        effects need not add any state.
+
+    Attributes
+    ----------
+    ready : threading.Event
+        Set when the step can be used, or will say itself why not.
+    """
+
+    def __init__(self, *, effects: bool) -> None:
+        self.ready = threading.Event()
+        self._effects = effects
+        self._begun_at: float | None = None
+
+    def begin(self) -> None:
+        """Begin, if that has not been done."""
+        if self._begun_at is None:
+            self._begun_at = time.monotonic()
+            threading.Thread(target=self._run, name="compiler", daemon=True).start()
+
+    def seconds(self) -> float:
+        """How long ago it began, s; 0 before it does."""
+        return 0.0 if self._begun_at is None else time.monotonic() - self._begun_at
+
+    def _run(self) -> None:
+        try:
+            from filters.kalman import runner
+
+            load()
+            for effects in (False, True)[: 1 + self._effects]:
+                runner.warm_up(effects=effects)
+        finally:
+            # if that failed, the first step will say why
+            self.ready.set()
 
 
-def preparing_s() -> float:
-    """How long it has been preparing, s; 0 before it begins."""
-    return 0.0 if _begun_at is None else time.monotonic() - _begun_at
+PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)
 
 
 def load() -> None:
     """Load the filter's modules here and now, without compiling anything."""
     for module in ("filters.kalman.engines", "imutui.logbook.estimates"):
         importlib.import_module(module)
-
-
-def _prepare() -> None:
-    try:
-        from filters.kalman import runner
-
-        load()
-        runner.warm_up()
-    finally:
-        # if that failed, the first step will say why
-        ready.set()
 
 
 class LiveFilter:
@@ -80,6 +98,8 @@ class LiveFilter:
         Time that it took so far.
     waiting : int
         Samples that wait for it.
+    preparation : Preparation
+        Of the step that it runs.
 
     Raises
     ------
@@ -95,6 +115,7 @@ class LiveFilter:
         self.failure: str | None = None
         self.seconds = 0.0
         self.waiting = 0
+        self.preparation = PLAIN if effects is None else WITH_EFFECTS
         self._settings = info.settings(motion, effects=effects)
         self._first_ns: int | None = None
         self._waiting: list[tuple[float, np.ndarray, np.ndarray, float]] = []
@@ -112,16 +133,17 @@ class LiveFilter:
             return
         if self._first_ns is None:
             self._first_ns = stamp_ns
-            prepare()  # not before: while the instrument is being asked who it is, nothing may delay the answers
+            # not before: while the instrument is being asked who it is, nothing may delay the answers
+            self.preparation.begin()
         self._waiting.append((reader.seconds_since(stamp_ns, self._first_ns), gyro, accel, degc))
         self.waiting = len(self._waiting)
-        if ready.is_set():
+        if self.preparation.ready.is_set():
             yield from self._use(last=False)
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
         if self.failure is None and self._first_ns is not None:
-            ready.wait()
+            self.preparation.ready.wait()
             yield from self._use(last=True)
 
     def _use(self, *, last: bool) -> Iterator[tuple[int, bytes]]:

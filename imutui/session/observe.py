@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import live_filter, observe_filter
+from imutui.session import observe_filter
 from imutui.session.event_log import EventLog
 from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
@@ -163,7 +163,7 @@ def _filter(live: LiveFilter) -> FilterSnapshot:
 def _waiting(live: LiveFilter) -> str | None:
     if live.waiting > 1:
         preparing = "preparing the filter"
-        if live_filter.preparing_s() > _LOADING_S:
+        if live.preparation.seconds() > _LOADING_S:
             preparing += ", the first time on this machine"
         return f"{preparing}; {live.waiting} samples wait for it"
     if _is_aligning(live):

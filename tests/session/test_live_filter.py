@@ -26,18 +26,18 @@ def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
 def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     """Nothing is estimated before the step is there, nothing is lost, and the estimates are those of a replay."""
     session = SessionInfo(rate_hz=20.0)
-    live_filter.prepare()
-    assert live_filter.ready.wait(120.0)
+    live_filter.PLAIN.begin()
+    assert live_filter.PLAIN.ready.wait(120.0)
     live = LiveFilter(session)
     gyro, accel = samples(200)
     stamps = [FIRST_NS + k * 50_000_000 for k in range(200)]
-    live_filter.ready.clear()
+    live_filter.PLAIN.ready.clear()
     try:
         for k in range(100):
             assert list(live.sample(stamps[k], gyro[k], accel[k])) == []
         assert live.waiting == 100
     finally:
-        live_filter.ready.set()
+        live_filter.PLAIN.ready.set()
     written = [m for k in range(100, 200) for m in live.sample(stamps[k], gyro[k], accel[k])]
     written += list(live.finish())
     replayed = Estimator(session.settings(), every=live_filter.ESTIMATE_PERIOD_S)

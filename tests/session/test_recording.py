@@ -88,7 +88,7 @@ def untimed(document: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize("sampling", ["stream", "polled"])
 def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampling: str) -> None:
     """The log repeats its own effects, temperature by temperature; with none it is another result, and says so."""
-    live_filter.prepare()
+    live_filter.PLAIN.begin()
     live = recorded(tmp_path / "a.mcap", sampling)
     again = replay(tmp_path / "a.mcap", ReplayOptions())
     assert untimed(again) == untimed(live)

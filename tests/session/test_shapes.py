@@ -71,7 +71,7 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
             engine.call(lambda acquisition: acquisition.mark("here"))
             assert looked_at(engine)["marks"][0]["text"] == "here"
         if filtering != "none":
-            assert live_filter.ready.wait(120.0)
+            assert live_filter.PLAIN.ready.wait(120.0)
             while looked_at(engine)["filter"]["t"] is None:
                 pass
         engine.request_stop()

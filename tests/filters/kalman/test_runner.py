@@ -3,8 +3,9 @@ import pytest
 
 from filters import attitude, simulation
 from filters.imu import IMU400CD_200, Noise
-from filters.kalman import consistency, engines, kernels, layout, runner, spkf
+from filters.kalman import consistency, engines, layout, runner, spkf
 from filters.kalman.filter_input import FilterInput, draws
+from filters.kalman.kernels.correction import MAX_REJECTIONS
 from filters.kalman.rows import Estimate, estimate_of
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
@@ -180,7 +181,7 @@ def test_outliers_of_a_reference_are_left_out_and_counted() -> None:
     values[200:, 3] = 3.0
     lasting = Estimator(Settings(DT, reference="trajectory", motion=Trajectory(t, values)))
     feed(lasting, (t, gyro, accel))
-    assert lasting.rejected >= kernels.MAX_REJECTIONS
+    assert lasting.rejected >= MAX_REJECTIONS
     assert any("left out as outliers" in alarm for alarm in lasting.alarms())
 
 
