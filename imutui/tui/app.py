@@ -90,8 +90,6 @@ class ImutuiApp(App[int]):
         defaults: Plan | None = None,
         appearance: Appearance | None = None,
     ) -> None:
-        if client is not None:
-            self.DEFAULT_MODE = "live"  # type: ignore[misc]  # no form that only flashes up
         super().__init__()
         self.appearance = appearance or Appearance()
         self._first_client = client
