@@ -136,6 +136,11 @@ class Port:
 
     def close(self) -> None:
         """Close the port, so that another program may open it; a line that is gone is closed as well."""
+        descriptor = getattr(self._serial, "fd", None)
+        if descriptor is not None:
+            # a pseudo-terminal lives on in the virtual instrument, and would stay shut to all but root
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(descriptor, termios.TIOCNXCL)
         with contextlib.suppress(*_HANGUP):  # closing a line that hung up is no news
             self._serial.close()
 

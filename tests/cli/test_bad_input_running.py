@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,6 +23,8 @@ from imutui.session import client, ipc
 from imutui.session.plan import Plan
 
 NOBODY = 65534
+# asks whether TIOCEXCL is set; Python has no name for it
+TIOCGEXCL = 0x80045440
 GOOD = Habits(answers(), streams=None)
 
 
@@ -90,6 +93,33 @@ def test_a_port_that_another_program_has_locked_is_in_use(home: Path) -> None:
     error = error_of(outcome)
     assert "in use" in error
     assert f"pid {os.getpid()}" in error
+
+
+def test_a_port_that_was_given_back_is_open_to_everybody() -> None:
+    """A virtual instrument lives on; root may open what is kept from others, so the mark itself is looked at."""
+    with Device(GOOD) as device:
+        states = []
+        for _ in range(2):
+            port = Port(device.port, 38400)
+            states.append(is_exclusive(device.port))
+            port.close()
+            states.append(is_exclusive(device.port))
+    assert states == [True, False] * 2
+
+
+def is_exclusive(path: str) -> bool:
+    """Whether a terminal may not be opened again, by ioctl_tty(2)."""
+    if os.getuid() != 0:
+        try:
+            os.close(os.open(path, os.O_RDWR | os.O_NOCTTY))
+        except OSError:
+            return True
+        return False
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        return bool(struct.unpack("i", fcntl.ioctl(descriptor, TIOCGEXCL, bytes(4)))[0])
+    finally:
+        os.close(descriptor)
 
 
 @pytest.fixture

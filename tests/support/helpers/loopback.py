@@ -6,6 +6,7 @@ link goes, and no XDG_RUNTIME_DIR unless somebody sets one.
 
 import fcntl
 import getpass
+import grp
 import os
 import pty
 import shlex
@@ -44,7 +45,22 @@ PrintMotd no
 def missing() -> str | None:
     """What this machine lacks for a server and a client, if anything."""
     absent = [name for name, found in (("sshd", SSHD), ("ssh", shutil.which("ssh"))) if not found]
-    return f"needs {' and '.join(absent)}" if absent else None
+    if absent:
+        return f"needs {' and '.join(absent)}"
+    return None if _may_hand_over_terminals() else "this user's sshd may not give terminals to the group tty"
+
+
+def _may_hand_over_terminals() -> bool:
+    """Whether sshd can give a log-in a terminal: its group is tty's already, or this user may change it."""
+    master, slave = pty.openpty()
+    try:
+        wanted = grp.getgrnam("tty").gr_gid
+        return os.getuid() == 0 or os.fstat(slave).st_gid == wanted or wanted in os.getgroups()
+    except KeyError:
+        return True  # there is no such group: it stays as it is
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 class SshServer:
