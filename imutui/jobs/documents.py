@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
     from imutui.logbook.results import NisFields, SdFields, StateFields
+    from imutui.logbook.results import ResultDocument as ResultDocument
 
 
 class SessionFields(TypedDict):
@@ -204,3 +205,15 @@ class GuidedListDocument(TypedDict):
     align: str
     duration_s: float
     segments: list[SegmentField]
+
+
+class SegmentOfProfile(TypedDict):
+    """What must be known of a profile's segment to make it again, as an acquisition tells it."""
+
+    kind: str
+    seconds: float
+    angles_deg: list[float] | None
+    axis: str | None
+    rate_dps: float | None
+    amplitude_deg: float | None
+    hz: float | None

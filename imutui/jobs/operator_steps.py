@@ -4,16 +4,16 @@ What it leaves out: where the operator is in it, which the acquisition knows.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import candidate_motions, detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
-from imutui.jobs.documents import GuidedListDocument
+from imutui.jobs.documents import GuidedListDocument, SegmentOfProfile
 from imutui.logbook import reference_file
 
 VERSION = 1
@@ -174,15 +174,19 @@ def load(name: str, text: str) -> Profile:
     return found
 
 
-def from_segments(segments: Sequence[Mapping[str, Any]], align: str = "none") -> Profile | None:
+_OWN_KEYS = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
+"""Of each kind of segment that can be made again."""
+
+
+def from_segments(segments: Sequence[SegmentOfProfile], align: str = "none") -> Profile | None:
     """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
     tables: list[reference_file.SegmentTable] = []
     for segment in segments:
-        keys = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
-        own = keys.get(str(segment.get("kind")))
+        own = _OWN_KEYS.get(segment["kind"])
         if own is None:
             return None
-        tables.append(cast("reference_file.SegmentTable", {key: segment[key] for key in ("kind", *own, "seconds")}))
+        told = {key: value for key, value in segment.items() if key in ("kind", *own, "seconds")}
+        tables.append(cast("reference_file.SegmentTable", told))
     return reference_file.from_document({"align": align, "segment": tables})
 
 

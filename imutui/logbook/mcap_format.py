@@ -17,6 +17,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
 
 Record = TypeVar("Record", bound=McapRecord)
+Decompressor = zstandard.ZstdDecompressor
+"""Of zstd chunks; one a thread."""
 
 MAGIC = b"\x89MCAP0\r\n"
 LIMIT = 256 * 2**20
@@ -122,7 +124,7 @@ def chunk_times(content: bytes) -> tuple[int, int]:
     return int.from_bytes(content[:8], "little"), int.from_bytes(content[8:16], "little")
 
 
-def inflated(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> bytes:
+def inflated(chunk: Chunk, decompressor: Decompressor) -> bytes:
     """A chunk's content, checked against its checksum.
 
     Raises
@@ -145,7 +147,7 @@ def inflated(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> bytes:
     return content
 
 
-def _from_zstd(chunk: Chunk, decompressor: zstandard.ZstdDecompressor) -> bytes:
+def _from_zstd(chunk: Chunk, decompressor: Decompressor) -> bytes:
     # the library takes as much memory as the data ask for
     if zstandard.frame_content_size(chunk.data) > LIMIT:
         raise McapError("a chunk's size is out of range")

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import IO
 
 import numpy as np
-import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.records import Chunk, DataEnd, Footer, McapRecord, Message
@@ -77,7 +76,7 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
     if head != MAGIC:
         raise InvalidMagic(head)
     checksum = zlib.crc32(head)
-    decompressor = zstandard.ZstdDecompressor()
+    decompressor = mcap_format.Decompressor()
     held, wanted = b"", _BLOCK
     while True:
         block = stream.read(wanted)
@@ -153,7 +152,7 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
         raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
 
 
-def _chunk(chunk: Chunk, decompressor: zstandard.ZstdDecompressor, walk: Walk) -> Iterator[McapRecord | Batch]:
+def _chunk(chunk: Chunk, decompressor: mcap_format.Decompressor, walk: Walk) -> Iterator[McapRecord | Batch]:
     """A chunk's records: all of them are there, or none is given."""
     content = mcap_format.inflated(chunk, decompressor)
     data = np.frombuffer(content, np.uint8)

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 
@@ -146,7 +145,7 @@ class _Work:
         self._walk = walk
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
-        self._decompressor = zstandard.ZstdDecompressor()
+        self._decompressor = mcap_format.Decompressor()
         self._columns = Columns(walk)
         self._roles = np.full(2**16, message_layout.IGNORED, np.uint8)
         self._parts: dict[int, list[np.ndarray]] = {}

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
@@ -125,7 +124,7 @@ class _Copy:
         self.kept = RebuiltContent()
         self._data = data
         self._writer = writer
-        self._decompressor = zstandard.ZstdDecompressor()
+        self._decompressor = mcap_format.Decompressor()
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
         self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}

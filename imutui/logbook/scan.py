@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header
@@ -180,7 +179,7 @@ class _FileWalk:
         self._found = found
         self._walk = walk
         self._progress = progress
-        self._decompressor = zstandard.ZstdDecompressor()
+        self._decompressor = mcap_format.Decompressor()
         self._next = dict.fromkeys(range(len(_MARKS)), -1)
         self._chunks: set[tuple[int, int, int]] = set()
         self._in_summary = False

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
@@ -319,7 +318,7 @@ def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
 
 def _inflate(content: bytes) -> bytes:
     """A chunk record's content, checked."""
-    return mcap_format.inflated(mcap_format.chunk_of(content), zstandard.ZstdDecompressor())
+    return mcap_format.inflated(mcap_format.chunk_of(content), mcap_format.Decompressor())
 
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:

@@ -13,6 +13,7 @@ from filters.tracing import detectability
 from filters.tracing.detectability import TESTABLE, Quantity
 from imutui.jobs import operator_steps
 
+NOTHING = dict.fromkeys(("angles_deg", "axis", "rate_dps", "amplitude_deg", "hz"))
 UP = Dwell((0.0, 0.0, 0.0), 60.0)
 DOWN = Dwell((math.pi, 0.0, 0.0), 60.0)
 TOML = """\
@@ -159,14 +160,14 @@ def test_the_segments_that_an_acquisition_tells_make_the_same_profile() -> None:
     """So that what is shown after attaching again is the same."""
     was = operator_steps.load("a.toml", TOML)
     segments = [
-        {"kind": "dwell", "angles_deg": [0.0, 90.0, 0.0], "seconds": 12.5, "axis": None},
-        {"kind": "rate", "axis": "inner", "rate_dps": -30.0, "seconds": 4.0, "angles_deg": None},
-        {"kind": "sine", "axis": "middle", "amplitude_deg": 10.0, "hz": 0.5, "seconds": 20.0},
+        NOTHING | {"kind": "dwell", "angles_deg": [0.0, 90.0, 0.0], "seconds": 12.5},
+        NOTHING | {"kind": "rate", "axis": "inner", "rate_dps": -30.0, "seconds": 4.0},
+        NOTHING | {"kind": "sine", "axis": "middle", "amplitude_deg": 10.0, "hz": 0.5, "seconds": 20.0},
     ]
     made = operator_steps.from_segments(segments)
     assert made is not None
     assert made.segments == was.segments
-    assert operator_steps.from_segments([{"kind": "sampled", "seconds": 3.0}]) is None
+    assert operator_steps.from_segments([NOTHING | {"kind": "sampled", "seconds": 3.0}]) is None
 
 
 def test_the_command_prints_the_guided_list(home: Path) -> None:

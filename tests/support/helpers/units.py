@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from imutui.cli.readings import SIMULATED, simulated
+
 from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
 
 

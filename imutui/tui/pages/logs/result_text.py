@@ -1,16 +1,19 @@
 """Results of jobs as text for a page. Pure functions."""
 
 import textwrap
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imutui.jobs.tasks import TraceResult
 from imutui.report import sentences
 from imutui.tui import formatting
 from imutui.tui.connection import verdict
 from imutui.tui.formatting import StyledText
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
 
 _LIMITS = {"deg/s": 1.0, "mg": 12.0}
 _KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
@@ -80,7 +83,7 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
     return sentence if path is None else f"{path.name} was being written: all up to its last flush is used."
 
 
-def replayed(d: Mapping[str, Any], writing: Collection[Path] = ()) -> str:
+def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
     verdict = "converged" if d["converged"] else "NOT converged"
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
@@ -92,10 +95,13 @@ def replayed(d: Mapping[str, Any], writing: Collection[Path] = ()) -> str:
         "",
         f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {'Table 1':>8} {'of limit':>9}   converged",
     ]
-    for kind, key, unit in (("gyro", "gyro_bias_dps", "deg/s"), ("accel", "accel_bias_mg", "mg")):
+    final, sds, since = d["final"], d["sd"], d["converged_s"]
+    for kind, values, sd, unit, converged in (
+        ("gyro", final["gyro_bias_dps"], sds["gyro_bias_dps"], "deg/s", since["gyro_bias"]),
+        ("accel", final["accel_bias_mg"], sds["accel_bias_mg"], "mg", since["accel_bias"]),
+    ):
         for i, axis in enumerate("xyz"):
-            value, sd = d["final"][key][i], d["sd"][key][i]
-            lines.append(_bias(f"{axis} {kind}", value, sd, unit, d["converged_s"][f"{kind}_bias"][i]))
+            lines.append(_bias(f"{axis} {kind}", values[i], sd[i], unit, converged[i]))
     return "\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)])
 
 
@@ -113,7 +119,7 @@ def _bias(name: str, value: float | None, sd: float | None, unit: str, since: fl
     )
 
 
-def _filtered(d: Mapping[str, Any]) -> list[str]:
+def _filtered(d: "ResultDocument") -> list[str]:
     nis, noise = d["nis"], d["noise"]
     lines = ["Filter"]
     if nis["mean"] is not None:
@@ -127,7 +133,7 @@ def _filtered(d: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _data(d: Mapping[str, Any]) -> list[str]:
+def _data(d: "ResultDocument") -> list[str]:
     gaps = d["gaps"]
     lines = [
         "Data",
@@ -142,14 +148,14 @@ def _data(d: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _warnings(d: Mapping[str, Any]) -> list[str]:
+def _warnings(d: "ResultDocument") -> list[str]:
     told = [f"ALARM: {alarm}" for alarm in d["alarms"]]
     told += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d.get("confounded", [])]
     return ["", *told] if told else []
 
 
-def _triple(values: list[float]) -> str:
-    return " ".join(f"{value:7.3f}" for value in values)
+def _triple(values: Sequence[float | None]) -> str:
+    return " ".join(f"{formatting.NOTHING:>7}" if value is None else f"{value:7.3f}" for value in values)
 
 
 def wrapped(body: str, width: int) -> str:
