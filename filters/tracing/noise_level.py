@@ -222,7 +222,7 @@ def _multiplier(design: Design, windows: _Windows, chosen: list[Term], theta: Ar
     first = 1
     for term in chosen:
         columns = design.columns[:, term.places[windows.channel]]
-        centre = windows.of(term)[windows.good].mean(axis=0)
+        centre = windows.columns[windows.good][:, term.places[windows.channel]].mean(axis=0)
         raw = raw + (columns - centre) @ theta[first : first + term.size]
         first += term.size
     return np.asarray(np.clip(np.exp(0.5 * (raw - np.median(raw))), *_MULTIPLIERS))
