@@ -37,25 +37,20 @@ Names
     arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
 
 Where things are
-    Ground: `earth` radii, gravity, Earth rate · `attitude` rotations · `imu` samples, axes, specification, noise ·
-    `state` the navigation state and the order of the errors · `allan` white noise and drift of a log.
+    Ground: `channels` names, order and units of the six readings · `earth` radii, gravity, Earth rate · `attitude`
+    rotations · `imu` samples, axes, specification, noise · `state` the navigation state and the order of the errors ·
+    `allan` white noise and drift of a log · `first_order` the recursion of lags and band limits.
 
-    `motion`      what is known of it: `profile` what a table does · `reference` what the filter is fed · `alignment`
-                  how that is found in data
+    `motion`      what is known of it: `segments`, `kinematics` and `profile`, what a table does · `reference` what the
+                  filter is fed · `alignment` how that is found in data
     `kalman`      the filters: `strapdown` equations (1)-(5) · `spkf` the filter, (11)-(15), to be read; `kernels` the
-    same
-                  step, compiled · `augmentation` effects as further states and noise · `spkf_paper` the paper's own
-                  form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its arrays · `settings`,
-                  `runner` a run, one sample or many · `consistency` NIS, noise, convergence; `alarms` sentences on
-                  what contradicts the model
-    `effects`     the catalogue of what may be wrong with a unit · `simulation` units with known truth
-    `tracing`     `residual` reading minus what a perfect unit reads, in blocks · `whitening` the bias filter over
-                  residuals and regressors, likelihood of drift · `design_matrix` what a hypothesis gains · `selection`
-                  which are there, `rivals` what else would do · `noise_level` what the noise follows ·
-                  `identifiability`, `detectability` what a log can't show, and what is too small for it · `prospect`
-                  what a motion will let be told · `validation` error before and after · `driver_curve` what a free
-                  curve looks like · `experiment`, `candidate_motions` the motion that separates rivals · `assessment`
-                  what is known of findings, `report` the document · `trace` all of it in order
+                  same step, compiled · `augmentation` effects as further states and noise · `spkf_paper` the paper's
+                  own form, `ekf` (6)-(10) · `engines` what turns samples into estimates; `layout` its arrays,
+                  `filter_input` what they take · `settings`, `sample_times`, `rows`, `runner` a run, one sample or many
+                  · `consistency` NIS, noise, convergence; `alarms` sentences on what contradicts the model
+    `effects`     the catalogue of what may be wrong with a unit
+    `simulation`  units with known truth
+    `tracing`     from residual to effect; its docstring has the steps in order
 
 Residual and effects
     residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from filters.types import Array
 
+CHI2_MEDIAN = 0.4549364
+"""Median of chi-square with one degree of freedom: the median of squares over it is their variance, outliers or not."""
+
 SETTLED = 0.03
 """s: averaging times below it are left out by `noise_of`. Table 1's gyro is band-limited at 25 Hz, and for times below
 five of its time constants (6.4 ms) the Allan variance is not yet that of white noise."""

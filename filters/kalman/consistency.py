@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.allan import CHI2_MEDIAN
 from filters.imu import STANDARD_GRAVITY
 from filters.types import Array
 
@@ -30,7 +31,6 @@ REMAINDER_WINDOWS = 6
 """Windows of 10 s, at most, that the remainder is told from."""
 _BAND = 5.0
 _NOISE_BLOCKS = 600
-_MEDIAN_OF_CHI2_1 = 0.45493642
 
 
 def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]:
@@ -238,7 +238,7 @@ class ConvergenceMonitor:
             return None
         low, high = (count - 1) // 2, count // 2
         ordered = np.partition(self._squares[:count], [low, high] if high > low else low, axis=0)
-        variance = 0.5 * (ordered[low] + ordered[high]) / _MEDIAN_OF_CHI2_1 / 2.0
+        variance = 0.5 * (ordered[low] + ordered[high]) / CHI2_MEDIAN / 2.0
         return np.asarray(np.sqrt(variance * self._block))
 
     def remainder(self) -> Remainder:

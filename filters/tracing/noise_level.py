@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.allan import CHI2_MEDIAN
 from filters.effects.drivers import Driver
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
-from filters.tracing.stack import CHI2_MEDIAN, FOLDS
+from filters.tracing.stack import FOLDS
 from filters.types import Array
 
 _Bools = NDArray[np.bool_]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.allan import CHI2_MEDIAN
 from filters.tracing.blocks import Blocks
 from filters.types import Array
 
@@ -13,8 +14,6 @@ CELL_S = 20.0
 """Length of a cell, s: what is left out together when a fit is judged on what it has not seen."""
 FOLDS = 5
 """A fold leaves out every fifth cell."""
-CHI2_MEDIAN = 0.4549364
-"""Median of chi-square with one degree of freedom."""
 
 
 @dataclass(frozen=True)
