@@ -73,7 +73,7 @@ EFFECTS: dict[str, Entry] = {
     "dropout": Entry("fault", "missing readings", "P", _FAULT),
     "jitter": Entry("fault", "stamps that are off", "P", _FAULT),
 }
-"""Name to entry, in the order of contracts section 6."""
+"""Name to entry, in the order of docs/formats.md."""
 
 
 def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, ShapeValue]) -> Hypothesis:

@@ -19,6 +19,6 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
                 `free_inertial` position error · `error_figure` the record of one, intervals
 10 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
 11 assessment   `assessment` steps 8-10 as one frozen record · `channel_status` a word for each channel
-12 report       `trace_document` contracts section 6 as types · `report` the document · `driver_curve` curves and their
+12 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their
                 forms · `inclusion` what joins the filter · `result` all that a trace gives
 """

@@ -14,7 +14,7 @@ DRAWS = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorFigure:
-    """One figure of error, contracts section 6.
+    """One figure of error, docs/formats.md.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""An assessment as a report: fields of contracts section 6, a sentence, residuals before and after for figures."""
+"""An assessment as a report: fields of docs/formats.md, a sentence, residuals before and after for figures."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The document of a trace, contracts section 6, as types: what `imutui trace --json` prints and reports are made from.
+"""The document of a trace, docs/formats.md, as types: what `imutui trace --json` prints and reports are made from.
 
 Needs the standard library only, so that texts can be made of a document where no array library is loaded.
 

@@ -125,7 +125,7 @@ def replay(
     Returns
     -------
     ResultDocument
-        As in contracts section 5; `damage` says what is wrong with the file, if anything.
+        As in docs/formats.md; `damage` says what is wrong with the file, if anything.
 
     Raises
     ------

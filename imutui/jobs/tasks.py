@@ -46,7 +46,7 @@ class TraceResult:
 
 
 def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> "ResultDocument":
-    """The filter over one log: the result document, contracts section 5."""
+    """The filter over one log: the result document, docs/formats.md."""
     from imutui.jobs import replay
 
     tell(0.0, f"reading {path.name}")

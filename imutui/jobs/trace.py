@@ -122,7 +122,7 @@ def trace(
 
 
 def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
-    """All of a trace's document, in the order of contracts section 6, with numbers as JSON has them."""
+    """All of a trace's document, in the order of docs/formats.md, with numbers as JSON has them."""
     own = found.document
     document: TraceDocument = {
         "version": VERSION,

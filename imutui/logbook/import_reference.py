@@ -49,7 +49,7 @@ def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site |
     t : Array
         s, shape (N,).
     known : Mapping
-        `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as contracts section 2 has them, NaN where unknown.
+        `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as docs/formats.md has them, NaN where unknown.
     mount : Array
         M from instrument to body axes, shape (3, 3).
     site : Site or None

@@ -1,4 +1,4 @@
-"""Recordings made elsewhere (NPZ, CSV) into a log; contracts section 2.
+"""Recordings made elsewhere (NPZ, CSV) into a log; docs/formats.md.
 
 Checked before anything is written: names, lengths, numbers, time, and what gravity says of signs.
 """

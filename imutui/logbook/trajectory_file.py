@@ -1,6 +1,6 @@
 """A known motion as text: CSV of `t, lat, lon, h, vn, ve, vd[, roll, pitch, yaw]`, empty cells where nothing is known.
 
-The form in which a reference lies beside a recording or travels in a log; contracts sections 1 and 2.
+The form in which a reference lies beside a recording or travels in a log; docs/formats.md.
 """
 
 import csv

@@ -1,6 +1,6 @@
 """What a trace found, in sentences; the terminal and the page say the same ones.
 
-Pure functions from the result document (contracts section 6) to text. Everything it names is in the instrument's own
+Pure functions from the result document (docs/formats.md) to text. Everything it names is in the instrument's own
 axes and sign.
 """
 

@@ -1,4 +1,4 @@
-"""Exit codes of the acquisition process, which the command that follows it ends with: see contracts, section 1."""
+"""Exit codes of the acquisition process, which the command that follows it ends with: see docs/commands.md."""
 
 OWN_ERROR = 1
 USAGE = 2
