@@ -15,7 +15,7 @@ import os, sys
 import imutui
 from imutui.logbook import mcap_kernels
 from filters.kalman.kernels import step
-folders = {{mcap_kernels.count._cache.cache_path, step.advance._cache.cache_path}}
+folders = {{mcap_kernels.tally._cache.cache_path, step.advance._cache.cache_path}}
 print(*sorted(folders), sep="\\n")
 print(os.environ["NUMBA_CACHE_DIR"])
 """

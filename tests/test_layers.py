@@ -52,7 +52,7 @@ DOORS = {
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},
     "matplotlib": {"imutui.report"},
-    "numba": {"filters", "imutui.logbook.mcap_kernels"},
+    "numba": {"filters", "imutui.logbook.mcap_kernels", "imutui.compile_cache"},
 }
 
 # what is said, and what is judged: pure functions, which a command may use as well as a page

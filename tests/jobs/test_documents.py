@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-from conftest import SAMPLE
+from helpers.paths import SAMPLE
 
 from imutui.jobs import check, documents, info, operator_steps, recover
 from imutui.logbook import reference_file
@@ -54,5 +54,5 @@ def test_a_guided_list_has_its_shape() -> None:
     offer = operator_steps.ready_made()[0]
     profile: Any = reference_file.parse(offer.file, offer.text.encode())
     told: Mapping[str, Any] = operator_steps.document(profile, offer.name)
-    assert set(told) == fields(documents.ProfileDocument)
+    assert set(told) == fields(documents.GuidedListDocument)
     assert all(set(segment) == fields(documents.SegmentField) for segment in told["segments"])

@@ -9,76 +9,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.logs import LAYOUTS, START, recorded, rewritten, with_frame
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Chunk, Message
+from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import CompressionType, Writer
+from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zstandard import ZstdError
 
 from imutui.logbook import SessionInfo, message_definitions, message_layout, reader, schemas
 from imutui.logbook.reader import Log, UnreadableLogError
-from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA
 from imutui.logbook.writer import LogWriter
 
-START = 1_795_257_000_000_000_000
 numbers = st.floats(width=64, allow_nan=False)
 vectors = st.tuples(numbers, numbers, numbers)
-
-
-def recorded(path: Path, seconds: int = 3, rate: int = 20) -> Path:
-    """A log as the recorder writes it, with an estimate, an event and an invalid sample in each second."""
-    log = LogWriter(path, SessionInfo(rate_hz=rate, kind="simulated"), "", START)
-    rng = np.random.default_rng(2)
-    for k in range(seconds * rate):
-        stamp = START + k * 1_000_000_000 // rate
-        counts = tuple(rng.integers(-32768, 32768, 6).tolist())
-        log.raw(RawPacket(k, k * 7, counts, int(rng.integers(65536)), 65535 - k, k % 2, k % 8), stamp + 9, stamp)
-        log.imu(stamp + 9, stamp, rng.normal(size=3), rng.normal(size=3), valid=k % rate != 5)
-        log.message(schemas.TEMPERATURE, schemas.temperature(stamp, rng.normal()), stamp, stamp)
-        if k % rate == rate - 1:
-            angles, rates = np.array([k, k + 0.5, -k]), np.full(3, k)
-            log.message(schemas.REFERENCE, schemas.table_reference(stamp, f"kind {k}", angles, rates), stamp, stamp)
-            log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "", {"packets": str(k)}), stamp, stamp)
-            log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
-            log.flush()
-    log.finish({}, START)
-    return path
-
-
-def with_frame(data: bytes, typename: str, frame: str) -> bytes:
-    """The same stamped message with another frame_id."""
-    m = schemas.decode(typename, data)
-    m.header.frame_id = frame
-    return bytes(schemas.typestore().serialize_cdr(m, typename))
-
-
-def rewritten(source: Path, path: Path, frame: str | None = None, **options: Any) -> Path:
-    """The same records written anew: other chunks, another compression, another frame_id."""
-    with source.open("rb") as old, path.open("wb") as new:
-        writer = Writer(new, enable_data_crcs=True, **options)
-        writer.start(profile="ros2", library="test")
-        writer.add_metadata(METADATA, SessionInfo(rate_hz=20, kind="simulated").strings())
-        channels: dict[int, int] = {}
-        topics: dict[int, str] = {}
-        for record in StreamReader(old).records:
-            if isinstance(record, Channel) and record.id not in channels:
-                typename = schemas.TYPES[record.topic]
-                schema = writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
-                channels[record.id] = writer.register_channel(record.topic, "cdr", schema)
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                data = record.data
-                if frame is not None and topics[record.channel_id] in (schemas.IMU, schemas.TEMPERATURE):
-                    data = with_frame(data, schemas.TYPES[topics[record.channel_id]], frame)
-                writer.add_message(channels[record.channel_id], record.log_time, data, record.publish_time)
-            elif isinstance(record, Attachment):
-                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
-        writer.finish()
-    return path
 
 
 def messages(content: bytes) -> Iterator[tuple[str, Message]]:
@@ -122,22 +69,6 @@ def assert_same(log: Log, content: bytes) -> None:
     assert log.temperature_degc.tobytes() == np.array([row[1] for row in temperature]).tobytes()
     assert log.raw == packets
     assert [event.text for event in log.events] == events
-
-
-LAYOUTS: dict[str, dict[str, Any]] = {
-    "zstd": {"compression": CompressionType.ZSTD},
-    "lz4": {"compression": CompressionType.LZ4},
-    "uncompressed": {"compression": CompressionType.NONE},
-    "small chunks": {"chunk_size": 700},
-    "no chunks": {"use_chunking": False},
-    "no checksums": {"enable_crcs": False},
-    "no index": {"index_types": 0, "use_statistics": False, "use_summary_offsets": False},
-    "schemas in the chunks only": {"repeat_channels": False, "repeat_schemas": False},
-    "short frame_id": {"frame": "a"},
-    "long frame_id": {"frame": "a frame with quite a long name"},
-    "no frame_id": {"frame": ""},
-    "frame_id that is no ASCII": {"frame": "Gehäuse"},
-}
 
 
 @pytest.mark.parametrize("case", LAYOUTS)

@@ -9,9 +9,9 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from helpers.logs import LAYOUTS, START, recorded, rewritten, with_frame
 from hypothesis import given
 from hypothesis import strategies as st
-from logbook.test_reader import LAYOUTS, START, recorded, rewritten, with_frame
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 

@@ -22,7 +22,9 @@ START = 1_795_257_000_000_000_000
 HEAVY = ("numba", "scipy.signal", "scipy.stats")
 
 
-@pytest.mark.parametrize("program", ["imutui.session.__main__", "imutui.cli.following", "imutui.cli.readings"])
+@pytest.mark.parametrize(
+    "program", ["imutui.session.__main__", "imutui.cli.follow_acquisition", "imutui.cli.virtual_readings"]
+)
 def test_neither_compiler_nor_statistics_are_loaded_to_begin_with(program: str) -> None:
     """By the acquisition, by `record` that follows it, by the virtual instrument."""
     code = f"import sys, {program}; print([name for name in {HEAVY!r} if name in sys.modules])"
@@ -45,7 +47,7 @@ def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
     """Loading it takes a second or more, compiling it many; a power cut meanwhile costs nothing but what came since."""
     path = tmp_path / "a.mcap"
     on_disk: list[int] = []
-    monkeypatch.setattr(live_filter, "prepare", lambda: on_disk.append(packets_in(path)))
+    monkeypatch.setattr(live_filter.PLAIN, "begin", lambda: on_disk.append(packets_in(path)))
     info = SessionInfo(sampling="polled", rate_hz=20.0)
     pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
     pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, 0, True), 2_000_000)

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from imutui.cli.readings import SIMULATED, simulated
-
+from imutui.cli.virtual_readings import SIMULATED, simulated
 from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
 
 
