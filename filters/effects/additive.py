@@ -45,7 +45,7 @@ class ThermalPoly(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Two orders."""
+        """Number of forms: second and third order."""
         return 2
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
@@ -87,7 +87,7 @@ class ThermalLag(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Number of time constants."""
+        """Number of forms: one for each time constant."""
         return len(LAGS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
@@ -112,7 +112,7 @@ class Hysteresis(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Number of widths."""
+        """Number of forms: one for each width of the play operators."""
         return len(PLAY_WIDTHS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
@@ -137,7 +137,7 @@ class Warmup(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Number of time constants."""
+        """Number of forms: one for each time constant."""
         return len(WARMUP_TAUS)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
@@ -255,7 +255,7 @@ class CrossAxis(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Both, or either."""
+        """Number of forms: coefficients of both other axes, or of either alone."""
         return 3
 
     def _others(self) -> list[int]:
@@ -313,7 +313,7 @@ class GSquared(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Three axes."""
+        """Number of forms: one for each axis of specific force."""
         return 3
 
     @property

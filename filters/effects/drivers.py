@@ -96,7 +96,7 @@ class Driver(ChannelEffect):
 
     @property
     def effect(self) -> str:  # type: ignore[override]
-        """driver:NAME."""
+        """Name of the effect: `driver:` and the driver's own name."""
         return f"driver:{self.name}"
 
     @property

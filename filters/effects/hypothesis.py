@@ -116,7 +116,7 @@ class ChannelEffect(HypothesisBase):
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """Its number, alone."""
+        """The one channel that it is on, as a tuple."""
         return (self.channel,)
 
     @property

@@ -98,7 +98,7 @@ class FilterEngine(Protocol):
         ...
 
     def belief(self) -> Belief:
-        """Present belief."""
+        """State and covariance after the last sample."""
         ...
 
     def biases(self) -> tuple[Array, Array]:
@@ -155,7 +155,7 @@ class Compiled:
         return int(k), int(rows)
 
     def belief(self) -> Belief:
-        """Present belief."""
+        """State and covariance after the last sample."""
         return Belief(nav_of(self.core[: layout.NAV]), covariance_of(self._run.P))
 
     def biases(self) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class Stepwise:
         self._belief = self._module.start(nav, P0_sd)
 
     def belief(self) -> Belief:
-        """Present belief."""
+        """State and covariance after the last sample."""
         common: Belief = self._module.common(self._belief)
         return common
 

@@ -37,7 +37,7 @@ class Readings:
     temperature: Array
 
     def part(self, which: slice | NDArray[np.bool_]) -> "Readings":
-        """Some of them."""
+        """The samples of a stretch, as a record of the same kind."""
         return Readings(self.t[which], self.gyro[which], self.accel[which], self.temperature[which])
 
     @staticmethod

@@ -94,7 +94,7 @@ class Estimator:
 
     @property
     def nis_count(self) -> int:
-        """Updates so far."""
+        """How many updates with the reference there have been so far."""
         return int(self._core(layout.CORE_NIS_COUNT))
 
     @property

@@ -303,7 +303,7 @@ class Path:
     partial: dict[float, Array] = field(default_factory=dict)
 
     def start(self) -> tuple[NavState, Array]:
-        """As aligned."""
+        """State and standard deviations that alignment found, for the filter to start from."""
         return self.nav, self.P0_sd
 
     def known(self, t: Array, before: float, gyro: Array) -> Array:

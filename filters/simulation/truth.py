@@ -101,7 +101,7 @@ class MotionEffect(Protocol):
     """Something about the motion that is not as believed."""
 
     def changed(self, world: World) -> World:
-        """World with it."""
+        """The world as the sensor meets it when the effect is there."""
         ...
 
 

@@ -66,7 +66,7 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """Duration, s."""
+        """From the first sample to the last, s."""
         return float(self.t[-1] - self.t[0])
 
     @property

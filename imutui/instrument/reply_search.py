@@ -50,11 +50,11 @@ class NothingSearch:
     done = False
 
     def scan(self, inbox: Inbox) -> list[Event]:
-        """Discard everything."""
+        """Nothing is looked for: all bytes are discarded, and told as such."""
         return inbox.drop(inbox.end)
 
     def close(self, inbox: Inbox) -> list[Event]:
-        """Discard everything."""
+        """Nothing is looked for: all bytes are discarded, and told as such."""
         return self.scan(inbox)
 
     def missing(self, inbox: Inbox) -> int:
@@ -84,7 +84,7 @@ class LetterSearch:
         return []
 
     def missing(self, inbox: Inbox) -> int:
-        """One: the letter."""
+        """One byte: the reply is a letter alone."""
         return 1
 
 

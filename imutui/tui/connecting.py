@@ -88,7 +88,7 @@ class Connector:
         self._try(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
 
     def start(self, plan: Plan) -> None:
-        """Start an acquisition."""
+        """Start the acquisition that a plan describes, and show it once it streams."""
         target = "the virtual instrument" if plan.port == VIRTUAL_PORT else plan.port
         self._try(Attempt(lambda: session.start(plan)), target, plan)
 
@@ -131,7 +131,7 @@ class Connector:
     # one that runs
 
     def look_at(self, client: Client) -> None:
-        """Show an acquisition."""
+        """Poll an acquisition from now on and bring its readings to the front."""
         app = self._context.app
         self.exit_code = 0
         self._context.connection.attach(client, lambda event: app.post_message(FromPoller(event)))

@@ -43,12 +43,12 @@ def plain(value: float | None, digits: int = 4) -> str:
 
 
 def unit_name(unit: str) -> str:
-    """Unit as shown."""
+    """A unit as the screen writes it, in signs that the font has."""
     return "°C" if unit == "degC" else unit
 
 
 def clock(seconds: float | None) -> str:
-    """h:mm:ss."""
+    """A duration as h:mm:ss."""
     if seconds is None or not math.isfinite(seconds):
         return "–:––:––"
     whole = max(int(seconds), 0)
@@ -155,5 +155,5 @@ def profile_name(file: str) -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """Count and noun."""
+    """A count with its noun, in the plural where it must be."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

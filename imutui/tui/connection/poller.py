@@ -52,7 +52,7 @@ class Poller:
         self._thread = threading.Thread(target=self._run, name="imutui-poller", daemon=True)
 
     def start(self) -> None:
-        """Begin to poll."""
+        """Begin to ask the acquisition for snapshots, in a thread."""
         self._thread.start()
 
     def stop(self) -> None:

@@ -89,7 +89,7 @@ class Verdict:
 
     @property
     def badge(self) -> str:
-        """Sign and word."""
+        """Sign and word of the verdict, such as `● GREEN`."""
         return f"{SIGNS[self.word]} {self.word}"
 
     @property

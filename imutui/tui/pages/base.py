@@ -96,7 +96,7 @@ class Page(Screen[None]):
         """End that, because the program ends."""
 
     def on_unmount(self) -> None:
-        """Leave nothing behind."""
+        """Abandon what the page has begun and not finished."""
         self.abandon()
 
     def as_text(self) -> str:
@@ -111,7 +111,7 @@ class Page(Screen[None]):
         self.post_message(self.Wanted(self))
 
     def on_resize(self, _: events.Resize) -> None:
-        """Fit another size."""
+        """Show as much as the terminal's new size has room for."""
         self._fit()
 
     def on_screen_resume(self) -> None:

@@ -41,7 +41,7 @@ class Resume(ConnectRequest):
 
 
 class Cancel(ConnectRequest):
-    """Connect no more."""
+    """The operator gives up the connection that is being made."""
 
 
 class Stop(ConnectRequest):

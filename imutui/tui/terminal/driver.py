@@ -44,12 +44,12 @@ class Meter:
         self._round_trip_s: float | None = None
 
     def begin(self) -> None:
-        """A write begins."""
+        """Note that a write to the terminal begins now."""
         with self._lock:
             self._began = time.monotonic()
 
     def end(self, count: int) -> None:
-        """It has ended."""
+        """Note that the write has ended, and how many bytes it took."""
         with self._lock:
             self.written_at = time.monotonic()
             if self._began is not None:
@@ -136,7 +136,7 @@ class Measured(Driver):
 
     @property
     def queue(self) -> int:
-        """Writes that wait."""
+        """How many writes wait for the terminal."""
         return 0
 
     def probe(self) -> None:
@@ -159,7 +159,7 @@ class Terminal(LinuxDriver, Measured):
 
     @property
     def queue(self) -> int:
-        """Writes that wait."""
+        """How many writes wait for the terminal."""
         return textual_private.queued(self)
 
     def probe(self) -> None:
@@ -197,7 +197,7 @@ class Terminal(LinuxDriver, Measured):
             self._hang_up()
 
     def close(self) -> None:
-        """Stop to write."""
+        """Write no more, and end the watch for a hang-up."""
         self._closed.set()
         super().close()
 

@@ -123,7 +123,7 @@ class PacingController:
 
     @property
     def pacing(self) -> Pacing:
-        """What holds now."""
+        """How much is drawn, and how often, from now on."""
         return self._steps[self._step]
 
     def cycle(self) -> Pacing:

@@ -13,7 +13,7 @@ class EventList(TextLines):
     DEFAULT_CSS = "EventList { height: 100%; padding: 0 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Head and events."""
+        """A headline, and under it as many of the last events as there is room for."""
         events = (view.now["events"] if view.now is not None else [])[-max(self.content_size.height - 1, 1) :]
         head = self.line(("events, UTC".ljust(width), "bold underline"))
         rows = [self.line(event_text(event)).truncate(width, ellipsis=True) for event in events]

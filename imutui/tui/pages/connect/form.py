@@ -192,7 +192,7 @@ class ConnectForm(Vertical):
         self._say_summary()
 
     def on_input_changed(self) -> None:
-        """Check while typing."""
+        """Say at once what cannot be in the field that is being typed into."""
         self._say_rate()
 
     def on_input_submitted(self) -> None:

@@ -93,7 +93,7 @@ class ConnectPage(Page):
     # what is shown
 
     def show(self, view: View) -> None:
-        """Show a view."""
+        """Show form or connection, whichever the view calls for."""
         super().show(view)
         self._state()
 
@@ -166,7 +166,7 @@ class ConnectPage(Page):
         self._form.probe_all()
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Stop, or zero."""
+        """Stop the acquisition, or zero the rate sensors, whichever button it was."""
         if event.button.id == "stop":
             self.action_stop()
         elif event.button.id == "zero":
@@ -190,7 +190,7 @@ class ConnectPage(Page):
             self.post_message(self.Ask(lambda client: client.zero(text.ZERO_ARGUMENT), busy))
 
     def action_demo(self) -> None:
-        """Show the demo."""
+        """Start the demo on the virtual instrument, or show the one that runs."""
         self.post_message(requests.StartDemo())
 
     def action_next_field(self) -> None:

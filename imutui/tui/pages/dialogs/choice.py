@@ -52,7 +52,7 @@ class ChoiceDialog(ModalScreen[str | None]):
         self._answers = answers
 
     def compose(self) -> ComposeResult:
-        """Title, text, answers."""
+        """Title, the question, and the answers with their keys."""
         with Vertical(classes="dialog"):
             yield Static(Content.styled(self._title, "bold"), classes="title")
             yield Static(Content(formatting.folded(self._body, _ROOM)), classes="text")

@@ -16,7 +16,7 @@ class MarkDialog(ModalScreen[str | None]):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,ctrl+c", "cancel", "cancel", priority=True)]
 
     def compose(self) -> ComposeResult:
-        """Title, input, hint."""
+        """Title, the field for the mark's text, and what Enter and Escape do."""
         with Vertical(classes="dialog"):
             yield Static(Content.styled("Mark in the recording", "bold"), classes="title")
             yield Input(placeholder="what happens now, for example: table to 90 deg", compact=True)

@@ -28,7 +28,7 @@ class PathDialog(ModalScreen[str | None]):
         self._title, self._hint, self._value = title, hint, value
 
     def compose(self) -> ComposeResult:
-        """Title, input, hint."""
+        """Title, the field for the path, and what Enter and Escape do."""
         with Vertical(classes="dialog"):
             yield Static(Content.styled(self._title, "bold"), classes="title")
             yield Input(self._value, compact=True)

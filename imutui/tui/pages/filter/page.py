@@ -86,7 +86,7 @@ class FilterPage(Page):
                 yield BiasPlot(index)
 
     def show(self, view: View) -> None:
-        """Show a view."""
+        """Show verdict, biases and their history of a view."""
         super().show(view)
         for plot in self.query(BiasPlot):
             if (plot.column is None) == self._alone:

@@ -55,7 +55,7 @@ class LivePage(Page):
         self._alone = ""
 
     def body(self) -> Iterable[Widget]:
-        """Table, plots, status."""
+        """Table of channels, plots, and lines on link, recording and warm-up."""
         yield Horizontal(ChannelTable(), EventList(), id="top")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
@@ -64,7 +64,7 @@ class LivePage(Page):
         yield RecordingLine()
 
     def show(self, view: View) -> None:
-        """Show a view."""
+        """Show the newest packets and statistics of a view."""
         super().show(view)
         pacing = view.pacing
         for plot in self.query(Plot):

@@ -52,7 +52,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
             yield Static(id="about", classes="text")
 
     def on_mount(self) -> None:
-        """Fill the list."""
+        """List the effects files that lie with the recordings."""
         names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
         self.query_one(OptionRows).fill(
             [Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]]
@@ -65,7 +65,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
         self._about()
 
     def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
-        """A click takes."""
+        """A file that was clicked is chosen, as by Enter."""
         self.action_take()
 
     def _file(self) -> "EffectsFile | str | None":
@@ -91,7 +91,7 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
             self.dismiss(file)
 
     def action_open(self) -> None:
-        """Type a path."""
+        """Ask for the path of a file that is not listed."""
         self.dismiss("open")
 
     def action_cancel(self) -> None:

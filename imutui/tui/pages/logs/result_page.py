@@ -54,7 +54,7 @@ class ResultPage(Page):
         self.outcome = outcome
 
     def body(self) -> Iterable[Widget]:
-        """Title and text."""
+        """Title of the result and its text, to scroll."""
         keys = "y copies  Esc back"
         room = self.app.size.width - len(keys) - 5
         yield Static(
@@ -64,12 +64,12 @@ class ResultPage(Page):
             yield Static(id="result")
 
     def on_mount(self) -> None:
-        """Write the text."""
+        """Fill the page, now that its width is known."""
         super().on_mount()
         self._write()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Wrap it anew."""
+        """Break the lines for the new width."""
         super().on_resize(event)
         self._write()
 
@@ -103,17 +103,17 @@ class ResultPage(Page):
         self.app.pop_screen()
 
     def action_save(self) -> None:
-        """Write the document."""
+        """Save the result as JSON beside its log."""
         made = self.outcome
         self._keep(f"_{made.kind}.json", lambda: json.dumps(made.document, indent=2, allow_nan=False) + "\n", None)
 
     def action_write_effects(self) -> None:
-        """Write the effects."""
+        """Save what was found as an effects file beside the log."""
         effects = self.outcome.effects
         self._keep("_effects.toml", lambda: effects, "e loads them into the live filter")
 
     def action_write_experiment(self) -> None:
-        """Write the profile."""
+        """Save the motion that would separate two causes, as a table profile."""
         experiment = self.outcome.experiment
         self._keep("_experiment.toml", lambda: experiment, "5 Table offers it")
 

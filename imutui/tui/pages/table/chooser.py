@@ -57,7 +57,7 @@ class ProfileChooser(Vertical):
         self._list()
 
     def show(self, now: Snapshot | None) -> None:
-        """Take a snapshot."""
+        """Offer the way back to level where the filter goes by a file."""
         self._now = now
         if self._looked and self._level != self._has_reference():
             self._list()

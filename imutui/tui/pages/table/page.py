@@ -75,7 +75,7 @@ class TablePage(Page):
         yield self._segments
 
     def on_mount(self) -> None:
-        """Look for profiles."""
+        """Look for table profiles in the working folder and with the recordings."""
         super().on_mount()
         self._part()
         self.look()
@@ -227,7 +227,7 @@ class TablePage(Page):
         self.look()
 
     def action_other(self) -> None:
-        """Type a path."""
+        """Ask for the path of a profile that is not listed."""
         self.query_one("#other").focus()
 
     def action_back(self) -> None:

@@ -105,5 +105,5 @@ class SegmentList(Vertical):
         self.query_one("#detail", Static).update(Content(choose().text(head + said)))
 
     def as_text(self) -> str:
-        """Columns and segments."""
+        """The list as text for copying: head of the columns, then a line a segment."""
         return f"{self._columns()}\n{self.query_one('#segments', OptionRows).as_text()}"

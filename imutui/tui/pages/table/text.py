@@ -81,7 +81,7 @@ def title(profile: ProfileDescription, seconds: float | None) -> str:
 
 
 def span(seconds: float) -> str:
-    """m:ss."""
+    """A duration as m:ss."""
     whole = round(seconds)
     return f"{whole // 60}:{whole % 60:02d}"
 
