@@ -47,7 +47,9 @@ def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
     """Loading it takes a second or more, compiling it many; a power cut meanwhile costs nothing but what came since."""
     path = tmp_path / "a.mcap"
     on_disk: list[int] = []
-    monkeypatch.setattr(live_filter.PLAIN, "begin", lambda: on_disk.append(packets_in(path)))
+    unprepared = live_filter.Preparation(effects=False)
+    monkeypatch.setattr(unprepared, "begin", lambda: on_disk.append(packets_in(path)))
+    monkeypatch.setattr(live_filter, "PLAIN", unprepared)
     info = SessionInfo(sampling="polled", rate_hz=20.0)
     pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
     pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, 0, True), 2_000_000)
