@@ -23,11 +23,16 @@ def samples(n: int) -> tuple[np.ndarray, np.ndarray]:
     return RATE + rng.normal(size=(n, 3)) * 5e-3, FORCE + rng.normal(size=(n, 3)) * 0.07
 
 
+def prepared() -> None:
+    """Have the filter's step ready before the first sample."""
+    live_filter.PLAIN.begin()
+    assert live_filter.PLAIN.ready.wait(120.0)
+
+
 def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     """Nothing is estimated before the step is there, nothing is lost, and the estimates are those of a replay."""
     session = SessionInfo(rate_hz=20.0)
-    live_filter.PLAIN.begin()
-    assert live_filter.PLAIN.ready.wait(120.0)
+    prepared()
     live = LiveFilter(session)
     gyro, accel = samples(200)
     stamps = [FIRST_NS + k * 50_000_000 for k in range(200)]
@@ -51,6 +56,7 @@ def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
 def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
     """A mark 0.2 s early begins the first dwell, whose rows are used from 2 s after it."""
     profile = Profile((Dwell((0.0, 0.0, 0.0), 60.0),), align="marks")
+    prepared()
     live = LiveFilter(SessionInfo(rate_hz=20.0, reference="profile"), profile)
     live.mark(FIRST_NS - 200_000_000, "level")
     gyro, accel = samples(60)
