@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from imutui.jobs.documents import (
@@ -19,6 +20,8 @@ _KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin n
 _LABEL = 13
 _MARKS = 50
 _NOTHING = "–"
+_wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
+"""Lines of a text; a path stays whole, so that it can be read and copied, and whoever shows it may fold it."""
 
 
 def info_text(d: InfoDocument, width: int) -> str:
@@ -34,9 +37,7 @@ def info_text(d: InfoDocument, width: int) -> str:
     lines = [d["log"]]
     for label, value in _facts(d):
         if value:
-            lines += textwrap.wrap(
-                value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1)
-            )
+            lines += _wrap(value, width, initial_indent=f"{label:<{_LABEL}} ", subsequent_indent=" " * (_LABEL + 1))
     lines += _topics(d)
     lines += _happened("marks", d["marks"], width) + _happened("events", d["events"], width)
     return "\n".join(lines)
@@ -57,13 +58,13 @@ def check_text(d: CheckDocument, width: int) -> str:
     lines = [f"{verdict}: {d['log']}"]
     size = f"{d['state']}, {plural(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}"
     size += f", {plural(d['packets'], 'packet')}, {plural(d['messages'], 'message')} in {plural(d['chunks'], 'chunk')}"
-    lines += textwrap.wrap(size, width)
+    lines += _wrap(size, width)
     for number, finding in enumerate(d["findings"], 1):
         lines.append("")
-        lines += textwrap.wrap(f"{number}. {finding['what']}", width, subsequent_indent="   ")
+        lines += _wrap(f"{number}. {finding['what']}", width, subsequent_indent="   ")
         for label, text in (("where", finding["where"]), ("next", finding["next"])):
             if text:
-                lines += textwrap.wrap(f"{label}: {text}", width, initial_indent="   ", subsequent_indent="   ")
+                lines += _wrap(f"{label}: {text}", width, initial_indent="   ", subsequent_indent="   ")
     return "\n".join(lines + _notes(d["notes"], width))
 
 
@@ -80,7 +81,7 @@ def recover_text(d: RecoverDocument, width: int) -> str:
     verdict = "recovered" if d["complete"] else "recovered in part"
     lines = [f"{verdict}: {d['output']}"]
     size = f"{plural(d['samples'], 'sample')}, {numbers.duration(d['duration_s'])}, {plural(d['messages'], 'message')}"
-    lines += textwrap.wrap(f"{size}; read back and found as written. {Path(d['log']).name} is as it was.", width)
+    lines += _wrap(f"{size}; read back and found as written. {Path(d['log']).name} is as it was.", width)
     return "\n".join(lines + _notes(d["sentences"], width))
 
 
@@ -178,14 +179,14 @@ def _happened(title: str, entries: list[EventField], width: int) -> list[str]:
     for entry in entries[:_MARKS]:
         t = f"{entry['t']:10.3f} s" if entry["t"] is not None else f"{_NOTHING:>10}  "
         when = f"{t}  {entry['utc'][11:19]}  "
-        lines += textwrap.wrap(entry["text"] or _NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
+        lines += _wrap(entry["text"] or _NOTHING, width, initial_indent=when, subsequent_indent=" " * len(when))
     return lines + ([f"and {len(entries) - _MARKS} more"] if len(entries) > _MARKS else [])
 
 
 def _notes(sentences: list[str], width: int) -> list[str]:
     if not sentences:
         return []
-    return ["", *(line for text in sentences for line in textwrap.wrap(f"- {text}", width, subsequent_indent="  "))]
+    return ["", *(line for text in sentences for line in _wrap(f"- {text}", width, subsequent_indent="  "))]
 
 
 def _size(n: int) -> str:
