@@ -25,6 +25,8 @@ def _compiled() -> Path:
 # before numpy and numba are imported, which read them; processes under test inherit them.
 # Threads of the linear algebra library only get in each other's way on 15×15 matrices
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# output of commands is buffered for whoever uses them, whatever the machine that builds them has set
+os.environ.pop("PYTHONUNBUFFERED", None)
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
 
 

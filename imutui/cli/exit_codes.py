@@ -40,20 +40,33 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            return command(*args, **kwargs)
+            try:
+                return command(*args, **kwargs)
+            finally:
+                _flush()
         except (typer.Exit, typer.Abort):
             raise
         except KeyboardInterrupt:
             say("interrupted")
             raise typer.Exit(INTERRUPTED) from None
         except BrokenPipeError:
-            # whoever read our output has had enough; let the interpreter not complain about it at exit either
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(FINE) from None
+            raise typer.Exit(FINE) from None  # whoever read our output has had enough
         except Exception as error:  # noqa: BLE001 - the last resort: words instead of a traceback
             raise fail(*in_words(error)) from None
 
     return wrapped
+
+
+def _flush() -> None:
+    """Write what is printed, here, where it can still be said what is wrong with it.
+
+    The interpreter would try again as it exits, and complain in words of its own: what can't be written is let go.
+    """
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
 
 
 def in_words(error: Exception) -> tuple[int, str]:
