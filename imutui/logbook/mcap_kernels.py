@@ -28,6 +28,10 @@ from imutui.logbook.message_layout import (
     RecordTable,
 )
 
+LAYOUT_CRC = 0x76C80EA6
+"""Of the numbers above. They are compiled in, and numba's cache notices a change of this file alone: it has to change
+with them, and a test says so."""
+
 
 @njit(cache=True)
 def _uint(data, at, size):  # type: ignore[no-untyped-def]

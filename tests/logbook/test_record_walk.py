@@ -1,6 +1,8 @@
 """The plain walk against the compiled one: which of them reads a log must not be seen in anything that is read."""
 
+import ast
 import random
+import zlib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 
-from imutui.logbook import mcap_format, message_arrays, message_layout, reader, record_walk, scan, schemas
+from imutui.logbook import mcap_format, mcap_kernels, message_arrays, message_layout, reader, record_walk, scan, schemas
 from imutui.logbook.mcap_format import HEAD, MESSAGE
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.record_walk import PLAIN, Walk, compiled
@@ -157,3 +159,14 @@ def test_a_chunk_takes_no_more_memory_than_it_says(compression: str) -> None:
             mcap_format.inflated(chunk(len(content), packed[:20]), decompressor)
     with pytest.raises(mcap_format.ChecksumError):
         mcap_format.inflated(Chunk(compression, packed, 0, 0, 1, len(content)), decompressor)
+
+
+def test_a_change_of_the_layout_changes_the_file_that_is_compiled() -> None:
+    """Else numba would go on with what it compiled for the layout before, from its cache."""
+    tree = ast.parse(Path(mcap_kernels.__file__).read_text())
+    taken = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == message_layout.__name__]
+    names = sorted(alias.name for node in taken for alias in node.names if alias.name.isupper())
+    numbers = [(name, getattr(message_layout, name)) for name in names]
+    assert len(numbers) > 10
+    found = zlib.crc32(repr(numbers).encode())
+    assert found == mcap_kernels.LAYOUT_CRC, f"write 0x{found:08X} into mcap_kernels.LAYOUT_CRC"
