@@ -19,7 +19,7 @@ from filters.tracing.result import SeparatingExperiment
 from filters.tracing.screening import Screening
 from filters.tracing.selection import Selection
 from filters.tracing.stack import Stack
-from filters.tracing.trace_document import SEPARATES, LimitEntry
+from filters.tracing.trace_document import SEPARATES, CommonEntry, LimitEntry
 
 REMAINDER = 1e-4 / 24.0
 """Probability below which a whitened residual is not white: 1e-4 over all channels and scales."""
@@ -63,6 +63,8 @@ class Assessment:
         The run to make next.
     seed : int
         Of intervals and bands.
+    common : tuple of CommonEntry
+        What moves several channels at once and nothing logged explains.
     """
 
     selection: Selection
@@ -75,6 +77,7 @@ class Assessment:
     limits: tuple[LimitEntry, ...]
     experiment: SeparatingExperiment | None
     seed: int
+    common: tuple[CommonEntry, ...] = ()
 
     @property
     def design(self) -> Design:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from filters.tracing.trace_document import HeldOut
 from filters.types import Array
 
 DRAWS = 1000
@@ -18,8 +19,12 @@ class ErrorFigure:
 
     Attributes
     ----------
-    metric, channel, unit : str
-        What it is, of which channel or "all", and its unit.
+    metric : str
+        What it is,
+    channel : str or None
+        of which channel, "all" of free navigation, None of what is no channel's own,
+    unit : str
+        and its unit.
     before, after, floor : float
         Without and with the corrections, and what white noise alone leaves.
     ci95, before_ci95 : tuple of float
@@ -29,11 +34,11 @@ class ErrorFigure:
     n : int
         Errors in it.
     heldout : str
-        "run" for one that nothing was fitted to, "folds" within the run.
+        "run" for a power-on that nothing was fitted to, "part" for a later part of one, "folds" within the runs.
     """
 
     metric: str
-    channel: str
+    channel: str | None
     unit: str
     before: float
     after: float
@@ -42,7 +47,7 @@ class ErrorFigure:
     before_ci95: tuple[float, float]
     floor_band95: tuple[float, float]
     n: int
-    heldout: str
+    heldout: HeldOut
 
 
 def chi2_quantiles(freedom: int) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from filters.tracing.identifiability import UntestableEffect
 from filters.tracing.inclusion import included_effects
 from filters.tracing.noise_structure import NoiseFinding
 from filters.tracing.result import RunSeries, Trace
+from filters.tracing.rivals import Rival
 from filters.tracing.screening import FaultOfRun
 from filters.tracing.selection import Weak
 from filters.tracing.stack import Stack
@@ -57,6 +58,8 @@ def _document(assessment: Assessment) -> TraceFindings:
             {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in screening.noise_drivers
         ],
         "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
+        "refuted": [],
+        "common": list(assessment.common),
         "weak": [_weak(w) for w in assessment.selection.weak],
         "drift": [_drift(c, drift[c]) for c in assessment.drifting],
         "remainder": [
@@ -124,15 +127,18 @@ def _finding(f: Finding, unseen_gain: float | None) -> FindingEntry:
         "share_of_excess": f.share,
         "driver_curve": None if curve is None else _driver_curve(curve),
         "proposed_form": None if curve is None else driver_curve.proposed_form(curve),
-        "rivals": [
-            RivalEntry(
-                effect=r.term.hypothesis.effect, label=r.term.hypothesis.label, score_difference=r.score_difference
-            )
-            for r in f.rivals
-        ],
+        "rivals": [_rival(r) for r in f.rivals],
         "include_as": "S" if isinstance(h, RunSpecific) else "A",
         "confirmed": f.confirmed,
     }
+
+
+def _rival(r: Rival) -> RivalEntry:
+    h = r.term.hypothesis
+    entry: RivalEntry = {"effect": h.effect, "label": h.label, "score_difference": r.score_difference}
+    if r.weight is not None:
+        entry["weight"] = r.weight
+    return entry
 
 
 def _parameters(f: Finding) -> list[ParameterEntry]:
@@ -243,8 +249,10 @@ def _weak(w: Weak) -> WeakEntry:
         "effect": h.effect,
         "label": h.label,
         "channels": [CHANNELS[c] for c in h.channels],
+        "params": [],
         "score": w.score,
         "guarded_score": w.guarded,
+        "limit": None,
         "why": w.why,
     }
 

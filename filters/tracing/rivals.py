@@ -15,10 +15,11 @@ _MOST = 6
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect that would do in the place of one that was found."""
+    """Another effect that would do in the place of one that was found; `weight` where forms were averaged."""
 
     term: Term
     score_difference: float
+    weight: float | None = None
 
 
 def rivals(chosen: Selection, term: Term) -> list[Rival]:

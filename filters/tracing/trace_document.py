@@ -11,6 +11,9 @@ from typing import Literal, NotRequired, TypedDict
 SEPARATES = 5.0
 """A d of this tells two effects apart."""
 
+HeldOut = Literal["run", "part", "folds"]
+"""What nothing was fitted to: a power-on, a later part of one, or folds of 20 s cells."""
+
 
 class ParameterEntry(TypedDict):
     """A parameter of an effect; `sd` is None where it fixes the effect's shape and was not fitted."""
@@ -23,11 +26,15 @@ class ParameterEntry(TypedDict):
 
 
 class RivalEntry(TypedDict):
-    """Another effect that would do in a finding's place; the difference of scores is rival minus finding."""
+    """Another effect that would do in a finding's place; the difference of scores is rival minus finding.
+
+    `weight` is its share of the evidence where several forms were averaged, of which the finding is the leading one.
+    """
 
     effect: str
     label: str
     score_difference: float
+    weight: NotRequired[float]
 
 
 class DriverCurveEntry(TypedDict):
@@ -42,7 +49,7 @@ class DriverCurveEntry(TypedDict):
 
 
 class FindingEntry(TypedDict):
-    """An effect that was found."""
+    """An effect that was found; `common` is the number of the common cause, in `common`, that it is part of."""
 
     effect: str
     label: str
@@ -58,6 +65,46 @@ class FindingEntry(TypedDict):
     rivals: list[RivalEntry]
     include_as: str
     confirmed: bool | None
+    common: NotRequired[int]
+
+
+class RefutedEntry(TypedDict):
+    """What the runs at hand chose and the held-out run contradicts: its error with it and without all that is left out.
+
+    With it is with everything that was chosen, as the `after` of the held-out run's error.
+    """
+
+    effect: str
+    label: str
+    channels: list[str]
+    metric: str
+    after_with: float
+    after_without: float
+    unit: str
+
+
+class CommonCurve(TypedDict):
+    """Course of a common cause in time, s since the start of its run; on the first channel, in `unit`."""
+
+    t_s: list[float]
+    y: list[float]
+
+
+class CommonEntry(TypedDict):
+    """What moves several channels at once and nothing logged explains: an event, a drift, or a remainder.
+
+    `coherence` is the share of the channels' power in it that is one signal, 0 to 1. Entries of one channel that belong
+    to it name it by its number as `common`.
+    """
+
+    kind: str
+    channels: list[str]
+    coherence: float
+    t_start_s: float
+    t_end_s: float
+    curve: CommonCurve
+    unit: str
+    run: NotRequired[str]
 
 
 UntestableEntry = TypedDict("UntestableEntry", {"effect": str, "reason": str, "with": str | None, "rho": float | None})
@@ -95,14 +142,15 @@ class NoiseLevelEntry(TypedDict):
 
 
 class WeakEntry(TypedDict):
-    """What scored and is not used, and why."""
+    """What scored and is not used, and why; `limit` is the smallest size of its first parameter that would be used."""
 
     effect: str
     label: str
     channels: list[str]
-    params: NotRequired[list[ParameterEntry]]
+    params: list[ParameterEntry]
     score: float
     guarded_score: float
+    limit: float | None
     why: str
 
 
@@ -114,6 +162,7 @@ class DriftEntry(TypedDict):
     tau_s: float | None
     level: float
     unit: str
+    common: NotRequired[int]
 
 
 class RemainderEntry(TypedDict):
@@ -123,13 +172,17 @@ class RemainderEntry(TypedDict):
     scale_s: float
     ratio: float | None
     p: float
+    common: NotRequired[int]
 
 
 class ErrorEntry(TypedDict):
-    """A figure of error before and after."""
+    """A figure of error before and after; `channel` is None of what is no channel's own, "all" of free navigation.
+
+    `heldout` is "run" of a power-on, "part" of a later part of a power-on, "folds" within the runs that were fitted.
+    """
 
     metric: str
-    channel: str
+    channel: str | None
     unit: str
     before: float | None
     after: float | None
@@ -140,7 +193,7 @@ class ErrorEntry(TypedDict):
     before_ci95: list[float]
     floor_band95: list[float]
     n: int
-    heldout: str
+    heldout: HeldOut
 
 
 class LimitEntry(TypedDict):
@@ -167,7 +220,7 @@ class ExperimentEntry(TypedDict):
 
 
 class RunEntry(TypedDict):
-    """A log that was read."""
+    """A log that was read; logs of the same `power_on` are parts of one run."""
 
     id: str
     log: str
@@ -179,6 +232,7 @@ class RunEntry(TypedDict):
     mount: str
     reference: str
     heldout: bool
+    power_on: NotRequired[str]
     log_sha256: str
 
 
@@ -193,6 +247,8 @@ class TraceFindings(TypedDict):
     lines: list[LineEntry]
     noise_level: list[NoiseLevelEntry]
     findings: list[FindingEntry]
+    refuted: list[RefutedEntry]
+    common: list[CommonEntry]
     weak: list[WeakEntry]
     drift: list[DriftEntry]
     remainder: list[RemainderEntry]

@@ -25,6 +25,7 @@ from filters.tracing.error_figure import (
     wilson_interval,
 )
 from filters.tracing.stack import FOLDS, Stack
+from filters.tracing.trace_document import HeldOut
 from filters.tracing.whitening import NONE, Drift, whiten
 from filters.types import Array
 
@@ -116,7 +117,7 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
 
 
 def _e10_figure(
-    channel: int, before: Array, after: Array, nominal: float, band: Array, picks: NDArray[np.int_], heldout: str
+    channel: int, before: Array, after: Array, nominal: float, band: Array, picks: NDArray[np.int_], heldout: HeldOut
 ) -> ErrorFigure:
     """Figure from errors over their floors, the nominal floor (SI), a clean unit's band of ratios, and drawn rows."""
     unit, si = error_unit(channel)

@@ -132,6 +132,8 @@ def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> Trac
         "lines": own["lines"],
         "noise_level": own["noise_level"],
         "findings": own["findings"],
+        "refuted": own["refuted"],
+        "common": own["common"],
         "weak": own["weak"],
         "drift": own["drift"],
         "remainder": own["remainder"],
