@@ -262,6 +262,11 @@ def _wrong_sign(mean_g: np.ndarray, info: SessionInfo) -> str:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
+    if path.is_file() and not zipfile.is_zipfile(path):
+        raise ImportDataError(
+            f"{path} is neither NPZ nor CSV: bytes as a unit sent them, or another format. Decode it first, and save it"
+            " with numpy.savez(t=…, gyro=…, accel=…) in s, deg/s and g, or as a .csv file."
+        )
     try:
         archive = np.load(path, allow_pickle=False)
         if not isinstance(archive, np.lib.npyio.NpzFile):
