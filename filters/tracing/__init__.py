@@ -3,7 +3,8 @@
 `trace.trace` takes `run.Run`s to a `result.Trace` by these steps, in this order; each takes what the one above made.
 Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulation`, whose truths it is tested with.
 
- 1 the data     `run` one power-on with its reference · `residual` reading minus what a perfect unit would read
+ 1 the data     `run` a power-on, or a part of one, with its reference · `residual` reading minus what a perfect unit
+                would read
  2 set aside    `screening` faults of the data and lines taken out · `noise_structure` colour and correlation of noise
  3 averaged     `temperature` what thermal effects are functions of · `blocks` means of a quarter of a second ·
                 `stack` all runs, cut into cells for folds

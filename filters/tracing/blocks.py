@@ -15,7 +15,7 @@ from filters.imu import AxisMap
 from filters.tracing import temperature
 from filters.tracing.residual import residual, sensed
 from filters.tracing.run import Run
-from filters.tracing.temperature import TemperatureHistory
+from filters.tracing.temperature import TemperatureHistory, ThermalMemory
 from filters.types import Array
 
 BLOCK_S = 0.25
@@ -34,7 +34,7 @@ class SlowInputs:
     ----------
     temperature : TemperatureHistory
     since_motion : Array
-        s since the table last moved (since the start if it never did), shape (n,).
+        s since the table last moved (since the run's start if it never did), shape (n,).
     direction : Array
         Sign of the last motion of each axis, 0 before the first, shape (n, 3).
     """
@@ -61,7 +61,7 @@ class Blocks:
     period : float
         Length of a block, s.
     t : Array
-        Middle of each, s, shape (n,).
+        Middle of each, s since the power-on's first known sample, shape (n,).
     y : Array
         Mean residual, shape (n, 6); 0 where there is no weight.
     weight : Array
@@ -145,7 +145,7 @@ class Blocks:
         of = np.repeat(np.arange(first, last), np.diff(edges[first : last + 1]))
         inputs = _inputs(
             self.slow_inputs.rows(of),
-            t=t[inner],
+            t=run.begins + t[inner],
             x=true.reading[inner] - run.latency * x_dot[inner],
             x_dot=x_dot[inner],
             spin=true.spin[inner],
@@ -186,7 +186,7 @@ def _lever(axes: AxisMap, turning: Array, turning_dot: Array) -> Array:
     return np.stack(columns, axis=2)
 
 
-def average(run: Run, block_s: float = BLOCK_S) -> Blocks:
+def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = None) -> Blocks:
     """Average a run.
 
     Parameters
@@ -195,6 +195,8 @@ def average(run: Run, block_s: float = BLOCK_S) -> Blocks:
         With its flags.
     block_s : float
         Wanted length, s; a whole number of samples is taken, at least one.
+    before : ThermalMemory or None
+        What the part before it in its power-on hands on.
 
     Returns
     -------
@@ -213,7 +215,7 @@ def average(run: Run, block_s: float = BLOCK_S) -> Blocks:
         y[rows], good[rows], rough[rows], pairs[rows] = _means(run, edges[first : last + 1])
     share = good / np.maximum(per, counts)[:, None]
     weight = np.where(good < (1.0 - _SHARE_FLAGGED) * counts[:, None], 0.0, share)
-    mid = np.add.reduceat(t, edges[:-1]) / counts
+    mid = run.begins + np.add.reduceat(t, edges[:-1]) / counts
     return Blocks(
         run=run,
         period=period,
@@ -223,8 +225,28 @@ def average(run: Run, block_s: float = BLOCK_S) -> Blocks:
         rough=rough,
         pairs=pairs,
         edges=edges,
-        slow_inputs=_slow_inputs(run, mid, period, edges),
+        slow_inputs=_slow_inputs(run, mid, period, edges, before),
     )
+
+
+def average_all(runs: Sequence[Run], block_s: float = BLOCK_S) -> list[Blocks]:
+    """Average runs, of which parts of one power-on go on from each other's temperature; in the order given.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Whole power-ons and parts.
+    block_s : float
+        Wanted length, s.
+    """
+    out: dict[int, Blocks] = {}
+    known: dict[str, ThermalMemory | None] = {}
+    for number, run in sorted(enumerate(runs), key=lambda each: each[1].begins):
+        made = average(run, block_s, known.get(run.power_on))
+        if run.power_on:
+            known[run.power_on] = made.slow_inputs.temperature.end or known.get(run.power_on)
+        out[number] = made
+    return [out[number] for number in range(len(runs))]
 
 
 def even_time(run: Run) -> Array:
@@ -250,11 +272,13 @@ def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array, Array, Arra
     return means, counts, rough, np.add.reduceat(paired.astype(np.float64), starts, axis=0)
 
 
-def _slow_inputs(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> SlowInputs:
+def _slow_inputs(
+    run: Run, t: Array, period: float, edges: NDArray[np.int_], before: ThermalMemory | None
+) -> SlowInputs:
     """Inputs with a memory, at the blocks."""
-    history = temperature.history(run, t, period, edges)
+    history = temperature.history(run, t, period, edges, before)
     if run.still:
-        return SlowInputs(history, t.copy(), np.zeros((t.size, 3)))
+        return SlowInputs(history, t - run.begins, np.zeros((t.size, 3)))
     rates = np.add.reduceat(run.rates, edges[:-1], axis=0) / np.diff(edges)[:, None]
     moves = np.abs(rates) > _AT_REST
     return SlowInputs(history, _since(t, moves.any(axis=1)), _last_sign(np.where(moves, np.sign(rates), 0.0)))

@@ -149,8 +149,8 @@ def _ranges(stack: Stack) -> dict[str, tuple[float, float]]:
         own = values[:, k]
         if not np.isfinite(own).all():
             continue
-        # what differs from run to run only is the runs' biases
-        within = max(float(np.ptp(part)) for part in np.split(own, stack.starts[1:]))
+        # what differs from power-on to power-on only is their biases
+        within = max(float(np.ptp(part)) for part in np.split(own, stack.begins[1:]))
         low, high = float(own.min()), float(own.max())
         if within > 1e-6 * max(1.0, abs(high), abs(low)):
             out[name] = (low, high)

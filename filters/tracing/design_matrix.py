@@ -103,8 +103,8 @@ class Design:
         drift = self.drift[channel] if drift is None else drift
         variance = self.variance(channel)
         if drift.level == 0.0:
-            return unbiased(raw, self.stack.run, variance)
-        return whiten(raw, self.stack.t, self.stack.starts, variance, drift)[0]
+            return unbiased(raw, self.stack.power_on, variance)
+        return whiten(raw, self.stack.t, self.stack.begins, variance, drift)[0]
 
     def gram(self, channel: int) -> tuple[Array, Array, float]:
         """G, B and the squared norm of the whitened residual of a channel."""

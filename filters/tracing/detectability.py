@@ -100,7 +100,7 @@ def _of_process(design: Design, c: int, effect: str) -> LimitEntry:
     """Limit of a tone's amplitude, of a jump halfway, of a drift's level, from length and white density alone."""
     stack = design.stack
     total = stack.seconds(c)
-    run = total / len(stack.blocks)
+    run = total / stack.begins.size
     white = float(design.sd[c]) * float(np.sqrt(stack.period))
     unit, si = error_unit(c)
     size, words = {

@@ -90,10 +90,10 @@ def _rows(
 def by_seconds(
     design: Design, channel: int, raw: Array, seconds: float = _SECOND_S
 ) -> tuple[Array, Array, NDArray[np.int_], Array]:
-    """Rows of blocks averaged over so many seconds: columns, time, first row of each run, variance."""
+    """Rows of blocks averaged over so many seconds: columns, time, first row of each power-on, variance."""
     stack = design.stack
     per = max(1, round(seconds / stack.period))
-    label = stack.run * (1 << 40) + (stack.t // (per * stack.period)).astype(np.int64)
+    label = stack.run * (1 << 40) + (stack.part_t // (per * stack.period)).astype(np.int64)
     edges = np.flatnonzero(np.diff(label, prepend=-1))
     precision = 1.0 / design.variance(channel)
     total = np.add.reduceat(precision, edges)
@@ -101,5 +101,5 @@ def by_seconds(
         rows = np.add.reduceat(raw * precision[:, None], edges, axis=0) / total[:, None]
         variance = 1.0 / total
     t = np.add.reduceat(stack.t, edges) / np.diff(np.append(edges, stack.t.size))
-    starts = np.searchsorted(edges, stack.starts)
+    starts = np.searchsorted(edges, stack.begins)
     return np.nan_to_num(rows), t, starts, variance

@@ -157,8 +157,8 @@ class _Pair:
         variance = np.full(stack.t.size, design.sd[c] ** 2 * design.stack.period / stack.period)
         drift = design.drift[c]
         if drift.level == 0.0:
-            return unbiased(raw, stack.run, variance)
-        return whiten(raw, stack.t, stack.starts, variance, drift)[0]
+            return unbiased(raw, stack.power_on, variance)
+        return whiten(raw, stack.t, stack.begins, variance, drift)[0]
 
     def _columns(self, stack: Stack, made: ColumnsByTerm, term: Term, c: int) -> Array:
         """Columns of a term on a channel; an event of the runs at hand does not happen again."""

@@ -89,7 +89,7 @@ def _unexplained(chosen: Selection, channel: int) -> float:
     """Chi-square of a channel that nothing found explains, beyond what chance gives sums over 16 blocks."""
     design = chosen.design
     r = design.unexplained(chosen.terms, channel)
-    white = unbiased(r[:, None], design.stack.run, design.variance(channel))[:, 0]
+    white = unbiased(r[:, None], design.stack.power_on, design.variance(channel))[:, 0]
     size = white.size // _BLOCKS * _BLOCKS
     sums = white[:size].reshape(-1, _BLOCKS).sum(axis=1) ** 2 / float(_BLOCKS)
     return max(0.0, float(sums.sum() - sums.size - 2.0 * np.sqrt(2.0 * sums.size)))

@@ -47,7 +47,7 @@ def free_drift(
     run = stack.blocks[0].run
     dt = stack.period
     steps = round(seconds / dt)
-    starts = np.flatnonzero(np.diff((stack.t // _START_EVERY_S).astype(int), prepend=0) > 0)
+    starts = np.flatnonzero(np.diff((stack.part_t // _START_EVERY_S).astype(int), prepend=0) > 0)
     starts = starts[starts + steps <= stack.t.size]
     starts = starts[[bool((stack.weight[s : s + steps] > 0.0).all()) for s in starts]]
     if starts.size < 2:

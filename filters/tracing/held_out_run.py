@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from filters.tracing.free_inertial import free_drift
 from filters.tracing.stack import Stack
 from filters.tracing.whitening import NONE
 from filters.types import Array
+
+if TYPE_CHECKING:
+    from filters.tracing.trace_document import HeldOut
 
 _FREE_S = (10.0, 60.0)  # of free navigation
 _WORSE = 1.1
@@ -33,11 +37,14 @@ class HeldOutRun:
         By term's key and channel, shape (n, k).
     white : Array
         White densities, unit·√s, shape (6,).
+    is_part : bool
+        Whether it is a part of a power-on that the runs at hand have other parts of.
     """
 
     stack: Stack
     columns: ColumnsByTerm
     white: Array
+    is_part: bool = False
 
     @classmethod
     def of(cls, stack: Stack, design: Design, found: Sequence[Finding]) -> "HeldOutRun":
@@ -45,7 +52,9 @@ class HeldOutRun:
         own = stack.white_sd()
         sd = np.where(own > 0.0, own, design.sd)
         columns = columns_on(stack, [f.term for f in found if f.lasting])
-        return cls(stack, columns, sd * float(np.sqrt(stack.period)))
+        power_on = stack.blocks[0].run.power_on
+        is_part = bool(power_on) and any(b.run.power_on == power_on for b in design.stack.blocks)
+        return cls(stack, columns, sd * float(np.sqrt(stack.period)), is_part)
 
     @property
     def long_enough(self) -> bool:
@@ -153,7 +162,8 @@ def held_out_errors(
     if len(channels) == len(CHANNELS):
         for seconds in _FREE_S:
             figures.append(free_drift(stack, stack.y, after, run.white, design.drift, seconds, seed))
-    return [figure for figure in figures if figure is not None]
+    heldout: HeldOut = "part" if run.is_part else "run"
+    return [replace(figure, heldout=heldout) for figure in figures if figure is not None]
 
 
 def folded_errors(design: Design, found: Sequence[Finding], channels: Sequence[int], seed: int) -> list[ErrorFigure]:

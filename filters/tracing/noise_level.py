@@ -152,7 +152,7 @@ def _windows(design: Design, c: int) -> _Windows | None:
     """A channel's windows; None with too few good ones."""
     stack = design.stack
     per = max(1, round(WINDOW_S / stack.period))
-    label = stack.run * (1 << 40) + stack.t.astype(np.int64) // max(1, round(per * stack.period))
+    label = stack.run * (1 << 40) + stack.part_t.astype(np.int64) // max(1, round(per * stack.period))
     edges = np.flatnonzero(np.diff(label, prepend=-1))
     rough = np.add.reduceat(np.concatenate([b.rough[:, c] for b in stack.blocks]), edges)
     pairs = np.add.reduceat(np.concatenate([b.pairs[:, c] for b in stack.blocks]), edges)

@@ -327,5 +327,8 @@ def _error_sentence(assessment: Assessment, f: Finding) -> str:
     if not own:
         return ""
     x = max(own, key=lambda figure: figure.before / figure.floor)
-    how = "on a run not used" if x.heldout == "run" else "within the run, which does not show transfer"
+    how = {
+        "run": "on a run not used",
+        "part": "on a part of the power-on that was not used, which does not show transfer to another power-on",
+    }.get(x.heldout, "within the run, which does not show transfer")
     return f" Error {x.before / x.floor:.2g} → {x.after / x.floor:.2g} × floor {how}."

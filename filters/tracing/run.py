@@ -1,5 +1,6 @@
-"""One power-on as recorded: what every step of the tracer starts from."""
+"""A power-on as recorded, or a part of one: what every step of the tracer starts from."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,7 @@ from filters.types import Array
 
 @dataclass(frozen=True)
 class Run:
-    """One power-on as recorded, with what is known of its motion.
+    """A power-on as recorded, or a part of one, with what is known of its motion.
 
     Attributes
     ----------
@@ -42,6 +43,13 @@ class Run:
         Readings not to be used, shape (N, 6).
     averaged : bool
         Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
+    power_on : str
+        Which power-on it is a part of: runs of the same one share their biases and go on from each other's drift and
+        temperature. Empty: it is a power-on by itself.
+    begins : float
+        When its first sample was taken, s since the first known sample of the power-on.
+    history_known : bool
+        Whether what came before it in its power-on is known: the part that it follows is among the runs.
     """
 
     name: str
@@ -58,6 +66,9 @@ class Run:
     latency: Array = field(default_factory=lambda: np.zeros(6))
     flagged: NDArray[np.bool_] | None = None
     averaged: bool = False
+    power_on: str = ""
+    begins: float = 0.0
+    history_known: bool = False
 
     @property
     def still(self) -> bool:
@@ -73,6 +84,16 @@ class Run:
     def rate_hz(self) -> float:
         """Samples a second, by count: the median of the steps is wrong for stamps that come in bursts."""
         return (self.t.size - 1) / self.seconds
+
+
+def in_order(runs: Iterable[Run]) -> list[Run]:
+    """Parts of a power-on one after the other by time, where its first one stands; all else as it is."""
+    places: dict[str, int] = {}
+    keyed = []
+    for number, run in enumerate(runs):
+        place = places.setdefault(run.power_on, number) if run.power_on else number
+        keyed.append((place, run.begins, number, run))
+    return [run for *_, run in sorted(keyed, key=lambda each: each[:3])]
 
 
 def rest_attitudes(angles: Array, tolerance: float = 1e-9) -> Array:

@@ -36,18 +36,19 @@ def search(design: Design, terms: Sequence[Term], channel: int) -> list[tuple[Te
     on = [a for a in terms if channel in a.places]
     white, variance = design.residual(terms, channel), design.variance(channel)
     r = design.unexplained(terms, channel)
-    plain = unbiased(r[:, None], stack.run, variance)[:, 0]
+    plain = unbiased(r[:, None], stack.power_on, variance)[:, 0]
     own = np.concatenate([a.places[channel] for a in on]) if on else np.zeros(0, int)
     basis = np.zeros((stack.t.size, 0))
     if own.size:
-        basis = np.linalg.qr(unbiased(design.columns[:, own], stack.run, variance))[0]
+        basis = np.linalg.qr(unbiased(design.columns[:, own], stack.power_on, variance))[0]
     made: list[RunSpecific | None] = [
         run_specific.tone(channel, white, stack.t, stack.starts, stack.period, run_specific.TONE_HZ)
     ]
     if _uneven(plain):
-        made.append(run_specific.step(channel, plain, basis, stack.t, stack.starts))
-        mean = np.bincount(stack.run, r / variance) / np.maximum(np.bincount(stack.run, 1.0 / variance), 1e-300)
-        made.append(run_specific.telegraph(channel, r - mean[stack.run], np.sqrt(variance), stack.starts))
+        made.append(run_specific.step(channel, plain, basis, stack.t, stack.begins))
+        own_bias = stack.power_on
+        mean = np.bincount(own_bias, r / variance) / np.maximum(np.bincount(own_bias, 1.0 / variance), 1e-300)
+        made.append(run_specific.telegraph(channel, r - mean[own_bias], np.sqrt(variance), stack.begins))
     taken = {a.key for a in terms}
     found = []
     for effect in made:

@@ -1,4 +1,4 @@
-"""Blocks of several runs, one after the other, cut into cells for folds."""
+"""Blocks of several runs, one after the other, cut into cells for folds; runs may be parts of one power-on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,11 +24,17 @@ class Stack:
     ----------
     blocks : tuple of Blocks
     t : Array
-        s since its run's start, shape (n,).
+        s since the first known sample of its power-on, shape (n,).
+    part_t : Array
+        s since its run's first sample, shape (n,).
     run : integer array
         Number of the run, shape (n,).
     starts : integer array
         First row of each run.
+    power_on : integer array
+        Number of the power-on, shape (n,): of each there is one bias.
+    begins : integer array
+        First row of each power-on.
     y, weight : Array
         Residual and weight, shape (n, 6).
     cell : integer array
@@ -39,8 +45,11 @@ class Stack:
 
     blocks: tuple[Blocks, ...]
     t: Array
+    part_t: Array
     run: NDArray[np.int_]
     starts: NDArray[np.int_]
+    power_on: NDArray[np.int_]
+    begins: NDArray[np.int_]
     y: Array
     weight: Array
     cell: NDArray[np.int_]
@@ -48,19 +57,30 @@ class Stack:
 
     @classmethod
     def of(cls, blocks: Sequence[Blocks]) -> "Stack":
-        """Runs one after the other; cells are numbered on from run to run."""
+        """Runs one after the other; cells are numbered on from run to run.
+
+        Raises
+        ------
+        ValueError
+            If parts of a power-on do not follow each other in time.
+        """
+        first_runs = _first_runs(blocks)
         sizes = [b.t.size for b in blocks]
         run = np.repeat(np.arange(len(blocks)), sizes)
         t = np.concatenate([b.t for b in blocks])
         cell, offset = np.empty(t.size, np.int64), 0
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        part_t = t - np.repeat([b.run.begins for b in blocks], sizes)
         for start, size in zip(starts.tolist(), sizes, strict=True):
-            own = (t[start : start + size] // CELL_S).astype(np.int64)
+            own = (part_t[start : start + size] // CELL_S).astype(np.int64)
             cell[start : start + size] = own + offset
             offset += int(own[-1]) + 1
+        begins = starts[first_runs]
+        power_on = np.searchsorted(begins, np.arange(t.size), side="right") - 1
         y = np.concatenate([b.y for b in blocks])
         weight = np.concatenate([b.weight for b in blocks])
-        return cls(tuple(blocks), t, run, starts, y, weight, cell, float(np.mean([b.period for b in blocks])))
+        period = float(np.mean([b.period for b in blocks]))
+        return cls(tuple(blocks), t, part_t, run, starts, power_on, begins, y, weight, cell, period)
 
     def seconds(self, channel: int) -> float:
         """How long good data of a channel last, s."""
@@ -76,3 +96,19 @@ class Stack:
             scaled = np.diff(self.y[:, c])[good] ** 2 / (1.0 / w[1:][good] + 1.0 / w[:-1][good])
             out[c] = np.sqrt(np.median(scaled) / CHI2_MEDIAN) if scaled.size else np.nan
         return out
+
+
+def _first_runs(blocks: Sequence[Blocks]) -> list[int]:
+    """Numbers of the runs that begin a power-on."""
+    out: list[int] = []
+    seen: set[str] = set()
+    for number, b in enumerate(blocks):
+        own, before = b.run, blocks[number - 1].run if number else None
+        if before is None or not own.power_on or own.power_on != before.power_on:
+            if own.power_on in seen:
+                raise ValueError(f"{own.name} does not stand beside the other parts of its power-on")
+            out.append(number)
+            seen |= {own.power_on} - {""}
+        elif own.begins <= before.begins + before.seconds:
+            raise ValueError(f"{own.name} begins before {before.name}, of the same power-on, ends")
+    return out

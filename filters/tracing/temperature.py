@@ -1,7 +1,8 @@
 """What thermal effects are functions of, over the blocks of a run: temperature, its rate, lags and play operators.
 
-Symmetric in time where that can be, since a trace has the whole run; what the filter makes of the past alone is in
-`filters.effects.runtime`.
+What remembers temperature goes on from one part of a power-on to the next: between them temperature is taken to have
+gone by a straight line. Symmetric in time where that can be, since a trace has the whole run; what the filter makes of
+the past alone is in `filters.effects.runtime`.
 """
 
 from dataclasses import dataclass
@@ -25,15 +26,45 @@ class TemperatureHistory:
         degC and K/s, shape (n,).
     lagged, plays : Array
         As in `filters.effects.inputs.Inputs`, shapes (n, LAGS) and (n, PLAY_WIDTHS).
+    end : ThermalMemory or None
+        What the part that follows goes on from; None without a temperature.
     """
 
     level: Array
     rate: Array
     lagged: Array
     plays: Array
+    end: "ThermalMemory | None" = None
 
 
-def history(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> TemperatureHistory:
+@dataclass(frozen=True, slots=True)
+class ThermalMemory:
+    """What a part of a power-on hands on to the next.
+
+    Attributes
+    ----------
+    t : float
+        Of its last block, s since the power-on's first known sample.
+    level : float
+        Smooth temperature then, degC.
+    start : float
+        Smooth temperature at the first known sample, degC: where the plays were at rest.
+    lagged : Array
+        T_tau for `LAGS` then, degC.
+    plays : Array
+        Each play operator then, K from `start`, shape (PLAY_WIDTHS · PLAYS,).
+    """
+
+    t: float
+    level: float
+    start: float
+    lagged: Array
+    plays: Array
+
+
+def history(
+    run: Run, t: Array, period: float, edges: NDArray[np.int_], before: ThermalMemory | None = None
+) -> TemperatureHistory:
     """Temperature of a run's blocks, its rate, lagged temperatures and plays.
 
     Parameters
@@ -41,11 +72,14 @@ def history(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> Tempe
     run : Run
         With its temperature.
     t : Array
-        Middle of each block, s, shape (n,).
+        Middle of each block, s since the power-on's first known sample, shape (n,).
     period : float
         Of a block, s.
     edges : integer array
         First sample of each block, and the end, shape (n + 1,).
+    before : ThermalMemory or None
+        What the part before it in its power-on hands on; None where nothing is known of what came before: lags then
+        start in equality, plays at rest.
     """
     n = t.size
     nan = np.full(n, np.nan)
@@ -57,8 +91,12 @@ def history(run: Run, t: Array, period: float, edges: NDArray[np.int_]) -> Tempe
     have = counts > 0
     raw = np.interp(t, t[have], sums[have] / counts[have])
     smooth, rate = smoothed(raw, period)
-    lagged = np.stack([lag(smooth, tau / period) for tau in LAGS], axis=1)
-    return TemperatureHistory(smooth, rate, lagged, plays(smooth - smooth[0]))
+    start = float(smooth[0]) if before is None else before.start
+    first = [None] * len(LAGS) if before is None else lagged_after(before, float(t[0]), float(smooth[0])).tolist()
+    lagged = np.stack([lag(smooth, tau / period, x) for tau, x in zip(LAGS, first, strict=True)], axis=1)
+    played, at = plays(smooth - start, None if before is None else before.plays)
+    end = ThermalMemory(float(t[-1]), float(smooth[-1]), start, lagged[-1], at)
+    return TemperatureHistory(smooth, rate, lagged, played, end)
 
 
 def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
@@ -89,30 +127,43 @@ def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
     return np.asarray(out[0], np.float64), np.asarray(out[1], np.float64)
 
 
-def lag(u: Array, samples: float) -> Array:
-    """First-order lag of u, from equality at the start; time constant in samples."""
+def lag(u: Array, samples: float, first: float | None = None) -> Array:
+    """First-order lag of u, its first value given, or that of u; time constant in samples."""
     pole = float(np.exp(-1.0 / samples))
-    return first_order(u, 1.0 - pole, pole, pole * float(u[0]))[0]
+    first = float(u[0]) if first is None else first
+    return first_order(u, 1.0 - pole, pole, first - (1.0 - pole) * float(u[0]))[0]
 
 
-def plays(u: Array) -> Array:
-    """Banks of play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r), P = 0 at the start.
+def lagged_after(before: ThermalMemory, t: float, level: float) -> Array:
+    """Lagged temperatures at the first block of the part that follows, temperature having gone straight; (LAGS,)."""
+    tau, dt = np.array(LAGS), t - before.t
+    behind = (level - before.level) / dt * tau
+    return np.asarray(level - behind + (before.lagged - before.level + behind) * np.exp(-dt / tau))
+
+
+def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
+    """Banks of play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r).
 
     Parameters
     ----------
     u : Array
         Temperature less that of the start, K, shape (n,).
+    at : Array or None
+        Where each operator was before, K, shape (PLAY_WIDTHS · PLAYS,); 0 without. A straight way from there needs no
+        more: play is the same at any speed.
 
     Returns
     -------
     Array
         Mean of the operators of a bank over its width, shape (n, PLAY_WIDTHS).
+    Array
+        Where each operator ends, K.
     """
     widths = np.array(PLAY_WIDTHS)
     r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
     out = np.empty((u.size, r.size))
-    at = np.zeros(r.size)
+    at = np.zeros(r.size) if at is None else at
     for k, value in enumerate(u.tolist()):
         at = np.minimum(np.maximum(at, value - r), value + r)
         out[k] = at
-    return np.asarray(out.reshape(u.size, widths.size, PLAYS).mean(axis=2) / widths)
+    return np.asarray(out.reshape(u.size, widths.size, PLAYS).mean(axis=2) / widths), at

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from filters.channels import CHANNELS
 from filters.tracing import validation
 from filters.tracing.assessment import assess
-from filters.tracing.blocks import BLOCK_S, average
+from filters.tracing.blocks import BLOCK_S, average_all
 from filters.tracing.design_matrix import Design
 from filters.tracing.identifiability import untestable
 from filters.tracing.noise_level import noise_drivers
 from filters.tracing.noise_structure import noise_findings
 from filters.tracing.report import report
 from filters.tracing.result import Trace
-from filters.tracing.run import Run
+from filters.tracing.run import Run, in_order
 from filters.tracing.screening import Screening, lines_of, without_faults, without_lines
 from filters.tracing.selection import select
 from filters.tracing.stack import Stack
@@ -40,9 +40,9 @@ def trace(
     Parameters
     ----------
     runs : sequence of Run
-        Power-ons to learn from, at least one.
+        Power-ons to learn from, or parts of them, at least one.
     heldout : Run or None
-        A power-on that nothing is fitted to; without one, folds of the runs judge.
+        A power-on, or a part of one, that nothing is fitted to; without one, folds of the runs judge.
     asked : sequence of str
         Effects whose limit of detection is to be said.
     seed : int
@@ -60,13 +60,14 @@ def trace(
         If there is no run, or one is too short.
     """
     _check(runs, heldout)
+    runs = in_order(runs)
     progress(0.0, "looking for faults")
     cleaned = [without_faults(run) for run in (*runs, *([heldout] if heldout else []))]
     lines = lines_of([run for run, _ in cleaned[: len(runs)]])
     ready = [without_lines(run, lines) for run, _ in cleaned]
     progress(0.2, "averaging")
     block_s = _block_s(runs)
-    blocks = [average(run, block_s) for run in ready]
+    blocks = average_all(ready, block_s)
     design = Design(Stack.of(blocks[: len(runs)]))
     channels = [c for c in range(len(CHANNELS)) if design.sd[c] > 0.0 and design.stack.seconds(c) > 0.5 * LEAST_S]
     progress(0.35, "levelling the noise")

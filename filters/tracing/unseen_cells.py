@@ -71,21 +71,21 @@ def _of_fold(
 def _whitened(design: Design, raw: Array, channel: int, train: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Columns whitened for the fit as if the other cells were missing, and for judging those cells.
 
-    Without drift each run's bias is that of the fitted cells: one of all cells tells them of the others. With
+    Without drift each power-on's bias is that of the fitted cells: one of all cells tells them of the others. With
     drift the filter goes by the past; its memory of a cell that was left out is no part of the fit.
     """
     stack, variance, drift = design.stack, design.variance(channel), design.drift[channel]
     if drift.level > 0.0:
         missing = np.where(train, variance, np.inf)
-        fitted = whiten(raw, stack.t, stack.starts, missing, drift)[0]
+        fitted = whiten(raw, stack.t, stack.begins, missing, drift)[0]
         return fitted, design.white(raw, channel)
     root = 1.0 / np.sqrt(variance)
     fitted = np.where(train, root, 0.0)
-    total = np.maximum(np.bincount(stack.run, fitted**2), 1e-300)
+    total = np.maximum(np.bincount(stack.power_on, fitted**2), 1e-300)
     out = np.empty_like(raw)
     for j in range(raw.shape[1]):
-        mean = np.bincount(stack.run, fitted**2 * raw[:, j]) / total
-        out[:, j] = root * (raw[:, j] - mean[stack.run])
+        mean = np.bincount(stack.power_on, fitted**2 * raw[:, j]) / total
+        out[:, j] = root * (raw[:, j] - mean[stack.power_on])
         # columns that the fitted cells don't see say nothing of the others
         if j and np.sum(out[train, j] ** 2) <= VISIBLE * np.sum(out[:, j] ** 2):
             out[:, j] = 0.0

@@ -39,7 +39,7 @@ _WITHIN_3_SD = 0.9973
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """Means of at most 10 s within one motion: time (middle), duration (s), mean residual and run of each."""
+    """Means of at most 10 s within one motion: time (middle), duration (s), mean residual and power-on of each."""
 
     t: Array
     seconds: Array
@@ -62,7 +62,7 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
         Longest window.
     """
     regime = np.concatenate([_regimes(b) for b in stack.blocks])
-    label = np.stack([stack.run, regime, (stack.t // seconds).astype(np.int64)])
+    label = np.stack([stack.run, regime, (stack.part_t // seconds).astype(np.int64)])
     edges = np.flatnonzero(np.r_[True, (np.diff(label, axis=1) != 0).any(axis=0)])
     w = stack.weight[:, channel]
     total = np.add.reduceat(w, edges)
@@ -70,7 +70,7 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.add.reduceat(w * r, edges) / total
         t = np.add.reduceat(w * stack.t, edges) / total
-    return Windows(t[keep], total[keep] * stack.period, mean[keep], stack.run[edges][keep])
+    return Windows(t[keep], total[keep] * stack.period, mean[keep], stack.power_on[edges][keep])
 
 
 def _regimes(blocks: Blocks) -> Array:
@@ -140,12 +140,12 @@ def _e10_figure(
 def _after_hold(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
     """Errors of the windows after the hold and their durations."""
     w = stack.weight[:, channel]
-    hold = (stack.t < HOLD_S) & (w > 0.0)
+    hold = (stack.part_t < HOLD_S) & (w > 0.0)
     if hold.sum() * stack.period < 0.5 * HOLD_S:
         return None
     bias = float(w[hold] @ r[hold] / w[hold].sum())
     own = windows(stack, r, channel)
-    late = own.t > HOLD_S
+    late = own.t - stack.blocks[0].run.begins > HOLD_S
     return own.mean[late] - bias, own.seconds[late]
 
 
@@ -191,7 +191,7 @@ def _folded_residuals(stack: Stack, y: Array, columns: Array, channel: int) -> t
     """Residuals of each cell under fits to the other folds: of the biases alone, and with the columns; (n,) each."""
     w = stack.weight[:, channel]
     good = w > 0.0
-    constant = (stack.run[:, None] == np.unique(stack.run)).astype(np.float64)
+    constant = (stack.power_on[:, None] == np.unique(stack.power_on)).astype(np.float64)
     before, after = np.zeros(y.size), np.zeros(y.size)
     for fold in range(FOLDS):
         train, test = good & (stack.cell % FOLDS != fold), stack.cell % FOLDS == fold
@@ -292,7 +292,7 @@ def prediction(
 def _foretold(stack: Stack, r: Array, channel: int, white: float, drift: Drift) -> tuple[Array, Array]:
     """Mean of each minute less what was foretold before it, and the standard deviation that was foretold."""
     w = stack.weight[:, channel]
-    label = (stack.t // HOLD_S).astype(np.int64)
+    label = (stack.part_t // HOLD_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(label, prepend=-1))
     total = np.add.reduceat(w, edges)
     keep = total * stack.period > 0.5 * HOLD_S

@@ -1,8 +1,8 @@
 """The bias filter that whitens residuals and regressors alike, and the likelihood of drift.
 
 Model of a channel:  r_k = b_run + g_k + sum θ φ_k + v_k,  v white with standard deviation sd_k, g nothing, a random
-walk or a Gauss-Markov process, b diffuse at the start of each run. A two-state Kalman filter [b, g] runs once over r
-and, with the same gains, over every column of φ; normalised innovations turn generalised into ordinary least squares,
+walk or a Gauss-Markov process, b diffuse at the start of each power-on. A two-state Kalman filter [b, g] runs once over
+r and, with the same gains, over every column of φ; normalised innovations turn generalised into ordinary least squares,
 with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
@@ -114,9 +114,9 @@ def whiten(
     columns : Array
         Residual and regressors, shape (n, k).
     t : Array
-        s, shape (n,), increasing within a run.
+        s, shape (n,), increasing within a power-on.
     starts : integer array
-        First row of each run.
+        First row of each power-on: bias and drift begin anew there, and go on through a gap anywhere else.
     variance : Array
         Of the white noise of each row, shape (n,); infinite where there is no data.
     drift : Drift
@@ -199,7 +199,7 @@ def _whiten_twice(columns, t, starts, variance, tau, level, out):  # type: ignor
 
 
 def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
-    """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
+    """Columns over their standard deviations, less each power-on's weighted mean: `whiten` without drift, closed."""
     precision = 1.0 / variance
     total = np.bincount(run, precision)
     out = np.empty_like(columns)

@@ -262,7 +262,8 @@ def _remainder(d: TraceDocument, channel: str) -> list[str]:
 def _error(d: TraceDocument, channel: str) -> str:
     for e in d.get("error", []):
         if e["metric"] == "e10" and e.get("channel") == channel:
-            where = "on a run not used" if e.get("heldout") == "run" else "within the run"
+            unused = {"run": "on a run not used", "part": "on a part of the power-on that was not used"}
+            where = unused.get(e.get("heldout", ""), "within the run")
             before, after = times_floor(e.get("before_x_floor")), times_floor(e.get("after_x_floor"))
             if before == after:
                 return f"Error {before} × floor {where}."

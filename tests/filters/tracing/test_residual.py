@@ -173,7 +173,7 @@ def test_plays_have_a_free_stretch_and_a_memory() -> None:
     """On the way back a play stands still for twice its half-width; a closed loop comes back to itself."""
     up, down = np.linspace(0.0, 12.0, 121), np.linspace(12.0, -12.0, 241)
     loop = np.concatenate([up, down[1:], down[::-1][1:]])
-    out = plays(loop)
+    out, _ = plays(loop)
     k = PLAY_WIDTHS.index(3.0)
     half = 3.0 * np.arange(1, 7) / 6
     assert out[120, k] == pytest.approx(np.mean(12.0 - half) / 3.0)

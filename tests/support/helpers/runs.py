@@ -94,3 +94,25 @@ def _tumble() -> Profile:
 
 TUMBLE = _tumble()
 """Twelve attitudes, a heading sweep both ways, rates and sines about each axis; 378 s."""
+
+
+def parts_of(run: Run, *cuts: tuple[float, float], power_on: str = "a") -> list[Run]:
+    """A run at rest without what was between the two times of each cut, s: parts of one power-on."""
+    edges = [0.0, *(t for cut in cuts for t in cut), np.inf]
+    out = []
+    for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+        rows = (run.t >= begin) & (run.t < end)
+        t = run.t[rows]
+        out.append(
+            replace(
+                run,
+                name=f"{run.name} part {number + 1}",
+                t=t - t[0],
+                reading=run.reading[rows],
+                temperature=None if run.temperature is None else run.temperature[rows],
+                power_on=power_on,
+                begins=float(t[0]),
+                history_known=number > 0,
+            )
+        )
+    return out
