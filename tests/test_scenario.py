@@ -295,7 +295,7 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
         ({"scenario": Path("bad.toml")}, 3, "`speed` is unknown"),
         ({"scenario": Path("good.toml"), "power_on": 2}, 2, "`power_on` is 2"),
         ({"power_on": 0}, 2, "needs --scenario"),
-        ({"scenario": Path("good.toml"), "from_": Path("x.mcap")}, 2, "give one of them"),
+        ({"scenario": Path("good.toml"), "from_": Path("x.mcap")}, 3, "x.mcap: no such file"),
     ],
 )
 def test_a_wrong_call_ends_in_words(

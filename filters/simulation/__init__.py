@@ -11,6 +11,8 @@ The way of a reading, each step where it physically happens:
 All of it is in the instrument's own axes and sign (`filters.imu.AxisMap`): an effect on ax is what ax shows. What the
 filters take, `Samples`, is in body axes. Quantisation to counts is the instrument's, not done here.
 
+A recording may stand in place of bias and noise (`background`): the errors are then added to what a sensor really read.
+
 `catalogue.EFFECTS` lists the effects; their names are those of the tracer, whose regressors are not used here: what
 the simulator applies and what the tracer believes are two things.
 """

@@ -60,6 +60,10 @@ class World:
         """Rotations of the table about north, east, down, rad, shape (N, 3)."""
         return np.zeros((t.size, 3)) if self.profile is None else self.profile.angles(t)
 
+    def rates(self, t: Array) -> Array:
+        """Their derivatives, rad/s, shape (N, 3)."""
+        return np.zeros((t.size, 3)) if self.profile is None else self.profile.rates(t)
+
     def perfect(self, t: Array) -> Array:
         """What an instrument without errors of its own reads, its axes and sign, SI, shape (N, 6)."""
         out = np.empty((t.size, 6))

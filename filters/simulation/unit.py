@@ -11,6 +11,7 @@ from filters.first_order import first_order
 from filters.imu import IMU400CD_200, LOOP_HZ, ImuSpec, Samples
 from filters.motion.profile import Profile
 from filters.simulation.additive import Additive
+from filters.simulation.background import Background, RecordedTemperature, Sensed
 from filters.simulation.catalogue import Effect
 from filters.simulation.output import (
     Bandwidth,
@@ -25,7 +26,7 @@ from filters.simulation.output import (
     Stuck,
 )
 from filters.simulation.parameters import TrueInputs
-from filters.simulation.scenario import Scenario, Truth, draw
+from filters.simulation.scenario import Scenario, Temperature, Truth, draw
 from filters.simulation.truth import MotionEffect, World
 from filters.state import PAPER_SITE, Site
 from filters.types import Array
@@ -38,6 +39,9 @@ _NOISE, _EFFECT, _RUN = 1, 2, 3
 
 # from sensor to register: what is behind acts on what came before
 _OUTPUT_ORDER = (Saturation, Coarse, Stuck, Spikes)
+
+# what changes made noise: a recording has its own
+_OF_NOISE = (NoiseLevel, NoiseCrosstalk, Bandwidth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +92,23 @@ class Unit:
         Which, from 0.
     rate_hz : float
         Readings a second.
+    background : Background or None
+        A recording that is played in place of biases and noise that are drawn: the scenario's motion, its effects and
+        the biases that it names are added. Temperature is the scenario's where it has one, else the recording's.
 
     Raises
     ------
     ValueError
-        If the scenario has no such power-on, or the rate is not positive.
+        If the scenario has no such power-on, the rate is not positive, or something can't be added to the recording.
     """
 
-    def __init__(self, scenario: Scenario, power_on: int = 0, rate_hz: float = LOOP_HZ) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        power_on: int = 0,
+        rate_hz: float = LOOP_HZ,
+        background: Background | None = None,
+    ) -> None:
         if not 0 <= power_on < len(scenario.power_ons):
             raise ValueError(f"`power_on` is {power_on}; the scenario has 0 to {len(scenario.power_ons) - 1}")
         if not 0.0 < rate_hz < np.inf:
@@ -103,10 +116,13 @@ class Unit:
         self.scenario = scenario
         self.power_on = power_on
         self.rate_hz = rate_hz
-        self.temperature = scenario.power_ons[power_on].temperature or scenario.temperature
-        self.truth = _biases(scenario, power_on)
+        self.background = background
+        self.temperature = _temperature(scenario, power_on, background)
+        self.truth = _biases(scenario, power_on, made=background is None)
         self._blocks = self._stream()
         self._start = 0
+        if background is not None:
+            _check_no_noise(scenario)
         self._block = next(self._blocks)
 
     def reading(self, k: int) -> tuple[Array, Array]:
@@ -130,6 +146,13 @@ class Unit:
     def temperature_degc(self, k: int) -> float:
         """Temperature inside the case at reading k, degC."""
         return float(self.temperature.at(np.array([k / self.rate_hz]))[0])
+
+    def sensed(self) -> Sensed:
+        """What there is to sense, without the scenario's effects."""
+        scenario, background = self.scenario, self.background
+        if background is not None and scenario.profile is None:
+            return background.motion
+        return World(scenario.profile, scenario.site, scenario.axes)
 
     def samples(self, count: int) -> Samples:
         """What arrives of readings 0 to `count` - 1; the unit is not used up."""
@@ -178,23 +201,20 @@ class Unit:
         """Blocks of readings from power-on."""
         scenario, axes = self.scenario, self.scenario.axes
         made = [pair for number, effect in enumerate(scenario.effects) for pair in self._made(number, effect)]
-        world = World(scenario.profile, scenario.site, axes)
-        for _, thing in made:
-            if isinstance(thing, MotionEffect):
-                world = thing.changed(world)
+        world, moved = self._world(made)
         errors = [(channel, thing) for channel, thing in made if isinstance(thing, Additive)]
         outputs = [(channel, thing) for channel, thing in made if isinstance(thing, Output)]
         outputs.sort(key=lambda pair: _OUTPUT_ORDER.index(type(pair[1])))
         poles = _poles(scenario.spec, made, self.rate_hz)
         band = _BandLimit(poles)
-        noise = _noise(self, made, _BandLimit(poles))
+        noise = _noise(self, made, _BandLimit(poles)) if self.background is None else _played(self.background)
         bias = np.concatenate(
             [axes.gyro_to_instrument(self.truth.gyro_bias), axes.accel_to_instrument(self.truth.accel_bias)]
         )
         for start in itertools.count(0, _BLOCK):
             t = (start + np.arange(_BLOCK)) / self.rate_hz
             inputs = TrueInputs(t, world.perfect(t), self.temperature.at(t), self.temperature.rate(t), world.angles(t))
-            values = inputs.perfect + bias
+            values = moved(inputs) + bias
             for channel, error in errors:
                 values[:, channel] += error.error(inputs)
             if errors or scenario.profile is not None:
@@ -210,6 +230,25 @@ class Unit:
                     lost |= thing.lost(t)
             gyro, accel = axes.gyro_to_body(values[:, :3]), axes.accel_to_body(values[:, 3:])
             yield _Block(t + late, gyro, accel, inputs.temperature, lost)
+
+    def _world(self, made: list[tuple[int, object]]) -> tuple[Sensed, Callable[[TrueInputs], Array]]:
+        """What is sensed with the effects of motion, and what of it comes to the readings.
+
+        A recording has sensed its own motion: to that only what the scenario changes is added.
+        """
+        scenario, background = self.scenario, self.background
+        still = World(None, scenario.site, scenario.axes)
+        world = replace(still, profile=scenario.profile)
+        changes = [thing for _, thing in made if isinstance(thing, MotionEffect)]
+        for thing in changes:
+            world = thing.changed(world)
+        if background is None:
+            return world, lambda inputs: inputs.perfect
+        if scenario.profile is None and not changes:
+            return background.motion, lambda inputs: np.zeros((inputs.t.size, 6))
+        rest = still.perfect(np.zeros(1))
+        background.check_rest(rest[0], scenario.site.gravity)
+        return world, lambda inputs: inputs.perfect - rest
 
     def _made(self, number: int, effect: Effect) -> list[tuple[int, object]]:
         key = [_seed(self.scenario, self.power_on), _EFFECT, self.power_on, number]
@@ -288,14 +327,30 @@ def simulate(
     return unit.samples(round(seconds * rate_hz)), unit.truth
 
 
+def _check_no_noise(scenario: Scenario) -> None:
+    for effect in scenario.effects:
+        if any(isinstance(thing, _OF_NOISE) for _, thing in effect.made(1.0, lambda _: np.random.default_rng(0))):
+            raise ValueError(
+                f"{effect.name} changes noise that is made; a recording has its own: leave {effect.name} out"
+            )
+
+
 def _seed(scenario: Scenario, power_on: int) -> int:
     own = scenario.power_ons[power_on].seed
     return scenario.seed if own is None else own
 
 
-def _biases(scenario: Scenario, power_on: int) -> Truth:
-    """Biases of a unit at a power-on, body axes."""
-    axes, drawn, this = scenario.axes, draw(scenario.seed, scenario.spec), scenario.power_ons[power_on]
+def _temperature(scenario: Scenario, power_on: int, background: Background | None) -> Temperature | RecordedTemperature:
+    own = scenario.power_ons[power_on].temperature or scenario.temperature
+    if background is None or background.temperature is None or own.points:
+        return own
+    return background.temperature
+
+
+def _biases(scenario: Scenario, power_on: int, *, made: bool) -> Truth:
+    """Biases of a unit at a power-on, body axes; where they are not made, those that come to a recording's."""
+    axes, this = scenario.axes, scenario.power_ons[power_on]
+    drawn = draw(scenario.seed, scenario.spec) if made else Truth(np.zeros(3), np.zeros(3))
     rng = np.random.default_rng([_seed(scenario, power_on), _RUN, power_on])
     accel_more = rng.standard_normal(3) * scenario.accel_bias_run_sd
     gyro_more = rng.standard_normal(3) * scenario.gyro_bias_run_sd
@@ -358,3 +413,8 @@ def _noise(unit: Unit, made: list[tuple[int, object]], band: _BandLimit) -> Call
         return band.limited(white)
 
     return following
+
+
+def _played(background: Background) -> Callable[[TrueInputs], Array]:
+    """What gives the next readings of a recording, in place of noise, instrument axes, shape (N, 6)."""
+    return lambda inputs: background.readings(inputs.t)

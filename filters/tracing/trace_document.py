@@ -225,6 +225,7 @@ class RunEntry(TypedDict):
     id: str
     log: str
     kind: str
+    source: str
     rate_hz: float
     seconds: float
     samples: int

@@ -24,6 +24,16 @@ def command(
             "--scenario", metavar="FILE.toml", help="Make readings of this scenario: motion, effects, faults."
         ),
     ] = None,
+    spoil: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--spoil", metavar="FILE.py:NAME", help="Add errors that a Python function makes; for tests only."
+        ),
+    ] = None,
+    from_start: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option("--from-start", metavar="S", help="Where in the recording to begin, seconds (0)."),
+    ] = None,
     power_on: Annotated[
         Optional[int],  # noqa: UP045
         typer.Option("--power-on", metavar="K", help="Which of the scenario's power-ons, from 0 (0)."),
@@ -44,13 +54,15 @@ def command(
     It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud.
     Commands received are logged on stderr. Its readings are simulated (Table 1 biases and noise, drawn from the seed)
     or made by a scenario's file, or played from a recording; time starts with the first request for data.
-    Ctrl+C ends it.
+    With a recording and a scenario, the scenario's motion, temperature and effects are added to what was recorded:
+    such readings are called simulated. Ctrl+C ends it.
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say
-    from imutui.cli.virtual_readings import SIMULATED, played, simulated
-    from imutui.instrument.virtual import FaultyLine, Source, UnitOptions, VirtualUnit, serve
+    from imutui.cli.spoil import SpoilError, load
+    from imutui.cli.virtual_readings import on_the_line
+    from imutui.instrument.virtual import UnitOptions, VirtualUnit, serve
     from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:
@@ -61,21 +73,23 @@ def command(
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
     if tap is not None:
         refuse_existing(tap, force)
-    if from_ is not None and scenario is not None:
-        raise fail(USAGE, "--from plays a recording and --scenario makes readings: give one of them.")
     if power_on is not None and scenario is None:
         raise fail(USAGE, "--power-on is one of a scenario's: it needs --scenario.")
-    source: Source
-    line: FaultyLine | None = None
-    if from_ is not None:
-        source, version = played(from_)
-    else:
-        try:
-            readings = simulated(scenario, power_on or 0, seed)
-        except ScenarioError as error:
-            raise fail(UNREADABLE, str(error)) from error
-        source, version, line, seed = readings, SIMULATED, readings.line(), readings.unit.scenario.seed
-    unit = VirtualUnit(source, UnitOptions(serial_number=serial_number, version=version), seed or 0)
+    if from_start is not None and from_ is None:
+        raise fail(USAGE, "--from-start is a place in a recording: it needs --from.")
+    if from_start is not None and not 0.0 <= from_start < math.inf:
+        raise fail(USAGE, f"--from-start is {from_start:g}; it must be a number of seconds from 0 on.")
+    try:
+        added = None if spoil is None else load(spoil)
+        made = on_the_line(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
+    except ScenarioError as error:
+        raise fail(UNREADABLE, str(error)) from error
+    except SpoilError as error:
+        raise fail(error.exit_code, str(error)) from error
+    if made.source:
+        say(f"imutui: {made.source}")
+    options = UnitOptions(serial_number=serial_number, version=made.version, source=made.source)
+    unit = VirtualUnit(made.readings, options, made.seed)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         # where a shell has put us into the background, its Ctrl+C is for others, and ignored from the start
@@ -96,8 +110,10 @@ def command(
                 speed=speed,
                 while_stdin=while_stdin,
                 stop=stop,
-                line=line,
+                line=made.line,
             )
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error
+        except SpoilError as error:
+            raise fail(error.exit_code, str(error)) from error
     sys.stdout.flush()

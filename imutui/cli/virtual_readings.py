@@ -1,13 +1,16 @@
-"""Readings for the virtual instrument: a simulated unit, or a recording brought to the unit's rate."""
+"""Readings for the virtual instrument: a simulated unit, a recording, or a recording with something added."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY
-from filters.simulation import LOOP_HZ, Scenario, Unit
+from filters.simulation import LOOP_HZ, Scenario, Temperature, Unit
+from filters.simulation.background import Background
+from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
+from imutui.cli.spoil import ErrorFunction, Spoiled
 from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source
 
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
@@ -15,6 +18,32 @@ PLAYED = "IMU400CD-200 VIRTUAL REC"
 
 # fates of readings are asked for while their packets are on the line: a few readings later at the slowest speed
 _REMEMBERED = 256
+_ROOM = Temperature(((0.0, 25.0),))
+
+
+@dataclass(frozen=True, slots=True)
+class UnitOnTheLine:
+    """What the virtual instrument measures, and what it says of that.
+
+    Attributes
+    ----------
+    readings : Source
+        What it measures.
+    version : str
+        How its version text begins.
+    source : str
+        Where the readings come from, in words; "" where the version says enough.
+    line : FaultyLine or None
+        What happens on the wire.
+    seed : int
+        Of the time counter's start.
+    """
+
+    readings: Source
+    version: str
+    source: str = ""
+    line: FaultyLine | None = None
+    seed: int = 0
 
 
 class SimulatedReadings:
@@ -26,16 +55,20 @@ class SimulatedReadings:
         Without anything in it: still, level, biases and noise of Table 1.
     power_on : int
         Which, from 0.
+    background : Background or None
+        A recording that is played in place of biases and noise.
     """
 
-    def __init__(self, scenario: Scenario, power_on: int = 0) -> None:
-        self.unit = Unit(scenario, power_on)
+    def __init__(self, scenario: Scenario, power_on: int = 0, background: Background | None = None) -> None:
+        self.unit = Unit(scenario, power_on, background=background)
         self._fates: dict[int, tuple[bool, float]] = {}
 
-    def reading(self, k: int) -> Reading:
-        """Reading k of the unit's loop, instrument axes."""
+    def reading(self, k: int) -> Reading | None:
+        """Reading k of the unit's loop, instrument axes; None after the end of a recording."""
         axes = self.unit.scenario.axes
         rate, force = self.unit.reading(k)
+        if not math.isfinite(rate[0]):
+            return None
         self._fates[k] = self.unit.lost(k), self.unit.late(k)
         if len(self._fates) > _REMEMBERED:
             del self._fates[next(iter(self._fates))]
@@ -54,67 +87,65 @@ class SimulatedReadings:
         return self._fates.get(math.floor(t * LOOP_HZ + 1e-6), (False, 0.0))
 
 
-class PlayedReadings:
-    """A recording at the unit's rate.
-
-    Slower recordings are held between samples, so that every reading was really made; faster ones are averaged
-    over the unit's period. The recording ends; the unit is then silent.
+def on_the_line(
+    scenario: Path | None,
+    power_on: int,
+    seed: int | None,
+    recording: Path | None,
+    start: float,
+    spoil: ErrorFunction | None,
+) -> UnitOnTheLine:
+    """The unit that the options of `imutui virtual` ask for.
 
     Parameters
     ----------
-    t : np.ndarray
-        s, shape (N,), increasing.
-    values : np.ndarray
-        deg/s and g, instrument axes, and degC; shape (N, 7).
+    scenario : Path or None
+        File of a scenario.
+    power_on : int
+        Which of its power-ons, from 0.
+    seed : int or None
+        Wins over the scenario's.
+    recording : Path or None
+        What to play instead of made noise.
+    start : float
+        Where in the recording to begin, s.
+    spoil : ErrorFunction or None
+        What to add besides.
     """
-
-    def __init__(self, t: np.ndarray, values: np.ndarray) -> None:
-        self._t = t - t[0]
-        self._values = values
-        self._sums = np.vstack([np.zeros(7), np.cumsum(values, axis=0)])
-
-    def reading(self, k: int) -> Reading | None:
-        """Reading k of the unit's loop; None after the end."""
-        instant = k / LOOP_HZ
-        if instant > self._t[-1]:
-            return None
-        # samples of the period that ends at this instant; else the last one before it
-        first = int(np.searchsorted(self._t, instant - 1.0 / LOOP_HZ + 1e-9, side="right"))
-        last = int(np.searchsorted(self._t, instant + 1e-9, side="right"))
-        if last - first > 1:
-            v = (self._sums[last] - self._sums[first]) / (last - first)
-        else:
-            v = self._values[max(last - 1, 0)]
-        return Reading((v[0], v[1], v[2]), (v[3], v[4], v[5]), float(v[6]))
+    made = scenario_of(scenario, seed)
+    played = None if recording is None else load(recording, start, made.axes, made.site)
+    if played is not None and scenario is None and spoil is None:
+        version = SIMULATED if played.simulated else PLAYED
+        return UnitOnTheLine(PlayedReadings(played.t, played.values, played.degc), version, seed=made.seed)
+    if played is not None and scenario is None and played.degc is None:
+        made = replace(made, temperature=_ROOM)
+    readings = SimulatedReadings(made, power_on, None if played is None else played.background(made.site))
+    source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
+    told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
+    return UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed)
 
 
 def simulated(scenario: Path | None, power_on: int, seed: int | None) -> SimulatedReadings:
     """Readings of a scenario's file, or of a plain unit without one; a seed that is given wins over the file's."""
+    return SimulatedReadings(scenario_of(scenario, seed), power_on)
+
+
+def scenario_of(path: Path | None, seed: int | None) -> Scenario:
+    """Scenario of a file, or of a plain unit without one; a seed that is given wins over the file's."""
     from imutui.scenario import load_scenario
 
-    what = Scenario() if scenario is None else load_scenario(scenario)
-    return SimulatedReadings(what if seed is None else replace(what, seed=seed), power_on)
+    what = Scenario() if path is None else load_scenario(path)
+    return what if seed is None else replace(what, seed=seed)
 
 
-def played(recording: Path) -> tuple[Source, str]:
-    """Source of a recording's readings, and the version text under which the unit shows them."""
-    if recording.suffix.lower() == ".mcap":
-        return _from_log(recording)
-    from imutui.logbook import importer
-
-    r = importer.load(recording)
-    degc = r.temperature_degc if r.temperature_degc is not None else np.full(r.t.size, 25.0)
-    return PlayedReadings(r.t, np.column_stack([r.gyro_dps, r.accel_g, degc])), PLAYED
-
-
-def _from_log(path: Path) -> tuple[Source, str]:
-    from imutui.logbook import reader
-
-    log = reader.read(path)
-    axes = log.info.axes()
-    dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))
-    g = axes.accel_to_instrument(log.accel) / log.info.g_unit
-    whole = log.temperature_degc.size == log.stamp_ns.size
-    degc = log.temperature_degc if whole else np.full(log.stamp_ns.size, 25.0)
-    version = SIMULATED if log.info.kind == "simulated" else PLAYED
-    return PlayedReadings(log.seconds(), np.column_stack([dps, g, degc])), version
+def _source(played: PlayedRecording | None, unit: Unit, spoil: ErrorFunction | None) -> str:
+    """Where readings come from: the noise, what was added to it, and that temperature is made where it is."""
+    if played is None:
+        base = "simulated readings"
+    else:
+        base = f"{'simulated readings' if played.simulated else 'measured noise'} of {played.name}"
+    added = ["motion"] if played is not None and unit.scenario.profile is not None else []
+    added += [] if played is None else list(dict.fromkeys(effect.name for effect in unit.scenario.effects))
+    added += [] if spoil is None else [spoil.name]
+    made_up = played is not None and unit.temperature is not getattr(unit.background, "temperature", None)
+    return " + ".join([base, *added]) + ("; temperature simulated" if made_up else "")

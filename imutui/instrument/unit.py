@@ -61,6 +61,9 @@ _BAUD_PATIENCE_S = 10.0
 # "Sensor voltages: 2.5 V at rest": the middle of what a word can say
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
 
+VERSION_CHARACTERS = 30
+"""The longest text of an answer to `v`."""
+
 # Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
 _SAME_INSTANT_S = 1e-9
 
@@ -109,6 +112,10 @@ class UnitOptions:
         The answer to `S`.
     version : str
         The answer to `v`, at most 30 characters; 24 on the units that others have seen.
+    source : str
+        Where the readings come from, for a unit that can say more than fits into a version. The version then ends in
+        "+" and a number: so many further `v` are answered with the text piece by piece; a ping begins anew. No real
+        unit has it.
     ping : {"keeps", "stops", "resets"}
         What `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
         hardware); it returns to power-up, voltage mode and polled (AHRS400 manual).
@@ -124,6 +131,7 @@ class UnitOptions:
 
     serial_number: int = 9911750
     version: str = "IMU400CD-200 VIRTUAL 1.0"
+    source: str = ""
     ping: Literal["keeps", "stops", "resets"] = "stops"
     power_up_mode: Mode = Mode.VOLTAGE
     loop_hz: float = LOOP_HZ
@@ -217,6 +225,8 @@ class VirtualUnit:
         self._zeroing: _Zeroing | None = None
         self._zero_dps = np.zeros(3)
         self._ended = False
+        self._versions = _versions(self.options)
+        self._versions_told = 0
         self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(COUNTER_SPAN))
 
     @property
@@ -337,7 +347,8 @@ class VirtualUnit:
             case AskSerialNumber():
                 self._answer(SerialNumber(self.options.serial_number), now)
             case AskVersion():
-                self._answer(Version(self.options.version), now)
+                self._answer(Version(self._versions[self._versions_told % len(self._versions)]), now)
+                self._versions_told += 1
             case ZeroRateSensors(argument):
                 self._zero(argument, now)
             case RequestBaud():
@@ -352,6 +363,7 @@ class VirtualUnit:
         self._line.send(encode(reply), now, self._baud)
 
     def _ping(self, now: float) -> None:
+        self._versions_told = 0
         if self.options.ping != "keeps":
             self._streaming = False
         if self.options.ping == "resets":
@@ -479,6 +491,13 @@ class VirtualUnit:
 
     def _ticks(self, instant: float) -> int:
         return (self._first_ticks - math.floor(instant / TICK_S)) % COUNTER_SPAN
+
+
+def _versions(options: UnitOptions) -> list[str]:
+    """Answers to `v` in turn: the version, and the pieces of what it says of its source."""
+    text = options.source.encode("ascii", "backslashreplace").decode("ascii")
+    pieces = [text[start : start + VERSION_CHARACTERS] for start in range(0, len(text), VERSION_CHARACTERS)]
+    return [f"{options.version}+{len(pieces)}", *pieces] if pieces else [options.version]
 
 
 def _sensor_words(scaling: Scaling, values: ArrayLike, full_range: float) -> np.ndarray:

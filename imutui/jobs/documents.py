@@ -32,6 +32,7 @@ class SessionFields(TypedDict):
     measurements: str
     noise: str
     software: str
+    source: str
     accel_sign: float | None
     g_unit: float | None
     rate_range_dps: float | None

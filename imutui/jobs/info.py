@@ -265,6 +265,7 @@ _MORE_TEXTS = (
     "measurements",
     "noise",
     "software",
+    "source",
 )
 _NUMBERS = (
     "accel_sign", "g_unit", "rate_range_dps", "accel_range_g", "baud",

@@ -216,6 +216,7 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "id": run.name,
         "log": str(read.path.resolve()),
         "kind": info.kind,
+        "source": info.source,
         "rate_hz": run.rate_hz,
         "seconds": run.seconds,
         "samples": int(run.t.size),

@@ -65,6 +65,8 @@ class SessionInfo:
         Of the effects file, if effects join the filter.
     stamps : str
         What each time stamp means.
+    source : str
+        Where the readings come from: the name of an imported recording's file, or what a virtual unit says of them.
     """
 
     instrument: str = "IMU400CD-200"

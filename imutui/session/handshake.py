@@ -41,6 +41,9 @@ _OTHERS = re.compile(
     r"IMU[ -]?(300|400C[ABCE]|440|5\d\d|6\d\d)\S*|AHRS\S*|\bVG\S*|\bRGA\S*|\bNAV\S*|DMU\S*|HDX\S*|\bMTI\S*", re.I
 )
 
+# what a virtual unit's version ends in when there is more to say
+_MORE = re.compile(r"VIRTUAL .*\+(\d{1,2})$")
+
 T = TypeVar("T")
 
 
@@ -56,10 +59,13 @@ class Identity:
     ----------
     serial_number, version : str
         Empty where it did not answer.
+    source : str
+        Where a virtual unit's readings come from, if it says so.
     """
 
     serial_number: str
     version: str
+    source: str = ""
 
 
 def open_dialogue(port: Port, baud: int, say: Callable[[str], None]) -> Identity:
@@ -103,7 +109,24 @@ def identify(port: Port) -> Identity:
     """What a unit that is polled, on a quiet line at its own speed, says of itself."""
     number = ask(port, AskSerialNumber(), SerialNumber)
     version = ask(port, AskVersion(), Version)
-    return Identity(str(number.number) if number else "", version.text.strip() if version else "")
+    text = version.text.strip() if version else ""
+    return Identity(str(number.number) if number else "", text, _source(port, text))
+
+
+def _source(port: Port, version: str) -> str:
+    """What a virtual unit says of its readings behind its version; "" of a real one, which is asked nothing more."""
+    announced = _MORE.search(version)
+    if announced is None:
+        return ""
+    for _ in range(_TRIES):
+        pieces = [ask(port, AskVersion(), Version) for _ in range(int(announced[1]))]
+        told = [piece.text for piece in pieces if piece is not None]
+        if len(told) == len(pieces):
+            return "".join(told)
+        # a piece was lost: from the beginning
+        ask(port, Ping(), Pong)
+        ask(port, AskVersion(), Version)
+    return ""
 
 
 def ask(port: Port, command: Command, kind: type[T], timeout: float = _REPLY_S) -> T | None:

@@ -66,6 +66,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         effects_sha256=_effects_sha256(plan),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
         stamps=STAMPS,
+        source=identity.source,
     )
     latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
     site = Site.at(latitude, longitude, height, plan.gravity)

@@ -596,6 +596,19 @@ VIRTUAL: dict[str, tuple[int, tuple[str, ...]]] = {
     "--from missing.mcap": (3, ("missing.mcap",)),
     "--from kept": (3, ("kept", "NPZ")),
     "--from folder": (3, ("folder",)),
+    "--from still.npz --from-start 2": (3, ("--from-start", "still.npz lasts 2.0 s")),
+    "--from-start 3": (2, ("--from-start", "--from")),
+    "--from kept --from-start -1": (2, ("--from-start",)),
+    "--from still.npz --scenario noisy.toml": (2, ("noise_level", "leave")),
+    "--from still.npz --scenario moved.toml": (2, ("gravity", "[instrument]", "accel_sign")),
+    "--spoil errors.py": (2, ("errors.py", "FILE.py:NAME")),
+    "--spoil missing.py:a": (3, ("missing.py", "no such file")),
+    "--spoil errors.py:missing": (2, ("errors.py", "missing", "five")),
+    "--spoil errors.py:five": (3, ("errors.py:five", "sample 0", "six")),
+    "--spoil errors.py:infinite": (3, ("errors.py:infinite", "sample 0", "finite")),
+    "--spoil errors.py:failing": (3, ("errors.py:failing", "sample 0", "line 13", "no such thing")),
+    "--spoil errors.py:nothing": (3, ("errors.py:nothing", "None")),
+    "--spoil wrong.py:a": (3, ("wrong.py", "SyntaxError", "line 1")),
     "--speed 0": (2, ("--speed", "positive")),
     "--speed -1": (2, ("--speed", "positive")),
     "--speed nan": (2, ("--speed", "positive")),
@@ -607,6 +620,40 @@ VIRTUAL: dict[str, tuple[int, tuple[str, ...]]] = {
 }
 
 
+ERRORS = """def five(seed):
+    return lambda t, temp, ang, rate, w, f: (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def infinite(seed):
+    return lambda t, temp, ang, rate, w, f: (0.0, 0.0, 0.0, 0.0, 0.0, 1e999)
+
+
+def failing(seed):
+    def error(t, temp, ang, rate, w, f):
+        if t >= 0.0:
+            # as a writer's slip would
+            raise KeyError("no such thing")
+
+    return error
+
+
+def nothing(seed):
+    pass
+"""
+
+
+def spoilers(folder: Path) -> None:
+    """Files of errors, of scenarios and a recording at rest that reads -1 g on Z."""
+    (folder / "errors.py").write_text(ERRORS)
+    (folder / "wrong.py").write_text("def a(:\n")
+    t = np.arange(200) / 100.0
+    np.savez(folder / "still.npz", t=t, gyro=np.zeros((200, 3)), accel=np.tile([0.0, 0.0, -1.0], (200, 1)))
+    noisy = '[[effect]]\nname = "noise_level"\nchannel = "gx"\nlog_variance = 1.0\n'
+    (folder / "noisy.toml").write_text(noisy)
+    moved = '[[segment]]\nkind = "dwell"\nangles_deg = [90.0, 0.0, 0.0]\nseconds = 5.0\n'
+    (folder / "moved.toml").write_text(moved)
+
+
 @pytest.mark.parametrize("flags", VIRTUAL)
 def test_a_virtual_unit_that_cannot_be_does_not_start(
     run: Run, home: Path, flags: str, monkeypatch: pytest.MonkeyPatch
@@ -614,6 +661,7 @@ def test_a_virtual_unit_that_cannot_be_does_not_start(
     """No port is printed, no file is replaced."""
     (home / "kept").write_bytes(KEPT)
     (home / "folder").mkdir()
+    spoilers(home)
     code, words = VIRTUAL[flags]
     with (home / "kept").open() as ended:  # a unit that starts nevertheless ends with its standard input
         ended.read()

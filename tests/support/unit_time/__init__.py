@@ -65,7 +65,7 @@ def acquire(
 ) -> "subprocess.CompletedProcess[str]":
     """Record one power-on of a scenario with `imutui record`, 20 Hz without a filter unless options say otherwise."""
     with unit(scenario, power_on) as (port, environment):
-        return _record(port, environment, log, seconds, options, check)
+        return record(port, environment, log, seconds, *options, check=check)
 
 
 def acquire_in_real_time(
@@ -74,7 +74,7 @@ def acquire_in_real_time(
     """The same from a plain `imutui virtual`."""
     command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin"]
     with _running([*command, "--scenario", str(scenario), "--power-on", str(power_on)]) as port:
-        return _record(port, dict(os.environ), log, seconds, options, check)
+        return record(port, dict(os.environ), log, seconds, *options, check=check)
 
 
 @contextmanager
@@ -98,9 +98,10 @@ def _running(command: list[str]) -> Iterator[str]:
             process.communicate()
 
 
-def _record(
-    port: str, environment: dict[str, str], log: Path, seconds: float, options: tuple[str, ...], check: int | None
+def record(
+    port: str, environment: dict[str, str], log: Path, seconds: float, *options: str, check: int | None = 0
 ) -> "subprocess.CompletedProcess[str]":
+    """`imutui record` of a unit that runs, 20 Hz without a filter unless options say otherwise."""
     command = [sys.executable, "-m", "imutui", "record", "--port", port, "-o", str(log), "--name", log.stem]
     command += ["--duration", f"{seconds:g}"]
     if "--filter" not in options:

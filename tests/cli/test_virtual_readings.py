@@ -1,0 +1,230 @@
+"""What the virtual instrument measures: errors of a file's function, and a recording with something added to it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+from helpers.commands import imutui
+from helpers.processes import command_line, started
+from unit_time import record, virtual
+
+from filters import attitude
+from filters.imu import STANDARD_GRAVITY
+from filters.simulation import LOOP_HZ
+from filters.state import PAPER_SITE
+from imutui.cli.spoil import Spoiled, seed_of
+from imutui.cli.spoil import load as function
+from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
+from imutui.instrument.virtual import Reading
+from imutui.logbook import reader
+
+GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
+
+# an error that says which call it is of, and what it was told
+ERRORS = """
+def counted(seed):
+    calls = []
+
+    def error(t, temp, ang, rate, w, f):
+        calls.append(t)
+        assert round(t * 400 / 3) == len(calls) - 1
+        return 0.01 * (len(calls) % 7), seed % 5, temp, 0.001 * ang[2], 0.001 * w[2], 0.1 * f[2]
+
+    return error
+
+
+def late_failure(seed):
+    return lambda t, temp, ang, rate, w, f: [0.0] * 6 if t < 1.0 else None
+"""
+SCENARIO = """
+profile = "table.toml"
+[biases]
+accel_run_mg = 1.0
+[temperature]
+history = [[0.0, 20.0], [60.0, 50.0]]
+[[effect]]
+name = "thermal_lin"
+channel = "gy"
+dps_per_k = 0.5
+[[power_on]]
+[[power_on]]
+accel_mg = [20.0, 0.0, 0.0]
+"""
+TABLE = """
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 2.0
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = 30.0
+seconds = 8.0
+"""
+
+
+def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings, Spoiled]:
+    """A unit of a scenario without and with an error."""
+    (home / "errors.py").write_text(ERRORS)
+    (home / "table.toml").write_text(TABLE)
+    path = None
+    if scenario:
+        path = home / "unit.toml"
+        path.write_text(scenario)
+    plain = on_the_line(path, 0, 3, None, 0.0, None).readings
+    with_error = on_the_line(path, 0, 3, None, 0.0, function(str(home / "errors.py") + f":{name}")).readings
+    assert isinstance(plain, SimulatedReadings)
+    assert isinstance(with_error, Spoiled)
+    return plain, with_error
+
+
+def added(plain: Reading | None, with_error: Reading | None) -> np.ndarray:
+    """What was added, deg/s and g."""
+    assert plain is not None
+    assert with_error is not None
+    return np.array(with_error.rates_dps + with_error.accels_g) - np.array(plain.rates_dps + plain.accels_g)
+
+
+def test_an_error_is_asked_for_once_a_sample_in_order(home: Path) -> None:
+    """However the host asks: samples that it skips are asked for too, those that it repeats are not asked for again."""
+    plain, with_error = spoiled(home, "counted")
+    for k in (0, 1, 1, 2, 40, 40, 2000, 2001):
+        got = added(plain.reading(k), with_error.reading(k))
+        assert got[0] == pytest.approx(0.01 * ((k + 1) % 7), abs=1e-12), k
+        assert got[1] == pytest.approx(seed_of(3, 0) % 5, abs=1e-12)
+
+
+def test_an_error_is_told_temperature_and_motion(home: Path) -> None:
+    """The scenario's temperature, table angle, rate and specific force at the sample, in the units of the text."""
+    plain, with_error = spoiled(home, "counted", SCENARIO)
+    for seconds, turning in ((1.0, 0.0), (6.0, 30.0)):
+        k = round(seconds * LOOP_HZ)
+        got = added(plain.reading(k), with_error.reading(k))
+        assert got[2] == pytest.approx(20.0 + 0.5 * k / LOOP_HZ, abs=1e-9)
+        assert got[4] == pytest.approx(1e-3 * turning, abs=1e-5)
+        assert got[5] == pytest.approx(0.1 * GAMMA_G, abs=1e-9)
+        # a quarter of a second is lost in ramping up
+        assert got[3] == pytest.approx(1e-3 * max(30.0 * (seconds - 2.15), 0.0), abs=1e-3)
+
+
+def test_seeds_differ_from_power_on_to_power_on() -> None:
+    """And from unit to unit; the same unit at the same power-on has the same."""
+    seeds = [seed_of(unit, power_on) for unit in range(3) for power_on in range(3)]
+    assert len(set(seeds)) == 9
+    assert seeds[0] == seed_of(0, 0)
+
+
+def test_an_error_that_fails_later_ends_the_unit_in_words(home: Path) -> None:
+    """Which sample, what it returned, exit 3: nothing is played as if it were zero."""
+    plain, with_error = spoiled(home, "late_failure")
+    assert with_error.reading(100) == plain.reading(100)
+    with started(command_line("virtual", "--spoil", "errors.py:late_failure")) as unit:
+        assert unit.stdout is not None
+        with serial.Serial(unit.stdout.readline().strip(), 38400, timeout=5.0) as line:
+            line.write(b"C")
+            _, said = unit.communicate(timeout=20.0)
+    assert unit.returncode == 3
+    assert "errors.py:late_failure returns None at sample 134 (t = 1.005 s)" in said
+    assert "Traceback" not in said
+
+
+def still(path: Path, seconds: float, hz: float = 100.0, **more: np.ndarray) -> np.ndarray:
+    """A recording of a unit at rest that reads +1 g on Z, with noise; returns its readings."""
+    n = round(seconds * hz)
+    noise = np.random.default_rng(5).standard_normal((n, 6)) * [0.3, 0.3, 0.3, 0.002, 0.002, 0.002]
+    values = noise + np.array([0.1, -0.2, 0.3, 0.01, 0.02, GAMMA_G])
+    np.savez(path, t=np.arange(n) / hz, gyro=values[:, :3], accel=values[:, 3:], **more)
+    return values
+
+
+def played(source: Path, scenario: Path | None, power_on: int = 0, start: float = 0.0, count: int = 1200) -> np.ndarray:
+    """Readings of a recording with a scenario added, or without, shape (N, 7)."""
+    readings = on_the_line(scenario, power_on, None, source, start, None).readings
+    rows = [readings.reading(k) for k in range(count)]
+    return np.array([[*r.rates_dps, *r.accels_g, r.temperature_degc] for r in rows if r is not None])
+
+
+def test_a_scenario_is_added_to_a_recording(home: Path) -> None:
+    """Its effect, its motion, the bias that it names and its temperature; drift and noise stay the recording's."""
+    still(home / "still.npz", 10.0)
+    (home / "table.toml").write_text(TABLE)
+    (home / "unit.toml").write_text(SCENARIO)
+    plain = played(home / "still.npz", None)
+    both = played(home / "still.npz", home / "unit.toml", 1)
+    assert both.shape == plain.shape
+    t = np.arange(len(plain)) / LOOP_HZ
+    difference = both - plain
+    assert np.all(plain[:, 6] == 25.0)
+    assert both[:, 6] == pytest.approx(20.0 + 0.5 * t)
+    assert np.abs(difference[:, 0]).max() < 0.01  # Earth rate, seen from a table that turns
+    assert difference[:, 1] == pytest.approx(0.5 * (both[:, 6] - 25.0), abs=0.02)
+    turning = (t > 3.0) & (t < 8.0)
+    assert difference[turning, 2] == pytest.approx(30.0, abs=1e-6)
+    assert difference[:, 3] == pytest.approx(0.02, abs=1e-9)
+    assert difference[:, 4:6] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_recording_is_played_from_where_it_is_asked(home: Path) -> None:
+    """Bit for bit as the whole is there, and silent at its end."""
+    values = still(home / "still.npz", 10.0, hz=LOOP_HZ)
+    part = played(home / "still.npz", None, start=6.0, count=600)
+    assert len(part) in (532, 533)
+    assert np.array_equal(part[:, :6], values[800 : 800 + len(part)])
+
+
+def test_what_a_recording_knows_of_its_motion_drives_effects(home: Path) -> None:
+    """A scale factor acts on the rate that the quaternions say, in the recording's own axes and sign."""
+    t = np.arange(1000) / 100.0
+    rate = np.deg2rad(40.0)
+    C_bn = [attitude.exp(np.array([rate * x, 0.0, 0.0])) for x in t]
+    quaternion = np.array([attitude.to_quaternion(C) for C in C_bn])
+    quaternion[300:320] = np.nan  # markers out of sight
+    up = np.array([C.T @ [0.0, 0.0, 1.0] for C in C_bn])
+    gyro = np.tile([40.0, 0.0, 0.0], (t.size, 1))
+    np.savez(home / "turned.npz", t=t, gyro=gyro, accel=up, ref_quat=quaternion)
+    scale = '[[effect]]\nname = "scale"\nchannel = ["gx", "ay"]\nrelative = 0.1\n[noise]\naccel_bandwidth_hz = 0.0\n'
+    (home / "scale.toml").write_text(scale)
+    difference = played(home / "turned.npz", home / "scale.toml") - played(home / "turned.npz", None)
+    inside = slice(50, 1150)
+    assert difference[inside, 0] == pytest.approx(4.0, abs=0.02)
+    at = np.arange(len(difference)) / LOOP_HZ
+    assert difference[inside, 4] == pytest.approx(0.1 * np.sin(rate * at)[inside] * GAMMA_G, abs=1e-3)
+
+
+def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Path) -> None:
+    """In the log's metadata, in `info`, at `trace`; without anything added it says nothing more than before."""
+    still(home / "still.npz", 8.0)
+    (home / "errors.py").write_text(ERRORS)
+    (home / "unit.toml").write_text(SCENARIO.replace('profile = "table.toml"', ""))
+    told = "measured noise of still.npz + thermal_lin + counted; temperature simulated"
+    cases = {
+        "both": (("--scenario", "unit.toml", "--spoil", "errors.py:counted"), "simulated", told),
+        "plain": ((), "unknown", ""),
+    }
+    for name, (options, kind, source) in cases.items():
+        with virtual("--from", "still.npz", *options) as unit:
+            record(*unit, home / f"{name}.mcap", 4.0)
+        info = reader.read(home / f"{name}.mcap").info
+        assert (info.kind, info.source) == (kind, source)
+        assert ("+" in info.firmware) == bool(source)
+    document = json.loads(imutui("info", "both.mcap", "--json").stdout)
+    assert (document["kind"], document["source"]) == ("simulated", told)
+    assert "SIMULATED: measured noise of still.npz" in imutui("info", "both.mcap").stdout
+
+
+def test_an_error_arrives_in_the_log_to_a_count(home: Path) -> None:
+    """Over the wire, as an acquisition has it: the difference of two recordings of one seed is the error."""
+    (home / "errors.py").write_text(ERRORS)
+    logs = []
+    for name, options in (("plain", ()), ("spoiled", ("--spoil", "errors.py:counted"))):
+        with virtual("--seed", "3", *options) as unit:
+            record(*unit, home / f"{name}.mcap", 6.0, "--rate", "133")
+        logs.append(reader.read(home / f"{name}.mcap"))
+    plain, with_error = (np.hstack([np.rad2deg(log.gyro), log.accel / STANDARD_GRAVITY])[:700] for log in logs)
+    difference = with_error - plain
+    expected = 0.01 * ((np.arange(700) + 1) % 7)
+    count = 1.5 * 200.0 / 2**15
+    assert difference[:, 0] == pytest.approx(expected, abs=count)
+    assert difference[:, 1] == pytest.approx(seed_of(3, 0) % 5, abs=count)
