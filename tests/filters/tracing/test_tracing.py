@@ -189,7 +189,18 @@ FIELDS: dict[str, dict[str, Any]] = {
         "include_as": str,
         "confirmed": (bool, type(None)),
     },
-    "weak": {"effect": str, "channels": list},
+    "refuted": {
+        **dict.fromkeys(("effect", "label", "metric", "unit"), str),
+        "channels": list,
+        **dict.fromkeys(("after_with", "after_without"), float),
+    },
+    "common": {
+        **dict.fromkeys(("kind", "unit"), str),
+        "channels": list,
+        **dict.fromkeys(("coherence", "t_start_s", "t_end_s"), float),
+        "curve": dict,
+    },
+    "weak": {"effect": str, "channels": list, "params": list, "score": float, "limit": (float, type(None))},
     "drift": {"channels": list, "kind": str, "tau_s": (float, type(None)), "level": float, "unit": str},
     "remainder": {"channel": str, "scale_s": float, "ratio": float, "p": float},
     "error": {
@@ -227,7 +238,7 @@ def test_a_document_is_what_the_contract_says() -> None:
             assert isinstance(p["unit"], str)
             assert isinstance(p["plausible"], bool)
         for r in f["rivals"]:
-            assert set(r) == {"effect", "label", "score_difference"}
+            assert set(r) - {"weight"} == {"effect", "label", "score_difference"}
     for e in again["error"]:
         assert e["metric"] in METRICS
         assert len(e["ci95"]) == len(e["floor_band95"]) == 2
