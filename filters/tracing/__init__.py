@@ -16,7 +16,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise · `unseen_cells` gain on what the fit has not seen · `drift_guard` whether drift would do as well
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
- 9 validation   `held_out_run` what it confirms, errors before and after · `validation` the figures of a channel ·
+ 9 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
+                figures of a channel ·
                 `free_inertial` position error · `error_figure` the record of one, intervals
 10 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
 11 assessment   `assessment` steps 8-10 as one frozen record · `channel_status` a word for each channel

@@ -14,7 +14,8 @@ from filters.tracing import detectability, experiment
 from filters.tracing.design_matrix import Design
 from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.findings import Finding, findings_of
-from filters.tracing.held_out_run import HeldOutRun, confirmed, folded_errors, held_out_errors
+from filters.tracing.held_out_run import HeldOutRun, folded_errors, held_out_errors
+from filters.tracing.judgement import Refuted, judge
 from filters.tracing.result import SeparatingExperiment
 from filters.tracing.screening import Screening
 from filters.tracing.selection import Selection
@@ -50,11 +51,13 @@ class Assessment:
     screening : Screening
         What was found beside it.
     findings : tuple of Finding
-        The best score first.
+        The best score first, without those that are
+    refuted : tuple of Refuted
+        contradicted by the held-out run.
     heldout : HeldOutRun or None
         What nothing was fitted to.
     errors : tuple of ErrorFigure
-        Before and after, on the held-out run or within the runs.
+        Before and after, on the held-out run or within the runs, with all that the runs at hand chose.
     remainder : tuple of Remainder
         What is not explained.
     limits : tuple of LimitEntry
@@ -71,6 +74,7 @@ class Assessment:
     channels: tuple[int, ...]
     screening: Screening
     findings: tuple[Finding, ...]
+    refuted: tuple[Refuted, ...]
     heldout: HeldOutRun | None
     errors: tuple[ErrorFigure, ...]
     remainder: tuple[Remainder, ...]
@@ -85,8 +89,8 @@ class Assessment:
         return self.selection.design
 
     @property
-    def unrefuted(self) -> tuple[Finding, ...]:
-        """Findings that the held-out run does not speak against."""
+    def joining(self) -> tuple[Finding, ...]:
+        """Findings that the held-out run confirms, or cannot: what the effects file has."""
         return tuple(f for f in self.findings if f.confirmed is not False)
 
     @property
@@ -121,19 +125,22 @@ def assess(
         Of intervals and bands.
     """
     design = chosen.design
-    found = findings_of(chosen, list(channels))
+    found = findings_of(chosen)
     run = None if heldout is None else HeldOutRun.of(heldout, design, found)
-    if run is None:
-        errors = folded_errors(design, found, channels, seed)
-    else:
-        found = confirmed(run, found, design, seed)
-        errors = held_out_errors(run, [f for f in found if f.confirmed is not False], design, channels, seed)
+    # what belongs to one run alone is judged within it
+    within = channels if run is None else {c for f in found if not f.lasting for c in f.channels}
+    errors, found = folded_errors(design, found, sorted(within), seed)
+    refuted: list[Refuted] = []
+    if run is not None:
+        errors = held_out_errors(run, found, design, channels, seed)
+        found, refuted = judge(run, found, design, channels, seed)
     known = {f.term.key for f in found}
     return Assessment(
         selection=chosen,
         channels=tuple(channels),
         screening=screening,
         findings=tuple(found),
+        refuted=tuple(refuted),
         heldout=run,
         errors=tuple(errors),
         remainder=tuple(_remainder(chosen, channels)),

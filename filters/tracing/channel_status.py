@@ -1,7 +1,8 @@
 """The status of a channel in a word.
 
 One of clean, explained, confounded, partial, stochastic, run_specific, unexplained. "Explained" never means proved: no
-rival fits as well, no drift is needed beside it, nothing remains, and a held-out run is at its floor.
+rival fits as well, no drift is needed beside it, nothing remains, and a held-out run is at its floor. Faults that were
+set aside explain nothing: a channel that has only those is clean.
 """
 
 from filters.channels import CHANNELS
@@ -20,22 +21,23 @@ def statuses(assessment: Assessment) -> dict[str, Status]:
 def status(assessment: Assessment, channel: int) -> Status:
     """Status of a channel."""
     found = [f for f in assessment.findings if channel in f.channels]
+    if any(channel in x.finding.channels for x in assessment.refuted):
+        return "partial" if any(f.confirmed is not False for f in found) else "unexplained"
     drifts = channel in assessment.drifting
     remains = any(r.channel == channel for r in assessment.remainder)
-    beside = assessment.screening.concerns(channel)
     if not found:
         if drifts:
             return "stochastic"
-        if remains or (channel in assessment.channels and not beside and _out_of_band(assessment, channel)):
+        if remains or (channel in assessment.channels and _out_of_band(assessment, channel)):
             return "unexplained"
-        return "explained" if beside else "clean"
+        return "explained" if assessment.screening.concerns(channel) else "clean"
     lasting = [f for f in found if f.lasting]
     if any(f.rivals for f in lasting):
         return "confounded"
     if _one_power_on(assessment) and any(f.term.hypothesis.source != "motion" for f in lasting):
         return "confounded"
-    refuted = any(f.confirmed is False for f in lasting)
-    if drifts or remains or refuted or (lasting and _out_of_band(assessment, channel)):
+    doubted = any(f.confirmed is False for f in lasting)
+    if drifts or remains or doubted or (lasting and _out_of_band(assessment, channel)):
         return "partial"
     return "explained" if lasting else "run_specific"
 

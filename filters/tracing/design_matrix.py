@@ -202,14 +202,16 @@ class Design:
         scale = np.diag(G)
         rows, places = parameters_on(selection, offsets, c)
         if not rows.size:
-            return G, B, self._visible(scale)
+            return G, B, self._visible(scale, c)
         M = np.zeros((G.shape[0], theta.size))
         M[:, rows] = G[:, places]
-        return G - M @ inverse @ M.T, B - M @ theta, self._visible(scale)
+        return G - M @ inverse @ M.T, B - M @ theta, self._visible(scale, c)
 
-    def _visible(self, scale: Array) -> Array:
-        """Diagonal of G where a column varies by more than rounding does, else infinity."""
-        return np.where(scale > _VARIES * np.maximum(self.raw**2, 1e-300), scale, np.inf)
+    def _visible(self, scale: Array, channel: int) -> Array:
+        """Diagonal of a channel's G where a column varies by more than rounding does, else infinity."""
+        # beside what the column would be if nothing of it were a bias
+        whole = np.maximum(self.raw**2, 1e-300) * float(np.sum(1.0 / self.variance(channel)))
+        return np.where(scale > _VARIES * whole, scale, np.inf)
 
     def _cross(
         self, selection: Sequence[Term], offsets: Sequence[int], candidates: Sequence[Term], inverse: Array
@@ -229,7 +231,7 @@ class Design:
         C = sum(self.gram(c)[0][np.ix_(p, p)] for c, p in term.places.items())
         d = sum(self.gram(c)[1][p] for c, p in term.places.items())
         # one channel that sees a column is enough
-        some = np.min([self._visible(np.diag(self.gram(c)[0]))[p] for c, p in term.places.items()], axis=0)
+        some = np.min([self._visible(np.diag(self.gram(c)[0]), c)[p] for c, p in term.places.items()], axis=0)
         scale = np.where(np.isfinite(some), np.diag(C), np.inf)
         if cross is not None:
             C = C - cross @ inverse @ cross.T

@@ -1,4 +1,4 @@
-"""Findings: selected terms with their parameters, the share that each explains, and their rivals."""
+"""Findings: selected terms with their parameters and their rivals."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,10 @@ from filters.effects.run_specific import RunSpecific
 from filters.tracing.columns import Term
 from filters.tracing.rivals import Rival, rivals
 from filters.tracing.selection import Selection
-from filters.tracing.whitening import unbiased
 from filters.types import Array
 
 _MATERIAL = 9.0  # chi-square that a shared effect explains of a channel that it matters on
 _MATERIAL_SHARE = 0.002  # of the most that it explains of any
-_BLOCKS = 16  # summed, so that white noise counts little in what is left unexplained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,14 +25,15 @@ class Finding:
         Parameters, SI, shape (k,), and their covariance, shape (k, k).
     score, gain : float
         In chi-square, with and without the price of its parameters.
-    share : float
-        Of the excess of its channels over white noise that it explains, 0 to 1.
+    share : float or None
+        Of the excess of E10² over its floor, on its channels, that it removes on data to which it was not fitted, 0 to
+        1; None where there is no such excess, and until that is known.
     rivals : tuple of Rival
         What else would do.
     channels : tuple of int
         Those on which it matters.
     confirmed : bool or None
-        Whether it lowers the error of the held-out run; None without one, or for what is run-specific.
+        Whether it lowers the error of the held-out run beyond chance; None without one, or for what is run-specific.
     """
 
     term: Term
@@ -42,10 +41,10 @@ class Finding:
     covariance: Array
     score: float
     gain: float
-    share: float
     rivals: tuple[Rival, ...]
     channels: tuple[int, ...]
     confirmed: bool | None = None
+    share: float | None = None
 
     @property
     def lasting(self) -> bool:
@@ -53,18 +52,9 @@ class Finding:
         return not isinstance(self.term.hypothesis, RunSpecific)
 
 
-def findings_of(chosen: Selection, channels: list[int]) -> list[Finding]:
-    """Findings of a selection, the best score first.
-
-    Parameters
-    ----------
-    chosen : Selection
-        Of terms.
-    channels : list of int
-        Those with data.
-    """
+def findings_of(chosen: Selection) -> list[Finding]:
+    """Findings of a selection, the best score first."""
     fit = chosen.fit()
-    unexplained = {c: _unexplained(chosen, c) for c in channels}
     found = []
     for number, term in enumerate(chosen.terms):
         theta, covariance = fit.of(number)
@@ -77,22 +67,11 @@ def findings_of(chosen: Selection, channels: list[int]) -> list[Finding]:
                 covariance=covariance,
                 score=gain - chosen.price(term),
                 gain=gain,
-                share=gain / (gain + sum(unexplained.get(c, 0.0) for c in where)),
                 rivals=tuple(rivals(chosen, term)),
                 channels=where,
             )
         )
     return sorted(found, key=lambda f: -f.score)
-
-
-def _unexplained(chosen: Selection, channel: int) -> float:
-    """Chi-square of a channel that nothing found explains, beyond what chance gives sums over 16 blocks."""
-    design = chosen.design
-    r = design.unexplained(chosen.terms, channel)
-    white = unbiased(r[:, None], design.stack.power_on, design.variance(channel))[:, 0]
-    size = white.size // _BLOCKS * _BLOCKS
-    sums = white[:size].reshape(-1, _BLOCKS).sum(axis=1) ** 2 / float(_BLOCKS)
-    return max(0.0, float(sums.sum() - sums.size - 2.0 * np.sqrt(2.0 * sums.size)))
 
 
 def _channels_of(chosen: Selection, term: Term, theta: Array) -> tuple[int, ...]:

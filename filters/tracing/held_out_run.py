@@ -1,4 +1,7 @@
-"""A run that nothing was fitted to: what findings say of it, which it confirms, its error before and after."""
+"""A run that nothing was fitted to: what findings say of it, its error before and after with all of them.
+
+Which of them it confirms or refutes is judged in `judgement`, and changes no figure here.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +17,15 @@ from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.findings import Finding
 from filters.tracing.free_inertial import free_drift
 from filters.tracing.stack import Stack
-from filters.tracing.whitening import NONE
+from filters.tracing.validation import FoldedErrors
 from filters.types import Array
 
 if TYPE_CHECKING:
     from filters.tracing.trace_document import HeldOut
 
+_Folded = dict[int, tuple[FoldedErrors, list[object]]]  # by channel, with the key of each group of columns
+
 _FREE_S = (10.0, 60.0)  # of free navigation
-_WORSE = 1.1
-_FELT = 0.02  # of the noise: a correction that varies by less is not felt on the run
 
 
 @dataclass(frozen=True)
@@ -91,48 +94,6 @@ def correction(design: Design, found: Sequence[Finding]) -> Array:
     return out
 
 
-def confirmed(run: HeldOutRun, found: Sequence[Finding], design: Design, seed: int) -> list[Finding]:
-    """Findings with whether each that carries over lowers error or NIS on the held-out run.
-
-    Parameters
-    ----------
-    run : HeldOutRun
-        With columns of all of them.
-    found : sequence of Finding
-        Each is judged beside all others.
-    design : Design
-        Of the runs at hand, for the noise.
-    seed : int
-        Of intervals.
-    """
-    everything = run.correction(found)
-    out = []
-    for f in found:
-        if not f.lasting:
-            out.append(f)
-            continue
-        own = run.correction([f])
-        felt = [c for c in f.channels if not np.ptp(own[:, c]) < _FELT * design.sd[c]]
-        better = False
-        for c in felt:
-            corrected = run.stack.y[:, c] - everything[:, c]
-            better |= _lowers(run, c, corrected + own[:, c], corrected, seed)
-        out.append(replace(f, confirmed=better if felt else None))
-    return out
-
-
-def _lowers(run: HeldOutRun, c: int, before: Array, after: Array, seed: int) -> bool:
-    white = float(run.white[c])
-    error = validation.e10(run.stack, before, after, c, white, seed)
-    if error is not None and error.after != error.before:
-        if error.after < error.before:
-            return True
-        if error.after > _WORSE * error.before:
-            return False
-    honest = validation.nis(run.stack, before, after, c, white, NONE)
-    return honest is not None and honest.after < honest.before
-
-
 def held_out_errors(
     run: HeldOutRun, used: Sequence[Finding], design: Design, channels: Sequence[int], seed: int
 ) -> list[ErrorFigure]:
@@ -143,7 +104,7 @@ def held_out_errors(
     run : HeldOutRun
         With columns of the findings.
     used : sequence of Finding
-        Those that correct it.
+        All that the runs at hand chose.
     design : Design
         Of the runs at hand, for drift.
     channels : sequence of int
@@ -166,12 +127,37 @@ def held_out_errors(
     return [replace(figure, heldout=heldout) for figure in figures if figure is not None]
 
 
-def folded_errors(design: Design, found: Sequence[Finding], channels: Sequence[int], seed: int) -> list[ErrorFigure]:
-    """Errors within the runs at hand, where none is held out: each cell under fits to the others."""
-    stack, figures = design.stack, []
+def folded_errors(
+    design: Design, found: Sequence[Finding], channels: Sequence[int], seed: int
+) -> tuple[list[ErrorFigure], list[Finding]]:
+    """Errors within the runs at hand, each cell under fits to the others; findings with the share that each removes.
+
+    Parameters
+    ----------
+    design : Design
+        Of the runs at hand.
+    found : sequence of Finding
+        All that was chosen.
+    channels : sequence of int
+        Those with data.
+    seed : int
+        Of intervals.
+    """
+    stack = design.stack
+    own: _Folded = {}
     for c in channels:
-        own = [design.columns[:, f.term.places[c]] for f in found if c in f.term.places]
-        columns = np.column_stack(own) if own else np.zeros((stack.t.size, 0))
+        there = [f.term for f in found if c in f.term.places]
+        groups = [design.columns[:, term.places[c]] for term in there]
         white = float(design.sd[c] * np.sqrt(stack.period))
-        figures.append(validation.folded(stack, stack.y[:, c], columns, c, white, seed))
-    return [figure for figure in figures if figure is not None]
+        made = validation.folded(stack, stack.y[:, c], groups, c, white, seed)
+        if made is not None:
+            own[c] = made, [term.key for term in there]
+    return [errors.figure for errors, _ in own.values()], [replace(f, share=_share(f, own)) for f in found]
+
+
+def _share(f: Finding, own: _Folded) -> float | None:
+    """Share of the excess of E10² over its floor that a finding removes on cells that its fit has not seen."""
+    there = [own[c] for c in f.channels if c in own]
+    removed = sum(errors.removed(keys.index(f.term.key)) for errors, keys in there)
+    excess = sum(errors.excess for errors, _ in there)
+    return validation.share_of(removed, excess, sum(errors.before.size for errors, _ in there))

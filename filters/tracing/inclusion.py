@@ -34,7 +34,7 @@ def included_effects(assessment: Assessment) -> tuple[tuple[Included, ...], Arra
     """
     chosen = assessment.selection
     fit = chosen.fit()
-    lasting = [f for f in assessment.unrefuted if f.lasting]
+    lasting = [f for f in assessment.joining if f.lasting]
     rows: list[int] = []
     for f in lasting:
         first = fit.offsets[chosen.terms.index(f.term)]

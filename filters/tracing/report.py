@@ -15,6 +15,7 @@ from filters.tracing.findings import Finding
 from filters.tracing.held_out_run import correction
 from filters.tracing.identifiability import UntestableEffect
 from filters.tracing.inclusion import included_effects
+from filters.tracing.judgement import Refuted
 from filters.tracing.noise_structure import NoiseFinding
 from filters.tracing.result import RunSeries, Trace
 from filters.tracing.rivals import Rival
@@ -29,6 +30,7 @@ from filters.tracing.trace_document import (
     IntegrityEntry,
     LineEntry,
     ParameterEntry,
+    RefutedEntry,
     RivalEntry,
     TraceFindings,
     UntestableEntry,
@@ -58,7 +60,7 @@ def _document(assessment: Assessment) -> TraceFindings:
             {"channels": [CHANNELS[x.channel]], "driver": x.driver, "ratio": x.ratio} for x in screening.noise_drivers
         ],
         "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
-        "refuted": [],
+        "refuted": [_refuted(x) for x in assessment.refuted],
         "common": list(assessment.common),
         "weak": [_weak(w) for w in assessment.selection.weak],
         "drift": [_drift(c, drift[c]) for c in assessment.drifting],
@@ -75,8 +77,9 @@ def _document(assessment: Assessment) -> TraceFindings:
 
 
 def _series(assessment: Assessment) -> tuple[RunSeries, ...]:
-    """Residuals of every run before and after, the held-out one last."""
-    used, stack, heldout = assessment.unrefuted, assessment.design.stack, assessment.heldout
+    """Residuals of every run before and after all that was chosen, the held-out one last."""
+    stack, heldout = assessment.design.stack, assessment.heldout
+    used = (*assessment.findings, *(x.finding for x in assessment.refuted))
     made = _series_of(stack, stack.y - correction(assessment.design, used))
     if heldout is not None:
         made += _series_of(heldout.stack, heldout.stack.y - heldout.correction(used))
@@ -243,6 +246,19 @@ def _line(line: SpectralLine) -> LineEntry:
     }
 
 
+def _refuted(x: Refuted) -> RefutedEntry:
+    h = x.finding.term.hypothesis
+    return {
+        "effect": h.effect,
+        "label": h.label,
+        "channels": [CHANNELS[c] for c in x.finding.channels],
+        "metric": x.metric,
+        "after_with": x.after_with,
+        "after_without": x.after_without,
+        "unit": x.unit,
+    }
+
+
 def _weak(w: Weak) -> WeakEntry:
     h = w.term.hypothesis
     return {
@@ -290,7 +306,21 @@ def _error(figure: ErrorFigure) -> ErrorEntry:
 
 
 def _sentence(assessment: Assessment) -> str:
-    """The result in one sentence, or two."""
+    """The result in a few sentences."""
+    return " ".join([_found_sentence(assessment), *(_refuted_sentence(x) for x in assessment.refuted)])
+
+
+def _refuted_sentence(x: Refuted) -> str:
+    h = x.finding.term.hypothesis
+    where = ", ".join(CHANNELS[c] for c in x.finding.channels)
+    return (
+        f"{where}: {h.label} ({h.effect}) is refuted by the held-out run, whose error is {x.after_with:.3g} {x.unit}"
+        f" with all that was fitted and {x.after_without:.3g} {x.unit} without what it contradicts; it is not in the"
+        " effects file."
+    )
+
+
+def _found_sentence(assessment: Assessment) -> str:
     if assessment.findings:
         return _finding_sentence(assessment)
     screening = assessment.screening
@@ -300,6 +330,8 @@ def _sentence(assessment: Assessment) -> str:
     if screening.noise_findings:
         first = screening.noise_findings[0]
         return f"{', '.join(first.channels)}: {first.label}; no other effect was found."
+    if assessment.refuted:
+        return "Nothing that was found holds on the held-out run."
     if screening.faults or screening.lines or screening.noise_drivers:
         return "Faults, lines or an uneven noise level were found, and no effect beyond them."
     return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
@@ -312,7 +344,8 @@ def _finding_sentence(assessment: Assessment) -> str:
     if f.term.size == 1 and f.theta.size:
         p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
         text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
-    text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
+    if f.share is not None:
+        text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
     if f.rivals:
         names = " or ".join(r.term.hypothesis.effect for r in f.rivals[:3])
         text += f"; this log does not tell it from {names}"

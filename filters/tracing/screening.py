@@ -47,10 +47,13 @@ class Screening:
     untestable: tuple[UntestableEffect, ...]
 
     def concerns(self, channel: int) -> bool:
-        """Whether a channel has faults, lines, an uneven level or a structure of its noise."""
+        """Whether lines, an uneven level or a structure of its noise, or coarse steps explain what a channel shows.
+
+        All other faults of the data are set aside, and explain nothing.
+        """
         name = CHANNELS[channel]
         return (
-            any(name in f.fault.channels for f in self.faults)
+            any(name in f.fault.channels and f.fault.effect == "coarse" for f in self.faults)
             or any(name in line.channels for line in self.lines)
             or any(driver.channel == channel for driver in self.noise_drivers)
             or any(name in found.channels for found in self.noise_findings)

@@ -8,6 +8,8 @@ coverage       share of those means within 3 sd of the prediction
 Floors are what white noise alone leaves. Position error of free navigation is in `free_inertial`.
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +41,10 @@ _WITHIN_3_SD = 0.9973
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """Means of at most 10 s within one motion: time (middle), duration (s), mean residual and power-on of each."""
+    """Means of at most 10 s within one motion: time (middle), duration (s), mean residual and power-on of each.
+
+    The mean has a column for each of the residuals where several were given.
+    """
 
     t: Array
     seconds: Array
@@ -55,7 +60,7 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
     stack : Stack
         Blocks.
     r : Array
-        Residual of the channel, SI, shape (n,).
+        Residual of the channel, SI, shape (n,), or several of them, shape (n, k).
     channel : int
         Whose weights count.
     seconds : float
@@ -67,8 +72,10 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
     w = stack.weight[:, channel]
     total = np.add.reduceat(w, edges)
     keep = total > 0.0
+    # of one column a sum along it, as of several
+    wide, deep = (w, total) if r.ndim == 1 else (w[:, None], total[:, None])
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.add.reduceat(w * r, edges) / total
+        mean = np.add.reduceat(wide * r, edges, axis=0) / deep
         t = np.add.reduceat(w * stack.t, edges) / total
     return Windows(t[keep], total[keep] * stack.period, mean[keep], stack.power_on[edges][keep])
 
@@ -103,17 +110,18 @@ def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, s
     ErrorFigure or None
         None if less than two windows follow the hold.
     """
-    a, b = (_after_hold(stack, r, channel) for r in (before, after))
-    if a is None or b is None or a[0].size < 2:
+    both = after_hold(stack, np.column_stack([before, after]), channel)
+    if both is None or both.seconds.size < 2:
         return None
-    floors = white * np.sqrt(1.0 / a[1] + 1.0 / HOLD_S)
-    rng = np.random.default_rng(seed)
-    own = rng.standard_normal((DRAWS, a[0].size)) / np.sqrt(a[1])
+    floors = white * np.sqrt(1.0 / both.seconds + 1.0 / HOLD_S)
+    rng, n = np.random.default_rng(seed), both.seconds.size
+    own = rng.standard_normal((DRAWS, n)) / np.sqrt(both.seconds)
     simulated = white * (own + rng.standard_normal((DRAWS, 1)) / np.sqrt(HOLD_S)) / floors
     band = np.quantile(np.sqrt(np.mean(simulated**2, axis=1)), [0.025, 0.975])
-    picks = rng.integers(0, b[0].size, (DRAWS, b[0].size))
+    picks = rng.integers(0, n, (DRAWS, n))
     nominal = white * np.sqrt(1.0 / WINDOW_S + 1.0 / HOLD_S)
-    return _e10_figure(channel, a[0] / floors, b[0] / floors, nominal, band, picks, "run")
+    errors = both.errors / floors[:, None]
+    return _e10_figure(channel, errors[:, 0], errors[:, 1], nominal, band, picks, "run")
 
 
 def _e10_figure(
@@ -137,19 +145,95 @@ def _e10_figure(
     )
 
 
-def _after_hold(stack: Stack, r: Array, channel: int) -> tuple[Array, Array] | None:
-    """Errors of the windows after the hold and their durations."""
+@dataclass(frozen=True, slots=True)
+class AfterHold:
+    """Errors of the windows that follow a bias hold.
+
+    Attributes
+    ----------
+    errors : Array
+        Of each residual, SI, shape (m, k).
+    seconds : Array
+        How long each window lasts, shape (m,).
+    hold_sd : float
+        Standard deviation of the first residual's hold as its own windows show it, SI.
+    """
+
+    errors: Array
+    seconds: Array
+    hold_sd: float
+
+
+def after_hold(stack: Stack, columns: Array, channel: int) -> AfterHold | None:
+    """Errors of windowed means once the mean of the first 60 s is taken off; None where most of those are missing.
+
+    Parameters
+    ----------
+    stack : Stack
+        Of one run.
+    columns : Array
+        Residuals of the channel, SI, shape (n, k).
+    channel : int
+        Which.
+    """
     w = stack.weight[:, channel]
     hold = (stack.part_t < HOLD_S) & (w > 0.0)
     if hold.sum() * stack.period < 0.5 * HOLD_S:
         return None
-    bias = float(w[hold] @ r[hold] / w[hold].sum())
-    own = windows(stack, r, channel)
+    bias = w[hold] @ columns[hold] / w[hold].sum()
+    own = windows(stack, columns, channel)
     late = own.t - stack.blocks[0].run.begins > HOLD_S
-    return own.mean[late] - bias, own.seconds[late]
+    held = own.mean[~late, 0]
+    sd = float(np.std(held, ddof=1) / np.sqrt(held.size)) if held.size > 1 else 0.0
+    return AfterHold(own.mean[late] - bias, own.seconds[late], sd)
 
 
-def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
+def share_of(removed: float, excess: float, n: int) -> float | None:
+    """Share of an excess of mean squares over the floor that is removed; None where chance explains the excess.
+
+    Parameters
+    ----------
+    removed, excess : float
+        In squares of the floor.
+    n : int
+        Errors in the mean.
+    """
+    if n == 0 or excess <= 2.0 * float(np.sqrt(2.0 / n)):
+        return None
+    return min(1.0, max(0.0, removed / excess))
+
+
+@dataclass(frozen=True, slots=True)
+class FoldedErrors:
+    """Errors of a channel within runs: each cell under fits to the other folds.
+
+    Attributes
+    ----------
+    figure : ErrorFigure
+    before, after : Array
+        Errors of the windows over their floors, without and with the columns, shape (m,).
+    of : Array
+        What each group of columns says of them, shape (m, groups).
+    """
+
+    figure: ErrorFigure
+    before: Array
+    after: Array
+    of: Array
+
+    def removed(self, group: int) -> float:
+        """How much less the mean square is with a group of columns than without it, in squares of the floor."""
+        return rms(self.after + self.of[:, group]) ** 2 - rms(self.after) ** 2
+
+    @property
+    def excess(self) -> float:
+        """Mean square without the columns over that of white noise, in squares of the floor."""
+        return rms(self.before) ** 2 - 1.0
+
+
+def folded(
+    stack: Stack, y: Array, groups: Sequence[Array], channel: int, white: float, seed: int
+) -> FoldedErrors | None:
     """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer.
 
     Parameters
@@ -158,8 +242,8 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
         Of the run, or runs.
     y : Array
         Residual of the channel, SI, shape (n,).
-    columns : Array
-        Of what was found on it, shape (n, k).
+    groups : sequence of Array
+        Columns of each of what was found on it, shape (n, k).
     channel : int
         Which.
     white : float
@@ -169,40 +253,53 @@ def folded(stack: Stack, y: Array, columns: Array, channel: int, white: float, s
 
     Returns
     -------
-    ErrorFigure or None
+    FoldedErrors or None
         None if a fold has too little to fit, or less than four windows remain.
     """
-    residuals = _folded_residuals(stack, y, columns, channel)
+    residuals = _folded_residuals(stack, y, groups, channel)
     if residuals is None:
         return None
-    before, after = (windows(stack, r, channel) for r in residuals)
-    if before.mean.size < 4:
+    own = windows(stack, residuals, channel)
+    n = own.t.size
+    if n < 4:
         return None
-    floors = white / np.sqrt(after.seconds)
-    n = after.mean.size
+    errors = own.mean / (white / np.sqrt(own.seconds))[:, None]
     picks = np.random.default_rng(seed).integers(0, n, (DRAWS, n))
     band = np.sqrt(np.array(chi2_quantiles(n)) / n)
-    return _e10_figure(
-        channel, before.mean / floors, after.mean / floors, white / np.sqrt(WINDOW_S), band, picks, "folds"
-    )
+    figure = _e10_figure(channel, errors[:, 0], errors[:, 1], white / np.sqrt(WINDOW_S), band, picks, "folds")
+    return FoldedErrors(figure, errors[:, 0], errors[:, 1], errors[:, 2:])
 
 
-def _folded_residuals(stack: Stack, y: Array, columns: Array, channel: int) -> tuple[Array, Array] | None:
-    """Residuals of each cell under fits to the other folds: of the biases alone, and with the columns; (n,) each."""
+def _folded_residuals(stack: Stack, y: Array, groups: Sequence[Array], channel: int) -> Array | None:
+    """Of each cell under fits to the other folds: what the biases leave, what all leave, what each group says.
+
+    Shape (n, 2 + groups).
+    """
     w = stack.weight[:, channel]
     good = w > 0.0
     constant = (stack.power_on[:, None] == np.unique(stack.power_on)).astype(np.float64)
-    before, after = np.zeros(y.size), np.zeros(y.size)
+    X = np.hstack([constant, *groups])
+    firsts = np.cumsum([constant.shape[1], *(g.shape[1] for g in groups)])
+    out = np.zeros((y.size, 2 + len(groups)))
     for fold in range(FOLDS):
         train, test = good & (stack.cell % FOLDS != fold), stack.cell % FOLDS == fold
         if train.sum() < 20 or not test.any():
             return None
-        root = np.sqrt(w[train])[:, None]
-        for X, out in ((constant, before), (np.hstack([constant, columns]), after)):
-            scale = np.maximum(np.linalg.norm(X[train], axis=0), 1e-300)
-            theta = np.linalg.lstsq(root * X[train] / scale, root[:, 0] * y[train], rcond=1e-10)[0] / scale
-            out[test] = y[test] - X[test] @ theta
-    return before, after
+        root = np.sqrt(w[train])
+        alone, together = (_least_squares(c[train], y[train], root) for c in (constant, X))
+        out[test, 0] = y[test] - constant[test] @ alone
+        out[test, 1] = y[test] - X[test] @ together
+        for k, (a, b) in enumerate(itertools.pairwise(firsts.tolist())):
+            out[test, 2 + k] = X[test, a:b] @ together[a:b]
+    # a constant of a group is the biases' matter
+    out[:, 2:] -= out[good, 2:].mean(axis=0)
+    return out
+
+
+def _least_squares(X: Array, y: Array, root: Array) -> Array:
+    """Weighted least squares of columns of any size; the weights' roots are given."""
+    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(root[:, None] * X / scale, root * y, rcond=1e-10)[0] / scale)
 
 
 def nis(

@@ -147,16 +147,21 @@ def test_a_table_that_turns_shows_nearly_all() -> None:
     assert "does not tell it from scale" in t.document["sentence"]
 
 
-def test_what_does_not_help_the_held_out_run_is_not_confirmed() -> None:
-    """A thermal term of the runs that were fitted, not of the third: said, partial, and not taken into the filter."""
+def test_what_the_held_out_run_contradicts_is_refuted() -> None:
+    """A thermal term of the runs that were fitted, not of the third: told with both errors, and not in the filter."""
     with_it = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}))
     without = power_ons()
     t = trace(with_it[:2], without[2])
-    assert found(t)["thermal_lin", "gy"]["confirmed"] is False
-    assert t.document["status"]["gy"] == "partial"
+    assert ("thermal_lin", "gy") not in found(t)
+    (refuted,) = t.document["refuted"]
+    assert (refuted["effect"], refuted["channels"], refuted["metric"]) == ("thermal_lin", ["gy"], "e10")
+    assert t.document["status"]["gy"] == "unexplained"
     assert t.included == ()
     error = errors(t, "e10", "gy")
-    assert error["after"] == error["before"]
+    assert error["after"] == pytest.approx(refuted["after_with"])
+    assert error["after"] > 2.0 * error["before"]
+    assert refuted["after_without"] == pytest.approx(error["before"])
+    assert "refuted" in t.document["sentence"]
 
 
 @pytest.mark.parametrize("axes", [AxisMap(accel_sign=1), AxisMap(np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]))])

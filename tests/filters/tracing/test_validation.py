@@ -19,7 +19,7 @@ from filters.tracing.blocks import average
 from filters.tracing.free_inertial import free_drift
 from filters.tracing.residual import perfect
 from filters.tracing.stack import Stack
-from filters.tracing.validation import e10, folded, nis, prediction, windows
+from filters.tracing.validation import e10, folded, nis, prediction, share_of, windows
 from filters.tracing.whitening import NONE, Drift
 
 DEG = np.pi / 180.0
@@ -137,15 +137,26 @@ def test_the_next_minute_is_foretold_to_its_floor_and_within_three_sigma() -> No
 
 
 def test_folds_find_an_effect_and_white_noise_its_floor() -> None:
-    """Within a run: a line is fitted away on cells that were left out, and noise stays at one."""
+    """Within a run: a line is fitted away on unseen cells, all of the excess is its own, noise stays one."""
     stack = still()
-    line = (stack.t / 900.0)[:, None]
+    line, other = (stack.t / 900.0)[:, None], np.sin(stack.t / 7.0)[:, None]
     y = white(0) + 0.1 * line[:, 0]
-    figure = folded(stack, y, line, 0, WHITE, 0)
-    assert figure is not None
+    made = folded(stack, y, [line, other], 0, WHITE, 0)
+    assert made is not None
+    figure = made.figure
     assert figure.before / figure.floor > 3.0
     assert figure.floor_band95[0] < figure.after < figure.floor_band95[1] * 1.1
     assert figure.heldout == "folds"
+    assert share_of(made.removed(0), made.excess, figure.n) == pytest.approx(1.0, abs=0.05)
+    assert share_of(made.removed(1), made.excess, figure.n) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_share_needs_an_excess_to_be_a_share_of() -> None:
+    """From 215 to 40 floors is 97 %; of what chance explains there is none; no more than all, no less than nothing."""
+    assert share_of(215.0**2 - 40.0**2, 215.0**2 - 1.0, 90) == pytest.approx(0.9654, abs=1e-3)
+    assert share_of(0.1, 0.2, 90) is None
+    assert share_of(9.0, 8.0, 90) == 1.0
+    assert share_of(-2.0, 8.0, 90) == 0.0
 
 
 def reached(stack: Stack, r: np.ndarray, start: int, seconds: float) -> float:
