@@ -12,7 +12,7 @@ import numpy as np
 
 from filters.channels import DPS, GYROS, G
 from filters.effects.hypothesis import ChannelEffect, Parameter
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, REFERENCE_DEGC, Inputs
+from filters.effects.inputs import BANKS, LAGS, NARROW_PLAYS, REFERENCE_DEGC, SHORT_LAGS, Inputs
 from filters.types import Array
 
 WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
@@ -87,8 +87,13 @@ class ThermalLag(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Number of forms: one for each time constant."""
-        return len(LAGS)
+        """Number of forms: one for each time constant that is tried."""
+        return len(LAGS) if self.is_wide else SHORT_LAGS
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it needs a long run, far through temperature."""
+        return self.lag >= SHORT_LAGS
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return (inputs.lagged[:, self.lag] - inputs.temperature)[:, None]
@@ -102,7 +107,7 @@ class ThermalLag(ChannelEffect):
 
 @dataclass(frozen=True)
 class Hysteresis(ChannelEffect):
-    """e = k · mean of P_n(T - T(0)) / width over a bank of play operators."""
+    """e = k · mean of P_n(T - T(0)) / width over a bank of play operators; `start` where in its band each began."""
 
     bank: int = 0
 
@@ -112,8 +117,13 @@ class Hysteresis(ChannelEffect):
 
     @property
     def grid(self) -> int:
-        """Number of forms: one for each width of the play operators."""
-        return len(PLAY_WIDTHS)
+        """Number of forms: one for each width of the play operators, and where they began, that is tried."""
+        return len(BANKS) if self.is_wide else NARROW_PLAYS
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether it needs a wide range of temperature."""
+        return self.bank >= NARROW_PLAYS
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return inputs.plays[:, self.bank, None]
@@ -122,7 +132,8 @@ class Hysteresis(ChannelEffect):
         return self.channel_parameter("k", "", 1.0, 0.3, 5.0)
 
     def shape(self) -> Mapping[str, float | str]:
-        return {"width_k": PLAY_WIDTHS[self.bank]}
+        width, start = BANKS[self.bank]
+        return {"width_k": width} if start == 0.0 else {"width_k": width, "start": start}
 
 
 @dataclass(frozen=True)
@@ -338,7 +349,7 @@ def hypotheses(channel: int) -> list[ChannelEffect]:
     made += [GSensitivity(channel, only) for only in (-1, 0, 1, 2) if channel in GSensitivity.where]
     made += [ThermalPoly(channel, order) for order in (2, 3)]
     made += [ThermalLag(channel, number) for number in range(len(LAGS))]
-    made += [Hysteresis(channel, number) for number in range(len(PLAY_WIDTHS))]
+    made += [Hysteresis(channel, number) for number in range(len(BANKS))]
     made += [Warmup(channel, tau) for tau in WARMUP_TAUS]
     made += [GSquared(channel, axis) for axis in range(3)]
     return made

@@ -5,6 +5,8 @@ The same names serve the tracer, which has whole runs, and the filter, which has
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from filters.types import Array
 
 REFERENCE_DEGC = 25.0
@@ -16,13 +18,25 @@ SENSED = ("wx", "wy", "wz", "fx", "fy", "fz")
 SMOOTH_S, SLOPE_S = 5.0, 15.0
 """Time constants over which temperature and its rate are smoothed, s."""
 
-LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0)
+LAGS = (20.0, 40.0, 60.0, 80.0, 100.0, 130.0, 180.0, 320.0, 640.0, 1280.0, 2560.0)
 """Time constants of the lagged temperatures, s."""
+SHORT_LAGS = 7
+"""So many of them, the first, are tried whatever a run's length and range of temperature."""
 
-PLAY_WIDTHS = (3.0, 10.0, 30.0)
+PLAY_WIDTHS = (3.0, 10.0, 30.0, 60.0, 100.0)
 """Widths of the banks of play operators, K."""
+NARROW_PLAYS = 3
+"""So many of them, the first, are tried whatever a run's range of temperature."""
+PLAY_STARTS = (0.0, -1.0, 1.0)
+"""Where in its band each operator of a bank is at the start: in the middle, at the lower end, at the upper."""
+BANKS = tuple((width, start) for start in PLAY_STARTS for width in PLAY_WIDTHS)
+"""Width, K, and start of every bank of play operators."""
 PLAYS = 6
 """Play operators in a bank."""
+PLAY_HALF_WIDTHS: Array = np.array([width * k / PLAYS for width, _ in BANKS for k in range(1, PLAYS + 1)])
+"""Of every operator of every bank, K, shape (BANKS · PLAYS,)."""
+PLAYS_AT_START: Array = np.repeat([start for _, start in BANKS], PLAYS) * PLAY_HALF_WIDTHS
+"""Where every operator is before anything is known of it, K from the start's temperature, shape (BANKS · PLAYS,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +56,8 @@ class Inputs:
     lagged : Array
         T_tau for `LAGS`, following T from equality at the start, degC, shape (n, LAGS).
     plays : Array
-        For each of `PLAY_WIDTHS` the mean of `PLAYS` play operators over the width; they follow T from the start's
-        temperature with half-widths 1 … 6 sixths of the width; shape (n, PLAY_WIDTHS).
+        For each of `BANKS` the mean of `PLAYS` play operators over the width; they follow T from the start's
+        temperature with half-widths 1 … 6 sixths of the width; shape (n, BANKS).
     spin : Array
         Earth rate as the gyros see it, rad/s, shape (n, 3).
     horizontal : Array

@@ -16,7 +16,16 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
 from filters.effects.drivers import SCALARS
 from filters.effects.hypothesis import Hypothesis
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S, Inputs
+from filters.effects.inputs import (
+    BANKS,
+    LAGS,
+    PLAY_HALF_WIDTHS,
+    PLAYS,
+    PLAYS_AT_START,
+    SLOPE_S,
+    SMOOTH_S,
+    Inputs,
+)
 from filters.effects.records import Included
 from filters.first_order import first_order
 from filters.imu import AxisMap
@@ -241,18 +250,16 @@ class _Thermal:
         self._lagging: list[float] = []
         self._held = np.nan
         self._start = 0.0
-        widths = np.array(PLAY_WIDTHS)
-        self._widths = widths
-        self._r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
-        self._plays = np.zeros(self._r.size)
+        self._widths = np.array([width for width, _ in BANKS])
+        self._plays = PLAYS_AT_START
 
     def follow(self, temperature: Array) -> tuple[Array, Array, Array, Array]:
-        """Level (degC), rate (K/s), lagged (N, LAGS), plays (N, PLAY_WIDTHS) of the next samples."""
+        """Level (degC), rate (K/s), lagged (N, LAGS), plays (N, BANKS) of the next samples."""
         raw = self._filled(temperature)
         if not np.isfinite(raw).all():
             n = raw.size
             nan = np.full(n, np.nan)
-            return nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(PLAY_WIDTHS)), np.nan)
+            return nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(BANKS)), np.nan)
         if self._memories is None:
             self._start = float(raw[0])
             self._memories = [p * self._start for p in self._poles for _ in range(2)]
@@ -285,9 +292,10 @@ class _Thermal:
         return 2.0 * once - twice, (once - twice) / tau
 
     def _played(self, u: Array) -> Array:
-        out = np.empty((u.size, self._r.size))
+        r = PLAY_HALF_WIDTHS
+        out = np.empty((u.size, r.size))
         for k, value in enumerate(u.tolist()):
-            self._plays = np.minimum(np.maximum(self._plays, value - self._r), value + self._r)
+            self._plays = np.minimum(np.maximum(self._plays, value - r), value + r)
             out[k] = self._plays
         shaped = out.reshape(u.size, self._widths.size, PLAYS)
         total = shaped[:, :, 0]

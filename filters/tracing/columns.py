@@ -8,11 +8,15 @@ from numpy.typing import NDArray
 
 from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors
+from filters.effects.additive import Hysteresis, ThermalLag
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import SENSED, Inputs
 from filters.motion.segments import AXES
 from filters.tracing.stack import Stack
 from filters.types import Array
+
+WIDE_K = 20.0
+"""Range of temperature from which long lags and wide plays are tried, K."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class Term:
 def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
     """Columns of all hypotheses that vary, over all runs, shape (n, K), and the terms that say where they are."""
     ranges = _ranges(stack)
+    seconds = float((stack.t - stack.t[stack.begins][stack.power_on]).max())
     makers: list[tuple[bool, Callable[[Inputs], Array], int]] = []
     terms: list[Term] = []
     width = 0
@@ -51,7 +56,7 @@ def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
     kept: dict[object, NDArray[np.int_]] = {}
     for c in range(len(CHANNELS)):
         for h in (*additive.hypotheses(c), *reference_errors.harmonics(c)):
-            if not _has(h, ranges):
+            if not _has(h, ranges, seconds):
                 continue
             alike = h.source != "motion" or h.effect in ("harmonic", "g_squared", "g_sensitivity")
             key = (h.effect, str(h.shape())) if alike else (h.effect, c, str(h.shape()))
@@ -117,8 +122,12 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
     return np.nan_to_num(out, copy=False)
 
 
-def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]]) -> bool:
-    """Whether what an effect is a function of is there and varies."""
+def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]], seconds: float) -> bool:
+    """Whether what an effect is a function of is there and varies, over power-ons of at most so many seconds."""
+    if isinstance(h, ThermalLag | Hysteresis) and h.is_wide:
+        low, high = ranges.get("temperature", (0.0, 0.0))
+        if high - low < WIDE_K or float(h.shape().get("tau_s", 0.0)) > seconds:
+            return False
     if h.effect == "thermal_scale":
         # of an input that never varies it is a bias that follows temperature
         return "temperature" in ranges and SENSED[h.channels[0]] in ranges

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, PLAYS, SLOPE_S, SMOOTH_S
+from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
 from filters.first_order import first_order
 from filters.tracing.run import Run
 from filters.types import Array
@@ -25,7 +25,7 @@ class TemperatureHistory:
     level, rate : Array
         degC and K/s, shape (n,).
     lagged, plays : Array
-        As in `filters.effects.inputs.Inputs`, shapes (n, LAGS) and (n, PLAY_WIDTHS).
+        As in `filters.effects.inputs.Inputs`, shapes (n, LAGS) and (n, BANKS).
     end : ThermalMemory or None
         What the part that follows goes on from; None without a temperature.
     """
@@ -52,7 +52,7 @@ class ThermalMemory:
     lagged : Array
         T_tau for `LAGS` then, degC.
     plays : Array
-        Each play operator then, K from `start`, shape (PLAY_WIDTHS · PLAYS,).
+        Each play operator then, K from `start`, shape (BANKS · PLAYS,).
     """
 
     t: float
@@ -84,7 +84,7 @@ def history(
     n = t.size
     nan = np.full(n, np.nan)
     if run.temperature is None or not np.isfinite(run.temperature).any():
-        return TemperatureHistory(nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(PLAY_WIDTHS)), np.nan))
+        return TemperatureHistory(nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(BANKS)), np.nan))
     known = np.isfinite(run.temperature)
     sums = np.add.reduceat(np.where(known, run.temperature, 0.0), edges[:-1])
     counts = np.add.reduceat(known.astype(np.float64), edges[:-1])
@@ -149,20 +149,19 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     u : Array
         Temperature less that of the start, K, shape (n,).
     at : Array or None
-        Where each operator was before, K, shape (PLAY_WIDTHS · PLAYS,); 0 without. A straight way from there needs no
-        more: play is the same at any speed.
+        Where each operator was before, K, shape (BANKS · PLAYS,); without, as at the start. A straight way from there
+        needs no more: play is the same at any speed.
 
     Returns
     -------
     Array
-        Mean of the operators of a bank over its width, shape (n, PLAY_WIDTHS).
+        Mean of the operators of a bank over its width, shape (n, BANKS).
     Array
         Where each operator ends, K.
     """
-    widths = np.array(PLAY_WIDTHS)
-    r = (widths[:, None] * np.arange(1, PLAYS + 1) / PLAYS).ravel()
+    widths, r = np.array([width for width, _ in BANKS]), PLAY_HALF_WIDTHS
     out = np.empty((u.size, r.size))
-    at = np.zeros(r.size) if at is None else at
+    at = PLAYS_AT_START if at is None else at
     for k, value in enumerate(u.tolist()):
         at = np.minimum(np.maximum(at, value - r), value + r)
         out[k] = at

@@ -43,9 +43,9 @@ def test_memory_of_temperature_goes_on_over_a_gap_on_a_straight_line() -> None:
     assert np.allclose(late.lagged[inner], whole.lagged[rows][inner], atol=0.02)
     assert np.allclose(late.plays[inner], whole.plays[rows][inner], atol=2e-3)
     alone = average(replace(parts[1].run, power_on="", begins=0.0)).slow()
-    slowest, widest = len(LAGS) - 1, len(PLAY_WIDTHS) - 1
+    slowest, wide = LAGS.index(180.0), PLAY_WIDTHS.index(30.0)
     assert np.abs(alone.lagged[inner, slowest] - whole.lagged[rows][inner, slowest]).max() > 1.0
-    assert np.abs(alone.plays[inner, widest] - whole.plays[rows][inner, widest]).max() > 0.03
+    assert np.abs(alone.plays[inner, wide] - whole.plays[rows][inner, wide]).max() > 0.03
 
 
 def test_files_that_follow_at_once_have_the_memory_of_one() -> None:

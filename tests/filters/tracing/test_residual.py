@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from helpers.runs import QUIET, run_of
 
-from filters.effects.inputs import PLAY_WIDTHS
+from filters.effects.additive import Hysteresis, ThermalLag
+from filters.effects.inputs import BANKS, PLAY_WIDTHS
 from filters.imu import AxisMap, parse_mount
 from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
@@ -14,8 +15,10 @@ from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Scenario, Temperature
 from filters.tracing import blocks
 from filters.tracing.blocks import average, even_time
+from filters.tracing.design_matrix import Design
 from filters.tracing.residual import perfect
 from filters.tracing.run import Run
+from filters.tracing.stack import Stack
 from filters.tracing.temperature import lag, plays, smoothed
 
 DEG = np.pi / 180.0
@@ -208,3 +211,30 @@ def test_temperature_of_single_samples_is_filled_in() -> None:
     rare = np.where(np.arange(own.t.size) % 10 == 0, own.temperature, np.nan)
     a, b = average(own).slow(), average(replace(own, temperature=rare)).slow()
     assert np.abs(a.temperature - b.temperature).max() < 0.02
+
+
+def test_plays_begin_where_they_are_told() -> None:
+    """An operator at the upper end of its band goes down at once, one at the lower end after its whole band."""
+    T = 30.0 - 0.05 * np.arange(400)
+    played, _ = plays(T - T[0])
+    for start, free in ((1.0, 0.0), (0.0, 1.0), (-1.0, 2.0)):
+        own = played[:, BANKS.index((3.0, start))] * 3.0
+        # of the six operators the narrowest, with half a kelvin on either side, is the first to move
+        moved = np.flatnonzero(np.abs(own - own[0]) > 1e-9)[0]
+        assert T[0] - T[moved] == pytest.approx(0.5 * free, abs=0.06)
+        assert own[0] == pytest.approx(start * 3.0 * 7.0 / 12.0)
+
+
+def test_long_lags_and_wide_plays_are_tried_where_temperature_goes_far() -> None:
+    """They ask for 20 K, and a lag for a power-on as long as its time constant."""
+
+    def wide(kelvins: float) -> set[str]:
+        drop = Temperature(((0.0, 40.0), (900.0, 40.0 - kelvins)))
+        design = Design(Stack.of([average(run_of(scene(moving=False, temperature=drop), 0, 4.0, 900.0))]))
+        kept = [a.hypothesis for a in design.terms if isinstance(a.hypothesis, Hysteresis | ThermalLag)]
+        return {str(dict(h.shape())) for h in kept if h.is_wide}
+
+    assert wide(15.0) == set()
+    assert "{'tau_s': 640.0}" in wide(30.0)
+    assert "{'tau_s': 1280.0}" not in wide(30.0)
+    assert "{'width_k': 60.0, 'start': -1.0}" in wide(30.0)
