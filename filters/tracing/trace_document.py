@@ -233,7 +233,9 @@ class RunEntry(TypedDict):
     mount: str
     reference: str
     heldout: bool
-    power_on: NotRequired[str]
+    power_on: str
+    begins_s: float
+    history_known: bool
     log_sha256: str
 
 

@@ -11,6 +11,7 @@ from imutui.cli.options import AccelSign, End, Force, Gravity, GyroSign, Mount, 
 
 if TYPE_CHECKING:
     from imutui.logbook.importer import Recording
+    from imutui.logbook.power_on import Preceding
     from imutui.logbook.reference_file import ReferenceFile
     from imutui.logbook.session_info import SessionInfo
 
@@ -38,6 +39,15 @@ def command(
     stamps: Annotated[
         str, typer.Option("--stamps", metavar="sampling|arrival", help="What t is; arrival: fit the instants under it.")
     ] = "sampling",
+    continues: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--continues",
+            metavar="LOG",
+            help="The same power-on as LOG, later: in a trace of both, biases and the memory of temperature carry over."
+            " t counts on LOG's clock if it begins after LOG's end, else it is placed one period after it.",
+        ),
+    ] = None,
     start: Start = None,
     end: End = None,
     instrument: Annotated[str, typer.Option("--instrument", help="What made the recording.")] = "",
@@ -55,7 +65,7 @@ def command(
     from imutui import config
     from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say
     from imutui.cli.session_options import session_from
-    from imutui.logbook import import_reference, importer
+    from imutui.logbook import import_reference, importer, power_on
 
     if kind not in ("measured", "simulated", "unknown"):
         raise fail(USAGE, f'--kind is "{kind}", not measured, simulated or unknown.')
@@ -79,6 +89,7 @@ def command(
     # refuse what cannot be before a long file is read
     info.axes()
     info.settings()
+    before = _before(continues, info, output)
     recording = importer.load(file, start, end)
     attachment, unused = _reference(file, recording, info, reference, beside)
     if attachment is not None:
@@ -94,12 +105,30 @@ def command(
             f"imutui: sampling instants fitted under {file}'s arrivals in {fitted.pieces} piece(s); they are late by"
             f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most"
         )
-    importer.write(recording, info, file, output, overwrite=force, reference=attachment)
+    first_ns = None
+    if before is not None:
+        info, first_ns, words = power_on.continuing(before, info, recording.t)
+        say(f"imutui: {output} continues {before.path}: {words}")
+    importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns)
     duration = recording.t[-1] - recording.t[0]
     print(
         f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}",
         file=sys.stderr,
     )
+
+
+def _before(log: Path | None, info: "SessionInfo", output: Path) -> "Preceding | None":
+    """The log that a recording continues, if it continues one and can be of the same unit."""
+    from imutui.cli.exit_codes import USAGE, fail
+    from imutui.logbook import power_on
+
+    if log is None:
+        return None
+    if output.exists() and log.exists() and output.samefile(log):
+        raise fail(USAGE, f"-o names the log that is continued, {log}; name another file.")
+    before = power_on.preceding(log)
+    power_on.check_same_unit(before, info)
+    return before
 
 
 def _is_file(reference: str) -> bool:

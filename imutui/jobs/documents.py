@@ -33,6 +33,11 @@ class SessionFields(TypedDict):
     noise: str
     software: str
     source: str
+    log_id: str
+    power_on: str
+    continues: str
+    continues_id: str
+    continues_sha256: str
     accel_sign: float | None
     g_unit: float | None
     rate_range_dps: float | None

@@ -266,6 +266,11 @@ _MORE_TEXTS = (
     "noise",
     "software",
     "source",
+    "log_id",
+    "power_on",
+    "continues",
+    "continues_id",
+    "continues_sha256",
 )
 _NUMBERS = (
     "accel_sign", "g_unit", "rate_range_dps", "accel_range_g", "baud",

@@ -302,7 +302,7 @@ def expectations(training: Sequence[LoggedRun], heldout: LoggedRun | None) -> li
             f"the held-out run lasts {heldout.run.seconds:.0f} s: under {_JUDGED_S:.0f} s the error after says little,"
             " and there is no verdict on it"
         )
-    spans = [float(np.ptp(read.run.temperature)) for read in training if read.run.temperature is not None]
+    spans = _temperature_spans(training)
     if not spans:
         said.append("no temperature in the logs: thermal effects cannot be found")
     elif max(spans) < _THERMAL_K:
@@ -315,3 +315,14 @@ def expectations(training: Sequence[LoggedRun], heldout: LoggedRun | None) -> li
     if all(read.run.still for read in training):
         said.append("the unit never moves: only time, temperature, noise and data faults can be traced")
     return said
+
+
+def _temperature_spans(reads: Sequence[LoggedRun]) -> list[float]:
+    """How far temperature goes within each power-on, K."""
+    ends: dict[str, tuple[float, float]] = {}
+    for number, read in enumerate(reads):
+        T = read.run.temperature
+        if T is not None:
+            low, high = ends.get(read.run.power_on or str(number), (np.inf, -np.inf))
+            ends[read.run.power_on or str(number)] = min(low, float(T.min())), max(high, float(T.max()))
+    return [high - low for low, high in ends.values()]

@@ -40,6 +40,10 @@ class LoggedRun:
         What is wrong with the file, if anything.
     how : str
         How the motion is known, where that is worth a word.
+    first_ns : int
+        Its first sampling instant, UTC, ns.
+    sha256 : str
+        Of the file.
     """
 
     path: Path
@@ -48,6 +52,8 @@ class LoggedRun:
     finished: bool
     damage: str
     how: str
+    first_ns: int
+    sha256: str
 
 
 def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
@@ -100,7 +106,7 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
         np.repeat(bad[:, None], 6, axis=1) if bad.any() else None,
         averaged=info.sampling == "stream",
     )
-    return LoggedRun(path, info, run, log.finished, log.damage, motion.how)
+    return LoggedRun(path, info, run, log.finished, log.damage, motion.how, int(log.stamp_ns[0]), reader.sha256(path))
 
 
 def _temperature(log: Log, t: Array) -> Array | None:

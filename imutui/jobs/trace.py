@@ -14,9 +14,9 @@ import numpy as np
 import imutui
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
-from imutui.jobs import replay, run_consistency, runs
+from imutui.jobs import power_ons, replay, run_consistency, runs
 from imutui.jobs.runs import LoggedRun
-from imutui.logbook import reader
+from imutui.logbook import power_on
 from imutui.logbook.reference_file import ReferenceFile, to_toml
 
 VERSION = 1
@@ -73,7 +73,7 @@ class Traced:
 def trace(
     logs: Sequence[Path], options: TraceOptions, progress: Callable[[float, str], None] = lambda share, what: None
 ) -> Traced:
-    """Trace a unit over its logs, one log a run.
+    """Trace a unit over its logs, one log a run or a part of one.
 
     Parameters
     ----------
@@ -105,7 +105,10 @@ def trace(
     run_consistency.check_together(reads)
     for read in reads:
         run_consistency.check_reference(read)
+    joined = power_ons.join(reads)
+    reads = joined.reads
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
+    notes += joined.notes
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += run_consistency.expectations(fitted, held)
 
@@ -224,7 +227,10 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "mount": info.mount,
         "reference": info.reference,
         "heldout": heldout,
-        "log_sha256": reader.sha256(read.path),
+        "power_on": power_on.power_on_id(info, read.sha256),
+        "begins_s": run.begins,
+        "history_known": run.history_known,
+        "log_sha256": read.sha256,
     }
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import imutui
-from imutui.logbook import arrival_stamps, schemas
+from imutui.logbook import arrival_stamps, power_on, schemas
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
@@ -29,7 +29,8 @@ _PARTS = {3: "xyz", 4: "wxyz"}
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
-STAMPS = "the recording's own time, started at the modification time of its file"
+STARTED = "started at the modification time of its file"
+STAMPS = f"the recording's own time, {STARTED}"
 _WITH_ATTACHMENT = ("profile", "trajectory")
 
 
@@ -133,8 +134,7 @@ def at_sampling_instants(recording: Recording) -> tuple[Recording, Instants]:
     how = "one regular grid" if fitted.pieces == 1 else f"{fitted.pieces} joined regular grids"
     text = (
         f"sampling instants fitted under the recording's arrival times ({how}; arrivals late by"
-        f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most), started at the"
-        " modification time of its file"
+        f" {fitted.median_late * 1e3:.1f} ms in the median, {fitted.max_late * 1e3:.1f} ms at most), {STARTED}"
     )
     return replace(recording, t=fitted.t, stamps=text), fitted
 
@@ -181,6 +181,7 @@ def write(
     *,
     overwrite: bool,
     reference: ReferenceFile | None = None,
+    first_ns: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Write a recording as a log.
@@ -192,13 +193,15 @@ def write(
     info : SessionInfo
         Axes, site and reference; the rest is filled in here.
     source : Path
-        Where the recording came from; its modification time starts the stamps.
+        Where the recording came from; its modification time starts the stamps, unless `first_ns` does.
     output : Path
         The log.
     overwrite : bool
         Replace an existing one.
     reference : ReferenceFile or None
         What is known of the motion, to travel in the log.
+    first_ns : int or None
+        UTC of the first sample, ns, on the clock of the log that it continues.
     progress : callable
         Told the number of samples written, now and then.
     """
@@ -208,13 +211,16 @@ def write(
         rate_hz=recording.rate_hz,
         source=source.name,
         software=f"imutui {imutui.__version__}",
-        stamps=recording.stamps,
+        stamps=recording.stamps if first_ns is None else recording.stamps.replace(STARTED, f"after {info.continues}"),
+        clock_s=float(recording.t[0]),
     )
-    base_ns = source.stat().st_mtime_ns
+    base_ns = source.stat().st_mtime_ns if first_ns is None else first_ns
     stamp_ns = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
     axes = info.axes()
     gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
     accel = axes.accel_to_body(recording.accel_g * info.g_unit)
+    own = power_on.content_id(stamp_ns, gyro, accel)
+    info = replace(info, log_id=own, power_on=info.power_on or own)
     angles, rates, changed = _table(recording, info)
     log = LogWriter(output, info, f"# imported from {source.name}\n", time.time_ns(), overwrite=overwrite)
     if reference is not None:

@@ -67,6 +67,20 @@ class SessionInfo:
         What each time stamp means.
     source : str
         Where the readings come from: the name of an imported recording's file, or what a virtual unit says of them.
+    log_id : str
+        Of the log; "" in logs that were written before they had one.
+    power_on : str
+        Which power-on it is a part of: the id of its first log.
+    part : int
+        Which part, from 1.
+    continues, continues_id, continues_sha256 : str
+        Name, id and hash of the log that it goes on from; "" if it begins a power-on, or nothing is known of one.
+    power_on_ns : int
+        UTC of the power-on's first known sample, ns; 0 for the log's own first one.
+    clock_s : float
+        What an imported recording's own clock said at its first sample, s.
+    memory : str
+        What the filter's effects remember of the file before it, JSON; "" if nothing: history is unknown then.
     """
 
     instrument: str = "IMU400CD-200"
@@ -104,6 +118,15 @@ class SessionInfo:
     software: str = ""
     stamps: str = ""
     source: str = ""
+    log_id: str = ""
+    power_on: str = ""
+    part: int = 1
+    continues: str = ""
+    continues_id: str = ""
+    continues_sha256: str = ""
+    power_on_ns: int = 0
+    clock_s: float = 0.0
+    memory: str = ""
 
     def axes(self) -> AxisMap:
         """Between instrument and body axes."""
@@ -184,6 +207,8 @@ class SessionInfo:
         decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}
         if self.effects_sha256:
             decisive["effects_sha256"] = self.effects_sha256
+        if self.memory:
+            decisive["memory"] = self.memory
         text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

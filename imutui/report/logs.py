@@ -99,6 +99,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "start", d["start_utc"] or ""
     yield "length", _length(d)
     yield "rate", _rate(d)
+    yield "continues", f"{d['continues']}, of the same power-on" if d["continues"] else ""
     yield "temperature", _temperature(d["temperature_degc"])
     yield "axes", _axes(d)
     yield "site", _site(d)

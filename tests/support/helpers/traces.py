@@ -125,6 +125,8 @@ def document() -> dict[str, Any]:
         "lines": [{"channels": ["ax", "ay"], "hz": 31.41, "width_hz": 0.1, "rms": 0.4, "unit": "mg"}],
         "noise_level": [{"channels": ["gz"], "driver": "rate_norm", "ratio": 1.6}],
         "findings": [thermal, lever, free],
+        "refuted": [],
+        "common": [],
         "weak": [{"effect": "ramp", "label": "bias drifts evenly", "channels": ["gx"], "params": [], "score": 11.0}],
         "drift": [{"channels": ["gx"], "kind": "gauss_markov", "tau_s": 80.0, "level": 0.004, "unit": "deg/s"}],
         "remainder": [{"channel": "ax", "scale_s": 16.0, "ratio": 1.42, "p": 1e-7}],

@@ -1,0 +1,122 @@
+"""Logs of one power-on among those of a trace: joined in order, with one bias and one memory of temperature.
+
+A log carries on from the one it continues only where that is among the logs; else its history is unknown, and that is
+said. What it leaves out: how a log says what it continues (`imutui.logbook.power_on`).
+"""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from filters.types import Array
+from imutui.jobs.runs import LoggedRun
+from imutui.logbook import power_on
+
+# a level that is read anew in each part would take what an accelerometer drifts for a tilt; a unit that was turned by
+# hand between parts is turned by more
+_SAME_ATTITUDE = np.deg2rad(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Logs that were read, those of one power-on joined, and what there is to say of that, a sentence each."""
+
+    reads: list[LoggedRun]
+    notes: list[str]
+
+
+def join(reads: Sequence[LoggedRun]) -> Joined:
+    """Join the logs of each power-on; they stay in the order given.
+
+    Raises
+    ------
+    ValueError
+        If two parts of a power-on overlap in time.
+    """
+    before = _preceding(reads)
+    notes = [
+        f"{read.run.name} continues {read.info.continues}, which is not among the logs: what the unit did before is not"
+        " known, and neither its bias nor what it remembers of temperature carries over. Name that log too"
+        for number, read in enumerate(reads)
+        if read.info.continues_id and number not in before
+    ]
+    made = list(reads)
+    for chain in _chains(len(reads), before):
+        parts = sorted(chain, key=lambda number: reads[number].first_ns)
+        _check_apart([reads[number] for number in parts])
+        first = reads[parts[0]]
+        for number in parts:
+            begins = (reads[number].first_ns - first.first_ns) / 1e9
+            run = replace(
+                reads[number].run,
+                power_on=power_on.log_id(first.info, first.sha256),
+                begins=begins,
+                history_known=number in before,
+            )
+            made[number] = replace(reads[number], run=run)
+        names = ", then ".join(reads[number].run.name for number in parts)
+        notes.append(f"{names}: one power-on in {len(parts)} parts, with one bias and one history of temperature")
+        notes += _levelled_once(made, parts)
+    return Joined(made, notes)
+
+
+def _preceding(reads: Sequence[LoggedRun]) -> dict[int, int]:
+    """Of each log that continues another one among them, by number, that one's."""
+    by_id = {power_on.log_id(read.info, read.sha256): number for number, read in enumerate(reads)}
+    by_hash = {read.sha256: number for number, read in enumerate(reads)}
+    out = {}
+    for number, read in enumerate(reads):
+        found = by_hash.get(read.info.continues_sha256, by_id.get(read.info.continues_id))
+        if read.info.continues_id and found is not None and found != number:
+            out[number] = found
+    return out
+
+
+def _chains(count: int, before: dict[int, int]) -> Iterable[list[int]]:
+    """Numbers of the logs that hang together, of two or more each."""
+    root = list(range(count))
+    for _ in range(count):
+        root = [root[before[number]] if number in before else root[number] for number in range(count)]
+    chains: dict[int, list[int]] = {}
+    for number in range(count):
+        chains.setdefault(root[number], []).append(number)
+    return [chain for chain in chains.values() if len(chain) > 1]
+
+
+def _check_apart(parts: Sequence[LoggedRun]) -> None:
+    for one, two in itertools.pairwise(parts):
+        end = one.first_ns + round(one.run.seconds * 1e9)
+        if two.first_ns <= end:
+            raise ValueError(
+                f"{one.path} and {two.path} are of one power-on and overlap by {(end - two.first_ns) / 1e9:.3f} s: a"
+                " sample counts once. Leave one of them out, or import again with other --start and --end, each part"
+                " with --continues of the one right before it."
+            )
+
+
+def _levelled_once(made: list[LoggedRun], parts: Sequence[int]) -> list[str]:
+    """Let parts at rest whose level was read from gravity share the first one's; sentences on those that can't."""
+    first = made[parts[0]].run
+    if first.C_nb is None:
+        return []
+    said = []
+    for number in parts[1:]:
+        run = made[number].run
+        if run.C_nb is None:
+            continue
+        tilt = _between(first.C_nb, run.C_nb)
+        if tilt < _SAME_ATTITUDE:
+            made[number] = replace(made[number], run=replace(run, C_nb=first.C_nb))
+        else:
+            said.append(
+                f"{run.name} is tilted by {np.rad2deg(tilt):.1f}° against {first.name}: the unit was moved between"
+                " them, and what its level accelerometers do from part to part is not seen"
+            )
+    return said
+
+
+def _between(one: Array, two: Array) -> float:
+    """Angle between the verticals of two attitudes, rad."""
+    return float(np.arccos(np.clip(one[2] @ two[2], -1.0, 1.0)))

@@ -1,0 +1,195 @@
+"""Logs that are parts of one power-on: which log one continues, and when on that log's clock it begins.
+
+A part's metadata names the log before it by id and SHA-256, the power-on, and the power-on's first known instant, so
+that a set of logs can be put in order by what they say. What it leaves out: what carries over from part to part
+(`imutui.jobs.power_ons` for a trace; the memory of temperature of a file in a rotation is in `SessionInfo.memory`).
+"""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from imutui.logbook import reader
+from imutui.logbook.session_info import SessionInfo, parse_signs
+
+_ID = 16
+_LONGEST_S = 3.2e8
+_NOT_STATED = ("", "unknown")
+
+
+@dataclass(frozen=True, slots=True)
+class Preceding:
+    """A log that another one continues.
+
+    Attributes
+    ----------
+    path : Path
+        Where it lies.
+    info : SessionInfo
+        Its session.
+    sha256 : str
+        Of its bytes.
+    first_ns, last_ns : int
+        Its first and last sampling instants, UTC, ns.
+    period_ns : int
+        Of its samples.
+    """
+
+    path: Path
+    info: SessionInfo
+    sha256: str
+    first_ns: int
+    last_ns: int
+    period_ns: int
+
+    @property
+    def last_s(self) -> float:
+        """Its last sampling instant on its own clock, s."""
+        return self.info.clock_s + (self.last_ns - self.first_ns) / 1e9
+
+
+def log_id(info: SessionInfo, sha256: str) -> str:
+    """Id of a log; of one that was written before logs had one, the beginning of its hash."""
+    return info.log_id or sha256[:_ID]
+
+
+def power_on_id(info: SessionInfo, sha256: str) -> str:
+    """Id of the power-on that a log is a part of: that of its first log."""
+    return info.power_on or log_id(info, sha256)
+
+
+def content_id(*arrays: np.ndarray) -> str:
+    """Id of what a recording holds: the same for the same samples, whoever imports them, and whenever."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:_ID]
+
+
+def preceding(path: Path) -> Preceding:
+    """Read the log that another is to continue.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there is nothing to read in it, or it does not say how the unit is mounted.
+    """
+    log = reader.read(path)
+    if not log.own:
+        raise reader.UnreadableLogError(
+            f"{path} was not written by imutui, so its sign and mounting are not known, and nothing can continue it."
+            " Import its recording with `imutui import`, then continue that."
+        )
+    stamps = log.stamp_ns
+    steps = stamps.size - 1
+    period = round(float(stamps[-1] - stamps[0]) / steps) if steps else round(1e9 / log.info.rate_hz)
+    return Preceding(path, log.info, reader.sha256(path), int(stamps[0]), int(stamps[-1]), period)
+
+
+def check_same_unit(before: Preceding, info: SessionInfo) -> None:
+    """Refuse what cannot be the same unit, mounted as it was, read in the same units.
+
+    Raises
+    ------
+    ValueError
+        The message names both values and the cure.
+    """
+    for what, cure, one, two in _differences(before.info, info):
+        raise ValueError(
+            f"{before.path} has {what} {one}, and this recording is imported with {two}: within one power-on that"
+            f" cannot change. {cure}, or leave --continues out if it is another power-on."
+        )
+
+
+def _differences(a: SessionInfo, b: SessionInfo) -> list[tuple[str, str, str, str]]:
+    """What differs: its name, how to say the first one's value, both values."""
+    found: list[tuple[str, str, str, str]] = []
+    if a.accel_sign != b.accel_sign:
+        signs = f"{a.accel_sign:+d}", f"{b.accel_sign:+d}"
+        found.append(("accelerometer sign", f"Say --accel-sign {signs[0]}", *signs))
+    if not np.array_equal(a.axes().mount, b.axes().mount):
+        found.append(("mounting", f'Say --mount "{a.mount}"', a.mount, b.mount))
+    if not np.array_equal(parse_signs(a.gyro_sign), parse_signs(b.gyro_sign)):
+        found.append(("gyro sign", f'Say --gyro-sign "{a.gyro_sign}"', a.gyro_sign, b.gyro_sign))
+    if a.g_unit != b.g_unit:
+        cure = f"Set g_unit = {a.g_unit!r} under [instrument] in imutui.toml"
+        found.append(("g unit", cure, f"{a.g_unit!r} m/s²", f"{b.g_unit!r} m/s²"))
+    if a.instrument != b.instrument and not {a.instrument, b.instrument} & set(_NOT_STATED):
+        found.append(("instrument", f'Say --instrument "{a.instrument}"', f'"{a.instrument}"', f'"{b.instrument}"'))
+    return found
+
+
+def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[SessionInfo, int, str]:
+    """Place a recording after the log that it continues.
+
+    Parameters
+    ----------
+    before : Preceding
+        That log.
+    info : SessionInfo
+        Of the recording; what it does not say of the instrument is taken from the log.
+    t : np.ndarray
+        The recording's own time, s, shape (N,).
+
+    Returns
+    -------
+    SessionInfo
+        With the power-on and the log that it continues.
+    int
+        UTC of its first sample, ns.
+    str
+        Where it was placed, in words.
+
+    Raises
+    ------
+    ValueError
+        If its time is years after the log's.
+    """
+    gap = float(t[0]) - before.last_s
+    if gap > _LONGEST_S:
+        raise ValueError(
+            f"`t` begins {gap:.3g} s after {before.path} ends, more than ten years: the two do not count on one clock."
+            " Subtract what it begins with, so that it is placed right after the log's end."
+        )
+    if gap > 0.0:
+        first_ns = before.first_ns + round((float(t[0]) - before.info.clock_s) * 1e9)
+        words = f"it begins {gap:.3f} s after {before.path.name} ends, on that log's clock"
+    else:
+        first_ns = before.last_ns + before.period_ns
+        words = (
+            f"its t begins at {t[0]:.3f} s, not after {before.path.name} ends ({before.last_s:.3f} s on that log's"
+            " clock): it is placed one period after that log's end"
+        )
+    known = before.info.instrument if info.instrument in _NOT_STATED else info.instrument
+    return (
+        replace(continued(info, before.info, before.path, before.sha256, before.first_ns), instrument=known),
+        first_ns,
+        words,
+    )
+
+
+def continued(info: SessionInfo, before: SessionInfo, path: Path, sha256: str, first_ns: int) -> SessionInfo:
+    """Session of the part that follows a log.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Of the part.
+    before : SessionInfo
+        Of the log that it continues.
+    path, sha256 : Path, str
+        Of that log.
+    first_ns : int
+        UTC of that log's first sample, ns.
+    """
+    return replace(
+        info,
+        power_on=power_on_id(before, sha256),
+        part=before.part + 1,
+        continues=path.name,
+        continues_id=log_id(before, sha256),
+        continues_sha256=sha256,
+        power_on_ns=before.power_on_ns or first_ns,
+    )
