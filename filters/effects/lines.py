@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from filters.channels import CHANNELS
@@ -70,7 +71,7 @@ class _Peak:
     high: float  # of the bins above the threshold that belong to it
 
 
-def find(series: Sequence[tuple[float, Array]]) -> list[SpectralLine]:
+def find(series: Sequence[tuple[float, Array]], barred: NDArray[np.bool_] | None = None) -> list[SpectralLine]:
     """Lines above 1.6 Hz.
 
     Σ over runs of 2 K P / level, P the mean of K Hann periodograms, is χ² of 2 Σ K degrees of freedom where there is
@@ -81,6 +82,8 @@ def find(series: Sequence[tuple[float, Array]]) -> list[SpectralLine]:
     series : sequence of (float, Array)
         Of each run: samples a second, (N - 1) / (t_end - t_0); residual, rad/s and m/s², shape (N, 6), NaN where
         flagged.
+    barred : bool array or None
+        Where no line is sought, shape (6, M): bin k at k times `spectra.spacing` of the runs.
 
     Returns
     -------
@@ -96,7 +99,8 @@ def find(series: Sequence[tuple[float, Array]]) -> list[SpectralLine]:
         for c in range(len(CHANNELS))
     ]
     shortest = min(min(x.shape[0] / fs for fs, x in runs), 1.0 / hz)
-    peaks = [p for c, s in enumerate(by_channel) if s for p in _peaks(c, s, hz, shortest)]
+    shut = np.zeros((len(CHANNELS), 0), bool) if barred is None else barred
+    peaks = [p for c, s in enumerate(by_channel) if s for p in _peaks(c, s, hz, shortest, shut[c])]
     found = [_line(group, by_channel, hz, shortest) for group in _grouped(peaks, hz)]
     return _waveforms(found, hz)
 
@@ -137,13 +141,16 @@ def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Ar
 # ------------------------------------------------------------------------------------------------------------ peaks
 
 
-def _peaks(channel: int, spectra_of: list[Spectrum], hz: float, shortest: float) -> list[_Peak]:
+def _peaks(
+    channel: int, spectra_of: list[Spectrum], hz: float, shortest: float, barred: NDArray[np.bool_]
+) -> list[_Peak]:
     """Lines of one channel, strongest first."""
     ratio, freedom = _summed(spectra_of)
     first = int(np.ceil(spectra.LOWEST / hz))
     if ratio.size <= first + 1:
         return []
     ratio[:first] = 1.0
+    ratio[: barred.size][barred[: ratio.size]] = 1.0
     limits = _limits(freedom, ratio.size - first, hz * shortest)
     peaks: list[_Peak] = []
     while len(peaks) < MOST:

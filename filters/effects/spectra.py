@@ -104,6 +104,20 @@ def spectrum(x: Array, fs: float, hz: float) -> Spectrum | None:
     Spectrum or None
         None without a stretch that has more than half of its samples, or without variance.
     """
+    mean, count = _mean_periodogram(x, fs, hz)
+    if mean is None:
+        return None
+    averaged = count / (1.0 + 2.0 * _OVERLAP * (count - 1) / count)
+    return Spectrum(mean, level(mean, averaged, round(LOWEST / hz)), averaged)
+
+
+def density(x: Array, fs: float, hz: float) -> Array | None:
+    """The same without the level, shape (M,); None without a stretch, or without variance."""
+    return _mean_periodogram(x, fs, hz)[0]
+
+
+def _mean_periodogram(x: Array, fs: float, hz: float) -> tuple[Array | None, int]:
+    """Mean of Hann periodograms, and of how many."""
     count, total = 0, np.zeros(1)
     size = max(2, round(fs / hz))
     for part in segments(x, fs, hz):
@@ -111,11 +125,7 @@ def spectrum(x: Array, fs: float, hz: float) -> Spectrum | None:
         power = 2.0 / (fs * np.sum(window[part != 0.0] ** 2)) if np.any(part) else 0.0
         total = total + power * np.abs(fft.rfft(window * part, size)) ** 2
         count += 1
-    if count == 0 or not np.any(total):
-        return None
-    averaged = count / (1.0 + 2.0 * _OVERLAP * (count - 1) / count)
-    density = total / count
-    return Spectrum(density, level(density, averaged, round(LOWEST / hz)), averaged)
+    return (total / count, count) if count and np.any(total) else (None, 0)
 
 
 def level(density: Array, averaged: float, first: int) -> Array:

@@ -5,7 +5,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
 
  1 the data     `run` a power-on, or a part of one, with its reference · `residual` reading minus what a perfect unit
                 would read
- 2 set aside    `screening` faults of the data and lines taken out · `noise_structure` colour and correlation of noise
+ 2 set aside    `screening` faults of the data · `line_search` lines, sought in what effects leave (`explained`) and
+                taken out · `reference_noise` of a measured attitude · `noise_structure` colour and correlation of noise
  3 averaged     `temperature` what thermal effects are functions of · `blocks` means of a quarter of a second ·
                 `stack` all runs, cut into cells for folds
  4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
@@ -15,6 +16,7 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
    be seen      would show, and what a motion lets be told before it is made
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise · `unseen_cells` gain on what the fit has not seen · `drift_guard` whether drift would do as well
+                `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
  9 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
                 figures of a channel ·

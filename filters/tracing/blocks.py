@@ -107,6 +107,27 @@ class Blocks:
             for f, place in columns:
                 out[first:last, place] = np.add.reduceat(f(inputs), edges, axis=0) / counts
 
+    def at_samples(self, columns: Sequence[tuple[Callable[[Inputs], Array], int]], out: Array) -> None:
+        """Functions of the drivers at the samples themselves, added to columns of `out`, shape (N, K).
+
+        Parameters
+        ----------
+        columns : sequence of (callable, int)
+            What gives one value a sample, and the column it is added to.
+        out : Array
+            Changed in place.
+        """
+        if self.run.still:
+            inputs, number = self._inputs_at_rest(), np.repeat(np.arange(self.t.size), np.diff(self.edges))
+            for f, place in columns:
+                out[:, place] += f(inputs)[number]
+            return
+        for first, last in self._chunks():
+            inputs, _ = self._inputs_moving(first, last)
+            rows = slice(int(self.edges[first]), int(self.edges[last]))
+            for f, place in columns:
+                out[rows, place] += f(inputs)
+
     def slow(self) -> Inputs:
         """Drivers at the middle of the blocks, of which only time, temperature and what follows motion are meant."""
         return self._inputs_at_rest()

@@ -62,6 +62,10 @@ class Design:
     ----------
     stack : Stack
         Data.
+    like : Design or None
+        One of the same blocks with other residuals, whose columns are taken.
+    left : Array or None
+        What selected effects left of the residual: noise is what varies in it, shape (n, 6).
 
     Attributes
     ----------
@@ -69,6 +73,8 @@ class Design:
         All hypotheses that the data can carry, with their columns.
     columns : Array
         Regressors, SI per SI of the parameters, shape (n, K); columns are added, never taken away.
+    lasting : int
+        How many columns were there before any was added.
     sd : Array
         Standard deviation of a full block's white noise, SI, shape (6,).
     drift : list of Drift
@@ -77,12 +83,18 @@ class Design:
         Of the noise of each row, shape (n, 6); `set_multiplier` changes it.
     """
 
-    def __init__(self, stack: Stack) -> None:
+    def __init__(self, stack: Stack, like: "Design | None" = None, left: Array | None = None) -> None:
         self.stack = stack
         self.drift: list[Drift] = [NONE] * 6
-        self.sd = stack.white_sd()
+        self.sd = stack.white_sd(left)
         self.multiplier = np.ones_like(stack.y)
-        self.columns, self.terms = columns_of_all(stack)
+        if like is None:
+            self.columns, self.terms = columns_of_all(stack)
+            self.lasting = self.columns.shape[1]
+        else:
+            # columns are of the motion and the time, which are what they were
+            self.lasting = like.lasting
+            self.columns, self.terms = like.columns[:, : like.lasting], list(like.terms)
         self.raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
         self._gram: dict[int, tuple[Array, Array, float]] = {}
 

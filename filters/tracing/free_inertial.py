@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from filters.motion.kinematics import attitudes
 from filters.tracing.error_figure import DRAWS, ErrorFigure, chi2_quantiles, rms, rms_interval
+from filters.tracing.residual import attitude_and_rate
 from filters.tracing.stack import Stack
 from filters.tracing.whitening import NONE, Drift
 from filters.types import Array
@@ -81,12 +81,8 @@ def free_drift(
 def _attitudes_at(stack: Stack) -> Array:
     """C_nb of every block, shape (n or 1, 3, 3)."""
     run = stack.blocks[0].run
-    if run.C_nb is not None:
-        return run.C_nb[None]
-    if run.still:
-        return attitudes(run.angles)
     middles = np.minimum((stack.blocks[0].edges[:-1] + stack.blocks[0].edges[1:]) // 2, run.t.size - 1)
-    return attitudes(run.angles[middles])
+    return attitude_and_rate(run, middles)[0]
 
 
 def _position(stack: Stack, r: Array, C: Array, start: int, steps: int, white: Array, drifts: Sequence[Drift]) -> float:

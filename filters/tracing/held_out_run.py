@@ -146,7 +146,8 @@ def folded_errors(
     stack = design.stack
     own: _Folded = {}
     for c in channels:
-        there = [f.term for f in found if c in f.term.places]
+        # what a channel does not see would be fitted to rounding there
+        there = [f.term for f in found if c in f.channels]
         groups = [design.columns[:, term.places[c]] for term in there]
         white = float(design.sd[c] * np.sqrt(stack.period))
         made = validation.folded(stack, stack.y[:, c], groups, c, white, seed)

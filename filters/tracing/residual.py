@@ -11,8 +11,9 @@ What it leaves out: flags (`effects.faults`), means over blocks (`blocks`), what
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from filters import earth
+from filters import attitude, earth
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -47,15 +48,21 @@ class Sensed:
 def sensed(run: Run, rows: slice) -> Sensed:
     """What a perfect unit senses at some samples of a run; of a run at rest one row stands for all."""
     axes, site = run.axes, run.site
-    angles, rates = (run.angles, run.rates) if run.still else (run.angles[rows], run.rates[rows])
-    C, turning = _attitudes(angles, rates)
-    if run.C_nb is not None:
-        C = run.C_nb[None]
+    C, turning = attitude_and_rate(run, rows)
     spin = axes.gyro_to_instrument(np.einsum("nij,i->nj", C, earth.earth_rate_n(np.array(site.latitude))))
     force = axes.accel_to_instrument(-site.gravity * C[:, 2])
     # δ × (0, 0, -γ) of a tilt about north is γ east, about east -γ north
     tilt = site.gravity * np.stack([axes.accel_to_instrument(C[:, 1]), -axes.accel_to_instrument(C[:, 0])], axis=2)
     return Sensed(np.hstack([axes.gyro_to_instrument(turning) + spin, force]), spin, tilt, turning)
+
+
+def attitude_and_rate(run: Run, rows: slice | NDArray[np.int_]) -> tuple[Array, Array]:
+    """C_nb, shape (n, 3, 3), and rate relative to n in body axes, rad/s, shape (n, 3); n = 1 at rest."""
+    if run.attitude is not None:
+        return attitude.from_quaternion(run.attitude[rows]), run.rates[rows]
+    angles, rates = (run.angles, run.rates) if run.still else (run.angles[rows], run.rates[rows])
+    C, turning = _attitudes(angles, rates)
+    return (C if run.C_nb is None else run.C_nb[None]), turning
 
 
 def _attitudes(angles: Array, rates: Array) -> tuple[Array, Array]:

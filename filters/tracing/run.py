@@ -27,6 +27,7 @@ class Run:
         degC, shape (N,).
     angles, rates : Array
         Rotations of the table about north, east, down, rad, unwrapped, and rad/s; shape (N, 3), or (1, 3) at rest.
+        Where `attitude` says how the unit is turned, on no table: zeros, and rates about the body's axes.
     axes : AxisMap
         Sign and mounting.
     site : Site
@@ -50,6 +51,8 @@ class Run:
         When its first sample was taken, s since the first known sample of the power-on.
     history_known : bool
         Whether what came before it in its power-on is known: the part that it follows is among the runs.
+    attitude : Array or None
+        Quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4).
     """
 
     name: str
@@ -69,6 +72,7 @@ class Run:
     power_on: str = ""
     begins: float = 0.0
     history_known: bool = False
+    attitude: Array | None = None
 
     @property
     def still(self) -> bool:

@@ -1,18 +1,15 @@
 """What is taken out of runs, or set aside, before effects are compared: faults of the data, and lines."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from filters.channels import CHANNELS
-from filters.effects import faults, lines
+from filters.effects import faults
 from filters.effects.fault_records import DataFault
 from filters.effects.lines import SpectralLine
 from filters.tracing.identifiability import UntestableEffect
 from filters.tracing.noise_level import NoiseDriver
 from filters.tracing.noise_structure import NoiseFinding
-from filters.tracing.residual import perfect, residual
+from filters.tracing.residual import perfect
 from filters.tracing.run import Run
 
 
@@ -68,17 +65,3 @@ def without_faults(run: Run) -> tuple[Run, list[FaultOfRun]]:
     # the steps of averaged samples are uneven by design, and their stamps say so truly
     kept = [f for f in found if not (run.averaged and f.effect == "jitter")]
     return replace(run, flagged=flagged), [FaultOfRun(run.name, f) for f in kept]
-
-
-def lines_of(runs: Sequence[Run]) -> list[SpectralLine]:
-    """Lines above 1.6 Hz in the spectra of some runs together."""
-    return lines.find([(run.rate_hz, residual(run)) for run in runs])
-
-
-def without_lines(run: Run, found: Sequence[SpectralLine]) -> Run:
-    """A run less its lines."""
-    if not found:
-        return run
-    r = residual(run)
-    less = lines.removed(found, run.rate_hz, r) - r
-    return replace(run, reading=run.reading + np.nan_to_num(less))

@@ -86,14 +86,18 @@ class Stack:
         """How long good data of a channel last, s."""
         return float(np.count_nonzero(self.weight[:, channel])) * self.period
 
-    def white_sd(self) -> Array:
-        """Standard deviation of a full block's white noise, from the median squared difference; shape (6,)."""
+    def white_sd(self, y: Array | None = None) -> Array:
+        """Standard deviation of a full block's white noise, from the median squared difference; shape (6,).
+
+        Of the residual, or of what is left of it, shape (n, 6).
+        """
+        y = self.y if y is None else y
         out = np.empty(6)
         inner = np.diff(self.run) == 0
         for c in range(6):
             w = self.weight[:, c]
             good = inner & (w[1:] > 0.0) & (w[:-1] > 0.0)
-            scaled = np.diff(self.y[:, c])[good] ** 2 / (1.0 / w[1:][good] + 1.0 / w[:-1][good])
+            scaled = np.diff(y[:, c])[good] ** 2 / (1.0 / w[1:][good] + 1.0 / w[:-1][good])
             out[c] = np.sqrt(np.median(scaled) / CHI2_MEDIAN) if scaled.size else np.nan
         return out
 

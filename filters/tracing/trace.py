@@ -1,24 +1,20 @@
-"""From runs to findings: faults and lines out, noise levelled, effects selected, rivals named, the held-out run judged.
+"""From runs to findings: faults out, effects selected, lines out, rivals named, the held-out run judged.
 
 Each step is a module of its own; the package's docstring lists them in order. This one has them done.
 """
 
 from collections.abc import Callable, Sequence
 
-from filters.channels import CHANNELS
 from filters.tracing import validation
 from filters.tracing.assessment import assess
-from filters.tracing.blocks import BLOCK_S, average_all
-from filters.tracing.design_matrix import Design
+from filters.tracing.blocks import BLOCK_S
+from filters.tracing.comparison import compare
 from filters.tracing.identifiability import untestable
-from filters.tracing.noise_level import noise_drivers
 from filters.tracing.noise_structure import noise_findings
 from filters.tracing.report import report
 from filters.tracing.result import Trace
 from filters.tracing.run import Run, in_order
-from filters.tracing.screening import Screening, lines_of, without_faults, without_lines
-from filters.tracing.selection import select
-from filters.tracing.stack import Stack
+from filters.tracing.screening import Screening, without_faults
 
 LEAST_S = 60.0
 """A run must be this long to be used at all."""
@@ -63,29 +59,24 @@ def trace(
     runs = in_order(runs)
     progress(0.0, "looking for faults")
     cleaned = [without_faults(run) for run in (*runs, *([heldout] if heldout else []))]
-    lines = lines_of([run for run, _ in cleaned[: len(runs)]])
-    ready = [without_lines(run, lines) for run, _ in cleaned]
-    progress(0.2, "averaging")
-    block_s = _block_s(runs)
-    blocks = average_all(ready, block_s)
-    design = Design(Stack.of(blocks[: len(runs)]))
-    channels = [c for c in range(len(CHANNELS)) if design.sd[c] > 0.0 and design.stack.seconds(c) > 0.5 * LEAST_S]
-    progress(0.35, "levelling the noise")
-    multiplier, drivers = noise_drivers(design, channels)
-    design.set_multiplier(multiplier)
-    hidden = untestable(design, channels)
-    progress(0.4, "comparing effects")
-    chosen = select(design, channels, lambda share: progress(0.4 + 0.4 * share, "comparing effects"))
+    progress(0.1, "comparing effects")
+    compared = compare(
+        [run for run, _ in cleaned[: len(runs)]],
+        cleaned[-1][0] if heldout else None,
+        _block_s(runs),
+        LEAST_S,
+        lambda share: progress(0.1 + 0.7 * share, "comparing effects"),
+    )
+    chosen, channels = compared.chosen, compared.channels
     progress(0.8, "judging")
     screening = Screening(
         faults=tuple(fault for _, own in cleaned for fault in own),
-        lines=tuple(lines),
-        noise_drivers=tuple(drivers),
-        noise_findings=tuple(noise_findings(ready[: len(runs)])),
-        untestable=tuple(hidden),
+        lines=tuple(compared.lines),
+        noise_drivers=tuple(compared.drivers),
+        noise_findings=tuple(noise_findings(compared.left)) if compared.left else (),
+        untestable=tuple(untestable(chosen.design, channels)),
     )
-    held_out = Stack.of(blocks[len(runs) :]) if heldout else None
-    found = assess(chosen, channels, screening, held_out, asked, seed)
+    found = assess(chosen, channels, screening, compared.held_out, asked, seed)
     progress(1.0, "done")
     return report(found)
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters import attitude
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY
-from filters.motion import alignment, kinematics
+from filters.motion import alignment, attitude_rows, kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion, Trajectory
 from filters.tracing.run import rest_attitudes
@@ -18,6 +19,7 @@ from imutui.logbook.session_info import SessionInfo
 
 _IMPORTED = "imported"
 _MOSTLY = 0.5
+_NO_SPEED = 1e-3  # m/s
 _WILD = 0.5 * STANDARD_GRAVITY
 # nearer to middle = ±90° than this, outer and inner cannot be told apart
 _GIMBAL = np.cos(np.deg2rad(87.0))
@@ -37,6 +39,11 @@ class Motion:
         Samples at which none of it is known, shape (N,).
     how : str
         In words, where that is worth a word.
+    attitude : Array or None
+        Quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4); then `angles` are zeros and
+        `rates` those of the body about its own axes.
+    carried : bool array or None
+        Samples at which the unit may be moved from place to place, so that its specific force is not known, shape (N,).
     """
 
     angles: Array
@@ -44,6 +51,8 @@ class Motion:
     C_nb: Array | None = None
     unknown: NDArray[np.bool_] | None = None
     how: str = ""
+    attitude: Array | None = None
+    carried: NDArray[np.bool_] | None = None
 
 
 def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_latency: float = 0.0) -> Motion:
@@ -154,34 +163,80 @@ def _from_table(log: Log, info: SessionInfo) -> Motion:
 
 
 def _from_trajectory(log: Log, known: Trajectory) -> Motion:
-    rows = np.isfinite(known.values[:, 6:9]).all(axis=1)
+    rows: NDArray[np.bool_] = np.asarray(np.isfinite(known.values[:, 6:9]).all(axis=1))
     if not rows.any():
         raise ValueError(
             f"{log.path}: its trajectory has no attitude (roll, pitch, yaw are empty), and tracing needs the attitude"
             " at each sample. Trace a part at rest with --reference gravity, or import with arrays `ang` or `ref_quat`,"
             " or name a table profile: --reference FILE."
         )
+    if np.count_nonzero(rows) < 2:
+        raise ValueError(
+            f"{log.path}: its trajectory has one row of attitude. Of a unit at rest: --reference level|gravity."
+        )
+    if _stays(known):
+        return _from_turns(log, known, rows)
+    return _from_attitudes(log, known.t[rows], attitude.from_rpys(known.values[rows, 6:9]))
+
+
+def _stays(known: Trajectory) -> bool:
+    """Whether a trajectory says that the unit turns in one place: its velocity is known, and zero, in every row."""
+    velocity = known.values[:, 3:6]
+    return bool(np.isfinite(velocity).all() and np.abs(velocity).max() <= _NO_SPEED)
+
+
+def _from_turns(log: Log, known: Trajectory, rows: NDArray[np.bool_]) -> Motion:
+    """A trajectory of a unit that turns in one place, as a table's angles; those of other units where it can't be."""
     t, at = log.seconds(), known.t[rows]
     # roll, pitch, yaw turn about the same axes in the other order: Rz Ry Rx is the transpose of Rx(-) Ry(-) Rz(-)
     own = kinematics.angles_of(kinematics.attitudes(-known.values[rows, 6:9]).transpose(0, 2, 1))
+    if np.abs(np.cos(own[:, 1])).min() < _GIMBAL:
+        return _from_attitudes(log, at, attitude.from_rpys(known.values[rows, 6:9]), carried=False)
     angles = _lines(t, at, own, turns=True)
-    near = np.interp(t, at, np.abs(np.cos(own[:, 1])))
     # farther from a row than three of their steps, nobody knows the attitude
-    step = float(np.median(np.diff(at))) if at.size > 1 else 0.0
-    far = _distance(t, at) > 3.0 * step + t[-1] / t.size
-    angles[far | (near < _GIMBAL)] = np.nan
+    step = float(np.median(np.diff(at)))
+    angles[_distance(t, at) > 3.0 * step + t[-1] / t.size] = np.nan
     return _completed(log, t, angles, np.full_like(angles, np.nan))
+
+
+def _from_attitudes(log: Log, at: Array, C_nb: Array, *, carried: bool = True) -> Motion:
+    """Motion of a unit of which only the attitude is known, such as by an optical reference.
+
+    Where it moves, nothing says what specific force acts on it, if it may be carried; at rest gravity does.
+    """
+    t = log.seconds()
+    known = attitude_rows.at_samples(t, at, C_nb)
+    share = 1.0 - float(known.unknown.mean())
+    if share < _MOSTLY:
+        raise ValueError(_mostly_unknown(log, share))
+    stretches = attitude_rows.rests(t, log.gyro, log.accel, known)
+    known = attitude_rows.at_rest(known, stretches)
+    rest = np.zeros(t.size, bool)
+    for first, last in stretches.tolist():
+        rest[first:last] = True
+    said = [] if share == 1.0 else [f"the attitude is not known for {100.0 * (1.0 - share):.2f} % of the samples"]
+    if carried:
+        seconds = float(rest.mean()) * float(t[-1])
+        said.append(
+            f"accelerometers are used at rest only ({seconds:.0f} of {t[-1]:.0f} s): the reference says how the unit is"
+            " turned, not how it is carried"
+        )
+    return Motion(
+        np.zeros((t.size, 3)),
+        known.rate,
+        None,
+        known.unknown if known.unknown.any() else None,
+        "; ".join(said),
+        known.quaternion,
+        ~rest if carried else None,
+    )
 
 
 def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
     """Angles without gaps, which are marked as unknown, and rates from them where there are none of their own."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(angles).all(axis=1))
     if known.mean() < _MOSTLY:
-        raise ValueError(
-            f"{log.path}: the attitude is known for {100.0 * known.mean():.0f} % of the samples; tracing needs most of"
-            " them. Take the part where it is known when importing (--start, --end), or name a reference: --reference"
-            " level|gravity|FILE."
-        )
+        raise ValueError(_mostly_unknown(log, float(known.mean())))
     angles = np.unwrap(angles, axis=0) if known.all() else _lines(t, t[known], angles[known], turns=True)
     told = np.isfinite(rates)
     if not told.all():
@@ -189,6 +244,14 @@ def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
     unknown = None if known.all() else ~known
     how = "" if known.all() else f"the attitude is not known for {100.0 * (1.0 - known.mean()):.2f} % of the samples"
     return _made(angles, rates, unknown, how)
+
+
+def _mostly_unknown(log: Log, share: float) -> str:
+    return (
+        f"{log.path}: the attitude is known for {100.0 * share:.0f} % of the samples; tracing needs most of them. Take"
+        " the part where it is known when importing (--start, --end), or name a reference: --reference"
+        " level|gravity|FILE."
+    )
 
 
 def _slopes(t: Array, angles: Array) -> Array:

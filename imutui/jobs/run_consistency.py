@@ -148,7 +148,9 @@ def check_reference(read: LoggedRun) -> None:
 def _seen(read: LoggedRun) -> _GriddedRun:
     run = read.run
     made = average(run, _STEP)
-    good: NDArray[np.bool_] = np.asarray((made.weight > 0.0).all(axis=1))
+    # where only the attitude is known the accelerometers are used at rest, and the gyros say whether it fits
+    used = made.weight > 0.0
+    good: NDArray[np.bool_] = np.asarray(used.all(axis=1) if run.attitude is None else used[:, :3].all(axis=1))
     expected = np.empty_like(made.y)
     made.mean([(lambda inputs: inputs.x, slice(0, 6))], expected)
     readings = made.y + expected

@@ -90,6 +90,9 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
     reading[:, :3] = axes.gyro_to_instrument(log.gyro)
     reading[:, 3:] = axes.accel_to_instrument(log.accel)
     bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
+    flagged = np.repeat(bad[:, None], 6, axis=1)
+    if motion.carried is not None:
+        flagged[:, 3:] |= motion.carried[:, None]
     run = Run(
         name,
         t,
@@ -103,8 +106,9 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
         lsb,
         bandwidth,
         latency,
-        np.repeat(bad[:, None], 6, axis=1) if bad.any() else None,
+        flagged if flagged.any() else None,
         averaged=info.sampling == "stream",
+        attitude=motion.attitude,
     )
     return LoggedRun(path, info, run, log.finished, log.damage, motion.how, int(log.stamp_ns[0]), reader.sha256(path))
 

@@ -113,7 +113,7 @@ def test_rates_come_from_the_angles_where_the_recording_has_none(tmp_path: Path)
 
 
 def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
-    """Attitude of any origin becomes angles of the table, with rates by differences; unknown rows are flagged."""
+    """Attitude of any origin gives readings, with rates by differences; unknown rows are flagged."""
     given = arrays(90.0, 100.0)
     enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     C = enu.T @ attitudes(np.deg2rad(given.pop("ang")))
@@ -126,7 +126,8 @@ def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
     assert gyro < np.deg2rad(0.02)
     assert accel < 1e-6
     assert got.run.flagged is not None
-    assert 190 <= got.run.flagged[:, 0].sum() <= 200
+    # the rows beside the gap have an attitude, and a rate from one side only
+    assert 200 <= got.run.flagged[:, 0].sum() <= 202
     assert "not known" in got.how
 
 
