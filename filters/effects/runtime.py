@@ -5,7 +5,8 @@ truly senses is the reference's where that is known, else what it reads. States 
 regressor is in body axes, SI, as `filters.kalman.augmentation` asks.
 """
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,6 +96,20 @@ class CausalEffects:
         self._last: tuple[float, Array, Array] | None = None
         self._recent = np.full((_MEMORY, 6), np.nan)
         self._C = np.eye(3)[None]
+
+    def memory(self) -> str:
+        """What the terms with a memory of temperature remember, for `restore`; "" before any temperature is known."""
+        return self._thermal.memory()
+
+    def restore(self, memory: str) -> None:
+        """Go on from what the effects of the file before remembered, before the first sample is shown.
+
+        Raises
+        ------
+        ValueError
+            If the text is none that `memory` gave.
+        """
+        self._thermal.restore(memory)
 
     def rows(
         self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
@@ -240,6 +255,31 @@ def _part(effect: Included) -> _Part:
     return _Part(h.channels, h, np.array([p.si for p in parameters]))
 
 
+@dataclass(frozen=True, slots=True)
+class _ThermalState:
+    """State of `_Thermal`: the temperature last known and the first, degC; recursions of the smoothing, lags, plays."""
+
+    numbers: Mapping[str, float]
+    vectors: Mapping[str, Sequence[float]]
+
+    def text(self) -> str:
+        """As JSON, which keeps every bit of a number."""
+        return json.dumps({**self.numbers, **self.vectors})
+
+    @classmethod
+    def parsed(cls, text: str) -> "_ThermalState":
+        """From JSON; raises ValueError if that is not what it is."""
+        try:
+            found = json.loads(text)
+            numbers = {name: float(found[name]) for name in ("held", "start")}
+            vectors = {name: [float(v) for v in found[name]] for name in ("smooth", "lags", "plays")}
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"the memory of temperature does not read as one ({error})") from error
+        if not np.isfinite([*numbers.values(), *(v for vector in vectors.values() for v in vector)]).all():
+            raise ValueError("the memory of temperature has a number that is not finite")
+        return cls(numbers, vectors)
+
+
 class _Thermal:
     """Temperature smoothed from the past, its rate, lagged temperatures and plays."""
 
@@ -252,6 +292,26 @@ class _Thermal:
         self._start = 0.0
         self._widths = np.array([width for width, _ in BANKS])
         self._plays = PLAYS_AT_START
+
+    def memory(self) -> str:
+        """All of its state as text, to the last bit; "" before any temperature is known."""
+        if self._memories is None:
+            return ""
+        state = _ThermalState(
+            {"held": self._held, "start": self._start},
+            {"smooth": self._memories, "lags": self._lagging, "plays": self._plays.tolist()},
+        )
+        return state.text()
+
+    def restore(self, memory: str) -> None:
+        """Take such a text; one of other lags or plays, as another version had them, leaves all unknown."""
+        state = _ThermalState.parsed(memory)
+        sizes = {"smooth": 2 * len(self._poles), "lags": len(self._lags), "plays": self._plays.size}
+        if {name: len(values) for name, values in state.vectors.items()} != sizes:
+            return
+        self._held, self._start = state.numbers["held"], state.numbers["start"]
+        self._memories, self._lagging = list(state.vectors["smooth"]), list(state.vectors["lags"])
+        self._plays = np.array(state.vectors["plays"])
 
     def follow(self, temperature: Array) -> tuple[Array, Array, Array, Array]:
         """Level (degC), rate (K/s), lagged (N, LAGS), plays (N, BANKS) of the next samples."""

@@ -184,6 +184,9 @@ def replay(
 def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, Settings]:
     """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples."""
     info = session_of(log, options)
+    if options.start:
+        # what was remembered is of the file's first sample
+        info = replace(info, memory="")
     motion = motion_of(log, info, options, part.start)
     offset, offset_sd = -part.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":

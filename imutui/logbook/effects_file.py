@@ -93,7 +93,7 @@ def build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     document : EffectsDocument
         The file.
     info : SessionInfo
-        Axis map, g unit, rate and site of the samples.
+        Axis map, g unit, rate and site of the samples, and what the effects of the file before remembered.
 
     Raises
     ------
@@ -103,7 +103,10 @@ def build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     # what is read and written here needs no filter
     from filters.effects.runtime import CausalEffects
 
-    return CausalEffects(document.effects, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
+    effects = CausalEffects(document.effects, document.correlation, info.axes(), info.site(), 1.0 / info.rate_hz)
+    if info.memory:
+        effects.restore(info.memory)
+    return effects
 
 
 def maker(content: bytes, info: SessionInfo) -> "MakeEffects | None":

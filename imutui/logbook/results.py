@@ -158,6 +158,8 @@ class ResultDocument(TypedDict):
     nis: NotRequired[NisFields]
     noise: NotRequired[NoiseFields]
     effects: NotRequired[list[EffectField]]
+    history_known: NotRequired[bool]
+    """Whether the effects go on from what those of the file before remembered of temperature."""
     gaps: NotRequired[list[GapField]]
     rejected: NotRequired[int]
     confounded: NotRequired[list[str]]
@@ -302,6 +304,7 @@ def document(
         "nis": nis_fields(estimator),
         "noise": noise_fields(estimator, axes, info.noise),
         "effects": effect_fields(estimator),
+        "history_known": bool(info.memory),
         "gaps": [{"t": t, "seconds": seconds} for t, seconds in estimator.gaps],
         "lost_packets": counters.lost_packets,
         "bad_checksums": counters.bad_checksums,

@@ -330,7 +330,8 @@ class Acquisition:
     def _begin_run(self, recording: Recording | None) -> None:
         """Begin another run of samples, into the recording's present file if there is one."""
         info, writer = (self._info, None) if recording is None else (recording.info, recording.writer)
-        self._pipeline = SamplePipeline(info, self._timebase, writer, self._motion, self._effects)
+        effects = effects_of(self._plan, info) if info.memory else self._effects
+        self._pipeline = SamplePipeline(info, self._timebase, writer, self._motion, effects)
         self._events.forget_mark_times()
         if not self._has_recorded:
             self._duration_from_ns = None

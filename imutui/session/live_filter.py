@@ -140,6 +140,15 @@ class LiveFilter:
         if self.preparation.ready.is_set():
             yield from self._use(last=False)
 
+    def memory(self) -> str:
+        """What the effects remember of temperature, for the file that follows; "" if there is nothing to go on from."""
+        effects = None if self.estimator is None or self.failure is not None else self.estimator.effects
+        if effects is None:
+            return ""
+        from filters.effects.runtime import CausalEffects
+
+        return effects.memory() if isinstance(effects, CausalEffects) else ""
+
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
         if self.failure is None and self._first_ns is not None:

@@ -4,11 +4,12 @@ What goes into the file is written by `sample_pipeline`; `rotation` says when a 
 """
 
 import time
+import uuid
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imutui.logbook import reader
+from imutui.logbook import power_on, reader
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.disk_space import GrowthRate
@@ -38,7 +39,7 @@ class Recording:
     Attributes
     ----------
     info : SessionInfo
-        With the recording's note.
+        Of the present file: with the recording's note, and the file that it continues.
     writer : LogWriter
         Of the present file.
     parts : RecordingParts
@@ -56,7 +57,9 @@ class Recording:
 
     def __init__(self, plan: Plan, info: SessionInfo, note: str, path: Path | None) -> None:
         path = path or default_path(Path(plan.logs), info.serial_number, note)
-        self.info = replace(info, note=note)
+        own = _new_id()
+        self.info = replace(info, note=note, log_id=own, power_on=own)
+        self._next_info = self.info
         self._plan = plan
         self.writer = _open(path, self.info, plan, overwrite=plan.overwrite)
         self.parts = RecordingParts(path, plan.rotate_minutes, plan.rotate_mb)
@@ -69,6 +72,7 @@ class Recording:
     def next_file(self) -> None:
         """Begin the next file; the present one is finished. Raises OSError."""
         path = self.parts.next_path()
+        self.info = replace(self._next_info, log_id=_new_id())
         self.parts.number += 1
         self.writer = _open(path, self.info, self._plan, overwrite=False)
 
@@ -78,7 +82,13 @@ class Recording:
 
     def finish_file(self, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
         """Finish the present file; returns its result, with all parts so far if there are several. Raises OSError."""
-        return self.parts.add_result(finish_file(self.writer, pipeline, now_ns))
+        result = finish_file(self.writer, pipeline, now_ns)
+        # what the next file says of this one, should there be a next one
+        sha256, first_ns = str(result["log_sha256"]), pipeline.first_stamp_ns or 0
+        following = power_on.continued(self.info, self.info, self.writer.path, sha256, first_ns)
+        memory = "" if pipeline.filter is None else pipeline.filter.memory()
+        self._next_info = replace(following, memory=memory)
+        return self.parts.add_result(result)
 
 
 def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
@@ -148,6 +158,10 @@ def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None
     if failure is not None:
         document["alarms"].append(failure)
     return document
+
+
+def _new_id() -> str:
+    return uuid.uuid4().hex[:16]
 
 
 def _open(path: Path, info: SessionInfo, plan: Plan, *, overwrite: bool) -> LogWriter:

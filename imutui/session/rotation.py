@@ -1,7 +1,8 @@
 """A recording in parts: when a file is full, and what the next one is called.
 
 No packet is lost at the joint, and none is in two files. The filter begins anew with each file, so that a replay of any
-one of them repeats its live result without the others.
+one of them repeats its live result without the others; what effects remember of temperature is in the next file's
+metadata, as are the file before it and the power-on that they are parts of.
 """
 
 from dataclasses import dataclass, field

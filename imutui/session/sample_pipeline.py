@@ -83,6 +83,8 @@ class SamplePipeline:
         None if nothing is filtered.
     started_ns, flushed_ns : int or None
         When the first packet was sampled, and when all was last seen onto the disk, monotonic.
+    first_stamp_ns : int or None
+        Sampling instant of the first sample, UTC.
 
     Raises
     ------
@@ -105,6 +107,7 @@ class SamplePipeline:
         self.rate = SampleRate()
         self.started_ns: int | None = None
         self.flushed_ns: int | None = None
+        self.first_stamp_ns: int | None = None
         self.filter = LiveFilter(info, motion, effects) if info.filter != "none" else None
         self._writer = writer
         self._timebase = timebase
@@ -159,6 +162,7 @@ class SamplePipeline:
         gyro = self._axes.gyro_to_body(np.deg2rad(self._scaling.rates_dps(sample.counts[:3])))
         accel = self._axes.accel_to_body(self._scaling.accels_g(sample.counts[3:]) * self.info.g_unit)
         self.samples += 1
+        self.first_stamp_ns = stamp_ns if self.first_stamp_ns is None else self.first_stamp_ns
         self.rate.add(sample.stamp_ns)
         degc = float(self._scaling.temperature_degc(sample.temperature))
         if self._writer is not None:

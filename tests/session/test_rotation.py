@@ -1,15 +1,53 @@
-"""When a file is full, what the next is called, and how much room there is."""
+"""When a file is full, what the next is called and goes on from, and how much room there is."""
 
+import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from imutui.instrument.clock import Stamp
+from imutui.instrument.crossbow import Mode, Packet
+from imutui.jobs.replay import ReplayOptions, replay
+from imutui.logbook import effects_file, reader, results
+from imutui.logbook.session_info import SessionInfo
+from imutui.session import live_filter
 from imutui.session.disk_space import FreeSpace, GrowthRate
+from imutui.session.metadata import effects_of
 from imutui.session.plan import Plan
+from imutui.session.recording import Recording
 from imutui.session.rotation import RecordingParts
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.timebase import Timebase
 
 S = 1_000_000_000
+START = 1_795_257_000_000_000_000
+REMEMBERING = """\
+version = 1
+[[effect]]
+effect = "thermal_lag"
+channels = ["gy"]
+include_as = "A"
+parameters = { tau_s = 180.0 }
+[[effect.state]]
+name = "k"
+unit = "deg/s/K"
+mean = 0.02
+sd = 0.01
+[[effect]]
+effect = "hysteresis"
+channels = ["ax"]
+include_as = "A"
+parameters = { width_k = 10.0 }
+[[effect.state]]
+name = "k"
+unit = "mg"
+mean = 2.0
+sd = 1.0
+"""
 
 
 @pytest.mark.parametrize(
@@ -88,3 +126,111 @@ def test_the_rate_of_growth_is_told_through_all_files() -> None:
     for second in range(11, 200):
         growth.add(second * S, 2000 * (second - 10))
     assert growth.bytes_per_s() == pytest.approx(2000.0)
+
+
+# ------------------------------------------------------------------------------------- what goes on from file to file
+
+
+def feed(pipeline: SamplePipeline, first: int, last: int) -> None:
+    """Packets at 133 Hz of a unit that warms by 20 K in a minute, and cools."""
+    for k in range(first, last):
+        rng = np.random.default_rng([8, k])
+        counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
+        warmth = 350.0 * np.sin(k / 2500.0)
+        packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
+        stamp = Stamp(k * 7_518_797, 0, False)
+        pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
+
+
+def recorded(folder: Path, *ends: int, effects: str = REMEMBERING) -> list[tuple[Path, dict[str, Any]]]:
+    """A recording that goes on in another file at each end, as the acquisition has it: files and live results."""
+    live_filter.PLAIN.begin()
+    live_filter.WITH_EFFECTS.begin()
+    plan = Plan("virtual", logs=str(folder), rotate_minutes=1.0, effects=effects)
+    info = SessionInfo(rate_hz=20.0, effects_sha256=effects_file.digest(effects.encode()))
+    recording = Recording(plan, info, "", folder / "a.mcap")
+    made, first = [], 0
+    for number, end in enumerate(ends):
+        if number:
+            recording.next_file()
+        maker = effects_of(plan, recording.info)
+        pipeline = SamplePipeline(recording.info, Timebase(START), recording.writer, None, maker)
+        feed(pipeline, first, end)
+        path = recording.writer.path
+        made.append((path, recording.finish_file(pipeline, end * 7_518_797)))
+        first = end
+    return made
+
+
+def untimed(document: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in document.items() if k not in (*results.TIMINGS, "parts")}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, dict[str, Any]]]:
+    return recorded(tmp_path_factory.mktemp("rotated"), 2000, 4700, 6400)
+
+
+def test_each_file_alone_replays_to_its_live_result(files: list[tuple[Path, dict[str, Any]]]) -> None:
+    """Every field but the timings, with effects that remember; the first file's history is unknown."""
+    for path, live in files:
+        assert untimed(replay(path, ReplayOptions())) == untimed(live)
+    assert [live["history_known"] for _, live in files] == [False, True, True]
+
+
+def test_memory_crosses_files_as_if_there_were_one(files: list[tuple[Path, dict[str, Any]]], tmp_path: Path) -> None:
+    """What the third file begins with is, to the last bit, what one file in place of the first two ends with."""
+    (whole, _), (after, _) = recorded(tmp_path, 4700, 6400)
+    remembered = [reader.read(path).info.memory for path, _ in files]
+    assert remembered[0] == ""
+    assert json.loads(remembered[1])["lags"] != json.loads(remembered[2])["lags"]
+    # averages begin anew with each file: the same packets make samples at other instants
+    one, two = (json.loads(text) for text in (remembered[2], reader.read(after).info.memory))
+    assert np.allclose(one["lags"], two["lags"], atol=0.02)
+    assert np.allclose(one["plays"], two["plays"], atol=0.05)
+    assert reader.read(whole).info.memory == ""
+
+
+def test_a_file_without_its_memory_is_another_result(files: list[tuple[Path, dict[str, Any]]]) -> None:
+    """Lag and play do not begin at rest there; from a later second on they do, since nothing is known of it."""
+    path, live = files[2]
+    without = replay(path, ReplayOptions(overrides={"memory": ""}))
+    assert without["effects"] != live["effects"]
+    assert without["config_sha256"] != live["config_sha256"]
+    assert replay(path, ReplayOptions(start=1.0))["history_known"] is False
+
+
+def test_files_name_the_one_before_and_their_power_on(files: list[tuple[Path, dict[str, Any]]]) -> None:
+    """Ids, hashes, numbers and the power-on's beginning."""
+    logs = [reader.read(path) for path, _ in files]
+    one, two, three = (log.info for log in logs)
+    assert len({one.log_id, two.log_id, three.log_id, ""}) == 4
+    assert {info.power_on for info in (one, two, three)} == {one.log_id}
+    assert [info.part for info in (one, two, three)] == [1, 2, 3]
+    assert [info.continues for info in (one, two, three)] == ["", "a.mcap", "a_p2.mcap"]
+    assert [info.continues_id for info in (two, three)] == [one.log_id, two.log_id]
+    assert [info.continues_sha256 for info in (two, three)] == [reader.sha256(path) for path, _ in files[:2]]
+    assert {info.power_on_ns for info in (two, three)} == {int(logs[0].stamp_ns[0])}
+
+
+def test_memory_that_is_none_is_refused_and_that_of_other_lags_is_unknown(
+    files: list[tuple[Path, dict[str, Any]]],
+) -> None:
+    """Text that was changed by hand is said to be; another version's is as if there were none."""
+    path, live = files[1]
+    with pytest.raises(ValueError, match="memory of temperature"):
+        replay(path, ReplayOptions(overrides={"memory": '{"lags": 3}'}))
+    held = json.loads(reader.read(path).info.memory)
+    fewer = json.dumps({**held, "lags": held["lags"][:-1]})
+    unknown = replay(path, ReplayOptions(overrides={"memory": ""}))
+    assert replay(path, ReplayOptions(overrides={"memory": fewer}))["effects"] == unknown["effects"]
+    assert unknown["effects"] != live["effects"]
+
+
+def test_without_effects_nothing_is_remembered(tmp_path: Path) -> None:
+    """The next file still continues the one before it."""
+    (_, _), (second, _) = recorded(tmp_path, 400, 800, effects="")
+    info = reader.read(second).info
+    assert info.memory == ""
+    assert info.continues == "a.mcap"
+    assert replace(info, memory="").part == 2

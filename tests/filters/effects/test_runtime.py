@@ -140,6 +140,19 @@ def test_one_by_one_is_all_at_once_to_the_last_bit() -> None:
         assert together[2].tobytes() == other[2].tobytes()
 
 
+def test_memory_goes_on_in_other_effects_to_the_last_bit() -> None:
+    """Terms in temperature whose state was handed on as text are as if there had been no other file."""
+    members = [MEMBERS[name] for name in ("thermal_lin", "thermal_rate", "thermal_lag", "hysteresis")]
+    n, cut = 600, 251
+    together = rows(causal(*members), False, [slice(0, n)])[0][cut:]
+    first, second, forgetful = (causal(*members) for _ in range(3))
+    assert first.memory() == ""
+    rows(first, False, [slice(0, cut)])
+    second.restore(first.memory())
+    assert rows(second, False, [slice(cut, n)])[0].tobytes() == together.tobytes()
+    assert rows(forgetful, False, [slice(cut, n)])[0].tobytes() != together.tobytes()
+
+
 def test_all_members_together_are_what_the_filter_asks_for() -> None:
     """States, covariance and rows pass the filter's own checks; each state has its columns where its effect acts."""
     effects = causal(*MEMBERS.values())
