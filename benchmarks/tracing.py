@@ -85,9 +85,9 @@ def scored(case: Case, document: dict[str, Any], seconds: float) -> Outcome:
         case.name,
         case.campaign,
         seconds,
-        [_told(truth, document, case) for truth in case.truths],
-        [_short(f) for f in everything],
-        [_short(f) for f in everything if not touched & set(f["channels"])],
+        [told_of(truth, document, case) for truth in case.truths],
+        [short(f) for f in everything],
+        [short(f) for f in everything if not touched & set(f["channels"])],
         [f"{d['kind']} {','.join(d['channels'])}" for d in document["drift"]],
         out,
         len(document["limits"]),
@@ -96,13 +96,15 @@ def scored(case: Case, document: dict[str, Any], seconds: float) -> Outcome:
     )
 
 
-def _short(finding: dict[str, Any]) -> str:
+def short(finding: dict[str, Any]) -> str:
+    """A finding in a few words: effect, channels, score, rivals."""
     rivals = [r["effect"] for r in finding["rivals"]]
     text = f"{finding['effect']} {','.join(finding['channels'])} {finding['score']:.0f}"
     return text + (f" or {'/'.join(rivals)}" if rivals else "")
 
 
-def _told(truth: Truth, document: dict[str, Any], case: Case) -> Told:
+def told_of(truth: Truth, document: dict[str, Any], case: Case) -> Told:
+    """What a report says of one of a case's truths."""
     here = [f for f in document["findings"] if set(f["channels"]) & set(truth.channels)]
     own = [f for f in here if f["effect"] in truth.names and _same_tone(f, truth)]
     named = bool(own) or _elsewhere(truth, document)
@@ -400,9 +402,8 @@ def run(name: str, final: bool) -> tuple[Case, dict[str, Any], float]:
     return case, document, time.process_time() - start
 
 
-def replay(name: str, final: bool) -> None:
+def shown(name: str, case: Case, document: dict[str, Any], seconds: float) -> None:
     """Print all that is found in one case."""
-    case, document, seconds = run(name, final)
     print(
         f"{name}: {case.campaign}, {len(case.runs)} runs of {case.runs[0].seconds:.0f} s, traced in {seconds:.1f} s CPU"
     )
@@ -444,7 +445,7 @@ def main() -> None:
     parser.add_argument("--replay", metavar="CLASS:NUMBER", help="show one case")
     arguments = parser.parse_args()
     if arguments.replay:
-        replay(arguments.replay, arguments.final)
+        shown(arguments.replay, *run(arguments.replay, arguments.final))
         return
     outcomes: dict[str, list[Outcome]] = {}
     for kind in arguments.cases.split(","):
