@@ -15,7 +15,9 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  6 what can't   `identifiability` effects that these runs can't show · `detectability` the smallest size that a log
    be seen      would show, and what a motion lets be told before it is made
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
-                noise · `unseen_cells` gain on what the fit has not seen · `drift_guard` whether drift would do as well
+                noise · `step_beside_drift`, `telegraph_beside_drift` those of a channel that drifts ·
+                `beside_drift` slow effects with drift fitted on both sides · `unseen_cells` gain on what the fit has
+                not seen · `drift_guard` whether drift would do as well
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
  9 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the

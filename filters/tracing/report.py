@@ -144,7 +144,7 @@ def _rival(r: Rival) -> RivalEntry:
     return entry
 
 
-def _parameters(f: Finding) -> list[ParameterEntry]:
+def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
     """What was fitted, then what fixes the shape."""
     h = f.term.hypothesis
     sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
@@ -265,10 +265,10 @@ def _weak(w: Weak) -> WeakEntry:
         "effect": h.effect,
         "label": h.label,
         "channels": [CHANNELS[c] for c in h.channels],
-        "params": [],
+        "params": _parameters(w),
         "score": w.score,
         "guarded_score": w.guarded,
-        "limit": None,
+        "limit": None if w.limit is None else w.limit / h.parameters()[0].si,
         "why": w.why,
     }
 

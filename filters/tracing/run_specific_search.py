@@ -6,6 +6,8 @@ import numpy as np
 
 from filters.effects import run_specific
 from filters.effects.run_specific import RunSpecific, Tone
+from filters.tracing import step_beside_drift, telegraph_beside_drift
+from filters.tracing.beside_drift import gain_beside
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
 from filters.tracing.whitening import unbiased
@@ -44,20 +46,39 @@ def search(design: Design, terms: Sequence[Term], channel: int) -> list[tuple[Te
     made: list[RunSpecific | None] = [
         run_specific.tone(channel, white, stack.t, stack.starts, stack.period, run_specific.TONE_HZ)
     ]
+    if design.drift[channel].level > 0.0:
+        return _new(terms, on, [(x, _gain(design, x, own)) for x in made if x]) + _new(
+            terms, on, _beside_drift(design, terms, channel)
+        )
     if _uneven(plain):
         made.append(run_specific.step(channel, plain, basis, stack.t, stack.begins))
         own_bias = stack.power_on
         mean = np.bincount(own_bias, r / variance) / np.maximum(np.bincount(own_bias, 1.0 / variance), 1e-300)
         made.append(run_specific.telegraph(channel, r - mean[own_bias], np.sqrt(variance), stack.begins))
+    return _new(terms, on, [(x, _gain(design, x, own)) for x in made if x])
+
+
+def _beside_drift(design: Design, terms: Sequence[Term], channel: int) -> list[tuple[RunSpecific, float]]:
+    """A step and two-level noise, drift fitted with and without them."""
+    found: list[tuple[RunSpecific, float]] = []
+    step = step_beside_drift.step(design, terms, channel)
+    if step is not None:
+        found.append((step, gain_beside(design, terms, channel, step.made)))
+    levels = telegraph_beside_drift.telegraph(design, terms, channel)
+    return found if levels is None else [*found, levels]
+
+
+def _new(
+    terms: Sequence[Term], on: Sequence[Term], found: Sequence[tuple[RunSpecific, float]]
+) -> list[tuple[Term, float]]:
+    """Those that are not selected yet, as terms."""
     taken = {a.key for a in terms}
-    found = []
-    for effect in made:
-        if effect is None or _crowded(on, effect):
-            continue
-        term = Term(effect, {channel: np.arange(effect.made.shape[1])})
-        if term.key not in taken:
-            found.append((term, _gain(design, effect, own)))
-    return found
+    made = [
+        (Term(effect, {effect.channel: np.arange(effect.made.shape[1])}), gain)
+        for effect, gain in found
+        if not _crowded(on, effect)
+    ]
+    return [(term, gain) for term, gain in made if term.key not in taken]
 
 
 def _crowded(on: Sequence[Term], effect: RunSpecific) -> bool:

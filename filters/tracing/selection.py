@@ -3,8 +3,9 @@
     score = gain - K ln(n_s) - 2 ln(grid),   n_s seconds of data
 
 A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_cells`), and if
-it still does so when both models have their own best drift process (`drift_guard`). What fails the guard is weak: not
-told from drift.
+it still does so when both models have their own best drift process (`drift_guard`). Where a channel drifts, slow
+effects are scored with drift fitted anew on both sides to begin with (`beside_drift`), alone and in pairs. What scores
+and does not join is weak, with its size and the size that would have joined (`weak_effects`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from filters.effects.run_specific import RunSpecific, Step, Tone
+from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
+from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.drift_guard import drift_price, guarded_score, likeliest_drift
@@ -27,6 +29,8 @@ _ROUNDS = 24
 _TRIES = 6
 _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
+_MOST_WEAK = 4  # of a channel
+_EVENT_CELLS = 4
 _ORDER = (
     "thermal_lin",
     "scale",
@@ -47,9 +51,9 @@ _ORDER = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Weak:
-    """What scored and could not be told from drift, or did not gain on cells that it had not seen.
+    """What scored and was not accepted.
 
     Attributes
     ----------
@@ -60,12 +64,19 @@ class Weak:
         and with it; 0 where it did not come so far.
     why : str
         In words.
+    theta, covariance : Array
+        Parameters as they would be, SI, shape (k,), and their covariance, shape (k, k).
+    limit : float or None
+        Size of the first parameter, SI, that would have been accepted; None where size is not what it lacks.
     """
 
     term: Term
     score: float
     guarded: float
     why: str
+    theta: Array
+    covariance: Array
+    limit: float | None
 
 
 @dataclass
@@ -141,17 +152,20 @@ def select(
             break
     _settle_drift(chosen, channels)
     _prune(chosen, KEEP)
+    _list_weak(chosen, usable, channels)
     progress(1.0)
     return chosen
 
 
 @dataclass(frozen=True)
 class _Candidate:
+    """A term, or two, or a drift, of a channel (-1: shared); `drift` is the best beside it, None as it is."""
+
     score: float
     gain: float
-    term: Term | None
+    terms: tuple[Term, ...]
     channel: int
-    drift: Drift = NONE
+    drift: Drift | None = None
 
 
 _Searched = dict[int, tuple[object, list[_Candidate]]]  # by channel: the state it was searched in, and what was found
@@ -163,7 +177,8 @@ def _round(chosen: Selection, usable: list[Term], channels: Sequence[int], searc
     for candidate in _candidates(chosen, usable, channels, searched):
         if candidate.score <= ACCEPT:
             return False
-        if candidate.term is None:
+        if not candidate.terms:
+            assert candidate.drift is not None
             chosen.design.set_drift(candidate.channel, candidate.drift)
             _prune(chosen, KEEP)
             return True
@@ -177,14 +192,13 @@ def _round(chosen: Selection, usable: list[Term], channels: Sequence[int], searc
 
 
 def _accept(chosen: Selection, candidate: _Candidate) -> None:
-    term = candidate.term
-    assert term is not None
-    h = term.hypothesis
-    if isinstance(h, RunSpecific) and not any(term is a for a in chosen.design.terms):
-        term = chosen.design.add(h, h.made)
-    chosen.terms.append(term)
-    chosen.weak = [w for w in chosen.weak if w.term.key != term.key]
-    for c in term.places:
+    for term in candidate.terms:
+        h = term.hypothesis
+        if isinstance(h, RunSpecific) and not any(term is a for a in chosen.design.terms):
+            term = chosen.design.add(h, h.made)
+        chosen.terms.append(term)
+        chosen.weak = [w for w in chosen.weak if _kind(w.term) != _kind(term)]
+    for c in candidate.terms[0].places:
         if chosen.design.drift[c].level > 0.0:
             chosen.design.set_drift(c, likeliest_drift(chosen.design, chosen.terms, c)[1])
     _prune(chosen, KEEP)
@@ -206,38 +220,80 @@ def _candidates(
     """All candidates, the best score first."""
     taken = {a.key for a in chosen.terms}
     free = [a for a in usable if a.key not in taken]
-    gains = chosen.design.gains(chosen.terms, free)
-    _strike_time(free, gains)
+    plain = [a for a in free if not _judged_beside_drift(chosen, a)]
+    gains = chosen.design.gains(chosen.terms, plain)
+    _strike_time(plain, gains)
     # of two that do as well the plainer one, which the catalogue has first
     found = [
         _Candidate(
             float(g) - chosen.price(a) - _RANK * rank(a),
             float(g),
-            a,
+            (a,),
             next(iter(a.places)) if len(a.places) == 1 else -1,
         )
-        for a, g in zip(free, gains, strict=True)
+        for a, g in zip(plain, gains, strict=True)
         if g > ACCEPT
     ]
     for c in channels:
-        found += _of_channel(chosen, c, searched)
+        found += _of_channel(chosen, free, c, searched)
     return iter(sorted(found, key=lambda candidate: -candidate.score))
 
 
-def _of_channel(chosen: Selection, channel: int, searched: _Searched) -> list[_Candidate]:
-    """Run-specific effects and drift of a channel, sought again only when something has changed there."""
+def _judged_beside_drift(chosen: Selection, term: Term) -> bool:
+    """Whether a term is slow and on a channel that drifts."""
+    return is_judged(term) and chosen.design.drift[next(iter(term.places))].level > 0.0
+
+
+def _of_channel(chosen: Selection, free: list[Term], channel: int, searched: _Searched) -> list[_Candidate]:
+    """Run-specific and slow effects and drift of a channel, sought again only when something has changed there."""
     design = chosen.design
     state = tuple(a.key for a in chosen.on(channel)), design.drift[channel]
     before, found = searched.get(channel, (None, []))
     if before == state:
         return found
     made = search(design, chosen.terms, channel)
-    found = [_Candidate(gain - chosen.price(term), gain, term, channel) for term, gain in made]
+    found = [_Candidate(gain - chosen.price(term), gain, (term,), channel) for term, gain in made]
     if design.drift[channel].level == 0.0:
         gain, drift = likeliest_drift(design, chosen.terms, channel)
-        found.append(_Candidate(gain - drift_price(design, channel), gain, None, channel, drift))
+        found.append(_Candidate(gain - drift_price(design, channel), gain, (), channel, drift))
+    else:
+        found += _slow(chosen, [a for a in free if channel in a.places and is_judged(a)], channel)
     searched[channel] = state, found
     return found
+
+
+def _slow(chosen: Selection, terms: list[Term], channel: int) -> list[_Candidate]:
+    """Slow effects of a channel that drifts, and pairs of them, drift fitted anew beside each."""
+    pairs = _pairs(terms)
+    judged = beside_drift(chosen.design, chosen.terms, channel, [*((a,) for a in terms), *pairs])
+    gains = judged.gain
+    _strike_time(terms, gains[: len(terms)])
+    found = []
+    for k, a in enumerate(terms):
+        if gains[k] > ACCEPT:
+            score = float(gains[k]) - chosen.price(a) - _RANK * rank(a)
+            found.append(_Candidate(score, float(gains[k]), (a,), channel, judged.drift_with(k)))
+    own = {a.key: float(gains[k]) - chosen.price(a) for k, a in enumerate(terms)}
+    choice = 2.0 * float(np.log(max(1, _kinds(pairs))))
+    best: dict[tuple[str, str], _Candidate] = {}
+    for k, (a, b) in enumerate(pairs, len(terms)):
+        gain = float(gains[k])
+        score = gain - chosen.price(a) - chosen.price(b) - choice
+        if score - max(own[a.key], own[b.key], 0.0) > ACCEPT:
+            kind = a.hypothesis.effect, b.hypothesis.effect
+            if kind not in best or score > best[kind].score:
+                best[kind] = _Candidate(score, gain, (a, b), channel, judged.drift_with(k))
+    return found + list(best.values())
+
+
+def _pairs(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
+    """Pairs of slow effects of one parameter each and of two kinds."""
+    single = [a for a in terms if a.size == 1 and not a.hypothesis.effect.startswith("driver:")]
+    return [(a, b) for n, a in enumerate(single) for b in single[n + 1 :] if a.hypothesis.effect != b.hypothesis.effect]
+
+
+def _kinds(pairs: Sequence[tuple[Term, Term]]) -> int:
+    return len({(a.hypothesis.effect, b.hypothesis.effect) for a, b in pairs})
 
 
 def rank(term: Term) -> int:
@@ -260,29 +316,115 @@ def _strike_time(terms: list[Term], gains: Array) -> None:
 
 def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     """Whether a candidate gains on unseen cells, and beside drift; what it lacks is noted."""
-    term, design = candidate.term, chosen.design
-    assert term is not None
-    h = term.hypothesis
+    design, terms = chosen.design, candidate.terms
+    h = terms[0].hypothesis
     made = h.made if isinstance(h, RunSpecific) else None
     if not isinstance(h, Step):
-        total, without = unseen_gain(design, chosen.terms, term, made)
-        if not (total > 0.5 * candidate.gain and without > 0.0):
+        unseen = _unseen(chosen, candidate, made)
+        if unseen is None:
             _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
             return False
-        chosen.unseen_gain[term.key] = total
-    if len(term.places) > 1:
+        chosen.unseen_gain.update(unseen)
+    if len(terms[0].places) > 1:
         return True
-    guarded = guarded_score(design, chosen.terms, term, made, chosen.price(term), ACCEPT)
+    if len(terms) > 1:
+        made = np.hstack([design.columns[:, a.places[candidate.channel]] for a in terms])
+    price = sum(chosen.price(a) for a in terms)
+    guarded = guarded_score(design, chosen.terms, terms[0], made, price, ACCEPT)
     if guarded <= ACCEPT:
         _note(chosen, candidate, guarded, "not told from drift")
         return False
     return True
 
 
+def _unseen(chosen: Selection, candidate: _Candidate, made: Array | None) -> dict[object, float] | None:
+    """What each term of a candidate gains on unseen cells beside the others; None if that is too little."""
+    design, drifts = chosen.design, list(chosen.design.drift)
+    if candidate.drift is not None:
+        drifts[candidate.channel] = candidate.drift
+    found: dict[object, float] = {}
+    for term in candidate.terms:
+        others = [a for a in candidate.terms if a is not term]
+        # noise of two levels is there all the time: what happened a few times is an event
+        spread = isinstance(term.hypothesis, Telegraph)
+        total, without = unseen_gain(
+            design, [*chosen.terms, *others], term, made, drifts, _EVENT_CELLS if spread else 1
+        )
+        least = 0.5 * candidate.gain if not others else 0.5 * (ACCEPT + chosen.price(term))
+        if not (total > least and without > (0.3 * candidate.gain if spread else 0.0)):
+            return None
+        found[term.key] = total
+    return found
+
+
 def _note(chosen: Selection, candidate: _Candidate, guarded: float, why: str) -> None:
-    assert candidate.term is not None
-    chosen.weak = [w for w in chosen.weak if w.term.key != candidate.term.key]
-    chosen.weak.append(Weak(candidate.term, candidate.score, guarded, why))
+    """List a candidate as weak, in the place of the same effect there where that scored less."""
+    for term in candidate.terms:
+        rest = [*chosen.terms, *(a for a in candidate.terms if a is not term)]
+        made = weak_of(chosen, rest, term, candidate.score, guarded, why, candidate.drift)
+        others = [w for w in chosen.weak if _kind(w.term) == _kind(term)]
+        if all(w.score < made.score or w.term.key == term.key for w in others):
+            chosen.weak = [*(w for w in chosen.weak if _kind(w.term) != _kind(term)), made]
+
+
+def _kind(term: Term) -> tuple[str, tuple[int, ...]]:
+    return term.hypothesis.effect, term.hypothesis.channels
+
+
+def weak_of(
+    chosen: Selection, rest: Sequence[Term], term: Term, score: float, guarded: float, why: str, drift: Drift | None
+) -> Weak:
+    """A term that is not accepted, with its size and the size that would have been.
+
+    Parameters
+    ----------
+    chosen : Selection
+        Data.
+    rest : sequence of Term
+        What it is fitted beside.
+    term : Term
+        Which.
+    score, guarded : float
+        Without the guard and with it; `guarded` 0 where it did not come so far.
+    why : str
+        In words.
+    drift : Drift or None
+        That of its channel beside it; None: as it is.
+    """
+    design, h = chosen.design, term.hypothesis
+    if len(term.places) > 1:
+        theta, covariance = design.fit([*rest, term]).of(len(rest))
+    else:
+        ((c, places),) = term.places.items()
+        columns = h.made if isinstance(h, RunSpecific) else design.columns[:, places]
+        theta, covariance = fitted_beside(design, rest, c, columns, design.drift[c] if drift is None else drift)
+    gain = min(score, guarded or score) + chosen.price(term)
+    limit = None
+    if min(score, guarded or score) <= ACCEPT and gain > 0.0 and theta.size == 1:
+        limit = float(abs(theta[0]) * np.sqrt((ACCEPT + chosen.price(term)) / gain))
+    return Weak(term=term, score=score, guarded=guarded, why=why, theta=theta, covariance=covariance, limit=limit)
+
+
+def _list_weak(chosen: Selection, usable: list[Term], channels: Sequence[int]) -> None:
+    """List slow effects that score, but not enough: the best form of each."""
+    taken = {_kind(a) for a in (*chosen.terms, *(w.term for w in chosen.weak))}
+    for c in channels:
+        if chosen.design.drift[c].level == 0.0:
+            continue
+        terms = [a for a in usable if c in a.places and is_judged(a) and _kind(a) not in taken]
+        terms = [a for a in terms if not a.hypothesis.effect.startswith("driver:")]
+        judged = beside_drift(chosen.design, chosen.terms, c, [(a,) for a in terms])
+        scores = judged.gain - np.array([chosen.price(a) for a in terms])
+        listed: set[str] = set()
+        for k in np.argsort(-scores).tolist():
+            effect = terms[k].hypothesis.effect
+            if scores[k] <= 0.0 or len(listed) >= _MOST_WEAK:
+                break
+            if effect not in listed:
+                listed.add(effect)
+                why = "scores, but less than it takes to be told from drift"
+                made = weak_of(chosen, chosen.terms, terms[k], float(scores[k]), 0.0, why, judged.drift_with(k))
+                chosen.weak.append(made)
 
 
 def _settle_drift(chosen: Selection, channels: Sequence[int]) -> None:

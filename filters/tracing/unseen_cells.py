@@ -8,16 +8,21 @@ from numpy.typing import NDArray
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import VISIBLE, Design, first_parameters, inverse_of, parameters_on
 from filters.tracing.stack import FOLDS
-from filters.tracing.whitening import whiten
+from filters.tracing.whitening import Drift, whiten
 from filters.types import Array
 
 _Part = tuple[int, Array, NDArray[np.int_]]  # a channel, its residual and columns, and which parameters those are
 
 
 def unseen_gain(
-    design: Design, selection: Sequence[Term], term: Term, made: Array | None = None
+    design: Design,
+    selection: Sequence[Term],
+    term: Term,
+    made: Array | None = None,
+    drifts: Sequence[Drift] | None = None,
+    spared: int = 1,
 ) -> tuple[float, float]:
-    """Gain of a term on cells that its fit has not seen, over five folds, and the same without its best cell.
+    """Gain of a term on cells that its fit has not seen, over five folds, and the same without its best cells.
 
     Both fits, without and with it, are joint over all channels that shared effects tie to the term's.
 
@@ -31,7 +36,12 @@ def unseen_gain(
         The new one.
     made : Array or None
         Columns of its own, shape (n, k), of one that is not in the design.
+    drifts : sequence of Drift or None
+        Of the six channels; by default the design's.
+    spared : int
+        How many best cells are left out of the second figure.
     """
+    drifts = design.drift if drifts is None else drifts
     stack, tied = design.stack, _tied(selection, term)
     terms = [*(a for a in selection if set(a.places) & tied), term]
     ends = [*first_parameters(terms), sum(a.size for a in terms)]
@@ -43,18 +53,23 @@ def unseen_gain(
         parts.append((c, np.column_stack([stack.y[:, c], design.columns[:, places], *own]), rows))
     cells = np.zeros(int(stack.cell[-1]) + 1)
     for fold in range(FOLDS):
-        cells += _of_fold(design, parts, ends, stack.cell % FOLDS != fold, cells.size)
-    return float(cells.sum()), float(cells.sum() - cells.max())
+        cells += _of_fold(design, drifts, parts, ends, stack.cell % FOLDS != fold, cells.size)
+    return float(cells.sum()), float(np.sort(cells)[:-spared].sum())
 
 
 def _of_fold(
-    design: Design, parts: Sequence[_Part], ends: Sequence[int], train: NDArray[np.bool_], count: int
+    design: Design,
+    drifts: Sequence[Drift],
+    parts: Sequence[_Part],
+    ends: Sequence[int],
+    train: NDArray[np.bool_],
+    count: int,
 ) -> Array:
     """Gain of the last term in each cell that a fold's fit has not seen, shape (count,)."""
     n, test = ends[-1], ~train
     A, b, unseen = np.zeros((n, n)), np.zeros(n), []
     for c, raw, rows in parts:
-        fitted, judged = _whitened(design, raw, c, train)
+        fitted, judged = _whitened(design, drifts[c], raw, c, train)
         X = fitted[train, 1:]
         A[np.ix_(rows, rows)] += X.T @ X
         b[rows] += X.T @ fitted[train, 0]
@@ -68,17 +83,17 @@ def _of_fold(
     return cells
 
 
-def _whitened(design: Design, raw: Array, channel: int, train: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _whitened(design: Design, drift: Drift, raw: Array, channel: int, train: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Columns whitened for the fit as if the other cells were missing, and for judging those cells.
 
     Without drift each power-on's bias is that of the fitted cells: one of all cells tells them of the others. With
     drift the filter goes by the past; its memory of a cell that was left out is no part of the fit.
     """
-    stack, variance, drift = design.stack, design.variance(channel), design.drift[channel]
+    stack, variance = design.stack, design.variance(channel)
     if drift.level > 0.0:
         missing = np.where(train, variance, np.inf)
         fitted = whiten(raw, stack.t, stack.begins, missing, drift)[0]
-        return fitted, design.white(raw, channel)
+        return fitted, design.white(raw, channel, drift)
     root = 1.0 / np.sqrt(variance)
     fitted = np.where(train, root, 0.0)
     total = np.maximum(np.bincount(stack.power_on, fitted**2), 1e-300)

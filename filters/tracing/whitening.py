@@ -6,7 +6,7 @@ r and, with the same gains, over every column of φ; normalised innovations turn
 with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ LEVELS = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, 5.0)
 """Standard deviations of drift that are tried, over that of the white noise in 1 s; of a walk, after 100 s."""
 
 _DIFFUSE = 1e8
+_COARSE_TAUS, _COARSE_LEVELS, _STARTS = 3, 3, 2
 _WALK_S = 100.0
 
 
@@ -212,14 +213,19 @@ def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
 
 def profile(whitened: Array) -> float:
     """Squared norm of the first column after the others were fitted to it."""
-    y, X = whitened[:, 0], whitened[:, 1:]
-    if X.shape[1] == 0:
-        return float(y @ y)
-    scale = np.linalg.norm(X, axis=0)
-    X = X[:, scale > 0.0] / scale[scale > 0.0]
-    gram, right = X.T @ X, X.T @ y
-    theta = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
-    return float(y @ y - right @ theta)
+    gram = whitened.T @ whitened
+    own = np.diag(gram)[1:]
+    if not own.size:
+        return float(gram[0, 0])
+    scale = np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    right = gram[1:, 0] * scale
+    theta = np.linalg.lstsq(gram[1:, 1:] * np.outer(scale, scale), right, rcond=1e-10)[0]
+    return float(gram[0, 0] - right @ theta)
+
+
+def drift_grid(unit: float, taus: Sequence[float] = TAUS) -> list[Drift]:
+    """Drifts that are tried, for white noise of `unit` in 1 s."""
+    return [Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0)) for tau in taus for level in LEVELS]
 
 
 def best_drift(
@@ -251,14 +257,33 @@ def best_drift(
     finite = variance[np.isfinite(variance)]
     unit = np.sqrt(np.median(finite) * period)
     none = _minus_two_log(columns, t, starts, variance, NONE)
-    best, found = np.inf, NONE
-    for tau in taus:
-        for level in LEVELS:
-            drift = Drift(tau, level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0))
-            value = _minus_two_log(columns, t, starts, variance, drift)
-            if value < best:
-                best, found = value, drift
-    return best, found, none
+    grid = drift_grid(float(unit), taus)
+    best, k = _least(lambda k: _minus_two_log(columns, t, starts, variance, grid[k]), len(taus))
+    return best, grid[k], none
+
+
+def _least(value: Callable[[int], float], taus: int) -> tuple[float, int]:
+    """Least value over the grid of drifts, and its number: from a few of them downhill, for it is smooth."""
+    known: dict[tuple[int, int], float] = {}
+
+    def at(i: int, j: int) -> float:
+        if (i, j) not in known:
+            known[i, j] = value(i * len(LEVELS) + j)
+        return known[i, j]
+
+    for i in sorted({*range(0, taus, _COARSE_TAUS), taus - 1}):
+        for j in range(_COARSE_LEVELS // 2, len(LEVELS), _COARSE_LEVELS):
+            at(i, j)
+    for start in sorted(known, key=lambda cell: known[cell])[:_STARTS]:
+        here, moved = start, True
+        while moved:
+            i, j = here
+            near = [(i + a, j + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+            near = [(a, b) for a, b in near if 0 <= a < taus and 0 <= b < len(LEVELS)]
+            best = min(near, key=lambda cell: at(*cell))
+            here, moved = best, known[best] < known[here]
+    i, j = min(known, key=lambda cell: known[cell])
+    return known[i, j], i * len(LEVELS) + j
 
 
 def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:
@@ -285,23 +310,16 @@ def best_pair(
     unit = np.sqrt(np.median(variance[np.isfinite(variance)]) * period)
     out = np.empty_like(columns)
     columns = np.ascontiguousarray(columns)
-    best = np.inf
-    held = first
+    grid = drift_grid(float(unit))
+
+    def pair(a: Drift, b: Drift) -> float:
+        taus, sizes = np.array([a.tau, b.tau]), np.array([a.level, b.level])
+        log_det = float(_whiten_twice(columns, t, starts, variance, taus, sizes, out))
+        return profile(out) + log_det
+
+    best, held = np.inf, first
     for _ in range(2):
-        found = held
-        for tau in TAUS:
-            for level in LEVELS:
-                own = level * unit / (np.sqrt(_WALK_S) if np.isinf(tau) else 1.0)
-                taus, sizes = np.array([held.tau, tau]), np.array([held.level, own])
-                value = _pair(columns, t, starts, variance, taus, sizes, out)
-                if value < best:
-                    best, found = value, Drift(tau, own)
-        held = found
+        beside = held
+        value, k = _least(lambda k, beside=beside: pair(beside, grid[k]), len(TAUS))  # type: ignore[misc]
+        best, held = min(best, value), grid[k]
     return best
-
-
-def _pair(
-    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, taus: Array, sizes: Array, out: Array
-) -> float:
-    log_det = float(_whiten_twice(columns, t, starts, variance, taus, sizes, out))
-    return profile(out) + log_det

@@ -1,0 +1,238 @@
+"""Terms of a channel judged beside drift: how likely the data are under each drift of a grid, without and with a term.
+
+Drift and a slow effect are made of the same frequencies. A drift that was fitted before the effect was thought of has
+already taken its part, so the two are compared with drift fitted anew on both sides:
+
+    gain = min over drifts of -2 log L without the term - min over drifts of -2 log L with it
+
+All terms are whitened at once for each drift, on rows that are as coarse as slow effects allow. What it leaves out:
+sums of two drifts (`drift_guard`), effects of motion, which such rows would lose.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.tracing.columns import Term, is_slow
+from filters.tracing.design_matrix import VISIBLE, Design, inverse_of
+from filters.tracing.drift_guard import by_seconds, drift_price
+from filters.tracing.whitening import NONE, Drift, drift_grid, whiten
+from filters.types import Array
+
+_ROWS = 2000
+"""Rows at most of the runs together; never shorter than a second."""
+_SECOND_S = 1.0
+
+
+_Numbers = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class BesideDrift:
+    """A channel under every drift of a grid.
+
+    Attributes
+    ----------
+    drifts : tuple of Drift
+        None first.
+    values : Array
+        -2 log likelihood under each with what is selected, shape (m,).
+    gains : Array
+        How much a term lowers it, shape (m, terms).
+    price : Array
+        What each drift costs, shape (m,).
+    """
+
+    drifts: tuple[Drift, ...]
+    values: Array
+    gains: Array
+    price: Array
+
+    @property
+    def gain(self) -> Array:
+        """Of each term, drift fitted on both sides, shape (terms,)."""
+        return np.asarray(self.values.min() - (self.values[:, None] - self.gains).min(axis=0))
+
+    def drift_with(self, number: int) -> Drift:
+        """The best drift beside a term, what it costs counted."""
+        return self.drifts[int(np.argmin(self.values - self.gains[:, number] + self.price))]
+
+    @property
+    def drift(self) -> tuple[float, Drift]:
+        """What the best drift gains beside what is selected, and the drift."""
+        k = 1 + int(np.argmin((self.values + self.price)[1:]))
+        return float(self.values[0] - self.values[k]), self.drifts[k]
+
+
+def is_judged(term: Term) -> bool:
+    """Whether a term is slow enough, and on one channel."""
+    return len(term.places) == 1 and is_slow(term.hypothesis)
+
+
+def beside_drift(
+    design: Design, selection: Sequence[Term], channel: int, terms: Sequence[tuple[Term, ...]]
+) -> BesideDrift:
+    """Judge terms of a channel beside drift.
+
+    Parameters
+    ----------
+    design : Design
+        Data and columns.
+    selection : sequence of Term
+        What is selected; what several channels share stays as it is fitted.
+    channel : int
+        Which.
+    terms : sequence of tuple of Term
+        Of that channel alone, slow; of several the gain of all together.
+    """
+    places = [np.concatenate([a.places[channel] for a in group]) for group in terms]
+    distinct, inverse = np.unique(np.concatenate([np.zeros(0, int), *places]), return_inverse=True)
+    ends = np.cumsum([0, *(p.size for p in places)])
+    groups = [inverse[a:b] for a, b in itertools.pairwise(ends.tolist())]
+    return of_columns(design, selection, channel, design.columns[:, distinct], groups)
+
+
+def of_columns(
+    design: Design, selection: Sequence[Term], channel: int, columns: Array, groups: Sequence[_Numbers]
+) -> BesideDrift:
+    """As `beside_drift`, of columns that need not be in the design: a term is a group of their numbers."""
+    rows = rows_of(design, selection, channel, columns)
+    scale = np.sqrt(np.mean(rows.values**2, axis=0))
+    scaled = rows.values / np.where(scale > 0.0, scale, 1.0)
+    scaled[:, 0] *= scale[0]
+    finite = rows.variance[np.isfinite(rows.variance)]
+    drifts = (NONE, *drift_grid(float(np.sqrt(np.median(finite) * rows.seconds))))
+    values, gains = np.empty(len(drifts)), np.empty((len(drifts), len(groups)))
+    solver = _Solver(groups)
+    seen = np.zeros(0)
+    for k, drift in enumerate(drifts):
+        W, log_det = whiten(scaled, rows.t, rows.starts, rows.variance, drift)
+        if k == 0:
+            seen = np.sum(W[:, 1 + rows.selected :] ** 2, axis=0)
+        left, gains[k] = solver(W, rows.selected, seen, float(finite.min()))
+        values[k] = left + log_det
+    cost = drift_price(design, channel)
+    less = float(np.log(design.stack.seconds(channel)))
+    price = np.array([0.0 if d.level == 0.0 else cost - less * d.is_walk for d in drifts])
+    return BesideDrift(drifts, values, gains, price)
+
+
+def gain_beside(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> float:
+    """Gain of columns together, drift fitted with and without them."""
+    judged = of_columns(design, selection, channel, columns, [np.arange(columns.shape[1])])
+    return float(judged.gain[0])
+
+
+def fitted_beside(
+    design: Design, selection: Sequence[Term], channel: int, columns: Array, drift: Drift
+) -> tuple[Array, Array]:
+    """Parameters of columns on a channel under a drift, and their covariance; shapes (k,), (k, k)."""
+    rows = rows_of(design, selection, channel, columns)
+    selected = rows.selected
+    W, _ = whiten(rows.values, rows.t, rows.starts, rows.variance, drift)
+    inverse = inverse_of(W[:, 1:].T @ W[:, 1:])
+    return (inverse @ (W[:, 1:].T @ W[:, 0]))[selected:], inverse[selected:, selected:]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A channel averaged over a second or more.
+
+    Attributes
+    ----------
+    values : Array
+        Residual, columns of what is selected, other columns, SI, shape (m, 1 + selected + k).
+    t : Array
+        s since power-on, shape (m,).
+    starts : integer array
+        First row of each power-on.
+    variance : Array
+        Of the white noise of each row, infinite where there is no data, shape (m,).
+    selected : int
+        How many columns of what is selected there are.
+    seconds : float
+        Length of a row.
+    """
+
+    values: Array
+    t: Array
+    starts: _Numbers
+    variance: Array
+    selected: int
+    seconds: float
+
+
+def rows_of(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> Rows:
+    """Rows of a channel's residual, of the columns of what is selected there, and of others.
+
+    What several channels share is taken off as the selection's joint fit has it.
+    """
+    stack = design.stack
+    y = stack.y[:, channel].copy()
+    fit = design.fit(selection)
+    for term, theta in zip(fit.terms, fit.theta, strict=True):
+        if channel in term.places and len(term.places) > 1:
+            y -= design.columns[:, term.places[channel]] @ theta
+    own = [design.columns[:, a.places[channel]] for a in selection if list(a.places) == [channel]]
+    raw = np.column_stack([y, *own, columns])
+    seconds = max(_SECOND_S, stack.seconds(channel) / _ROWS, stack.period)
+    return Rows(*by_seconds(design, channel, raw, seconds), sum(x.shape[1] for x in own), seconds)
+
+
+class _Solver:
+    """Gains of groups of columns beside those that are selected, from whitened rows."""
+
+    def __init__(self, groups: Sequence[_Numbers]) -> None:
+        sizes = np.array([g.size for g in groups], int)
+        self._single, self._double, self._wide = (np.flatnonzero(x) for x in (sizes == 1, sizes == 2, sizes > 2))
+        self._one = np.array([groups[k][0] for k in self._single.tolist()], int)
+        self._two = np.array([groups[k] for k in self._double.tolist()], int).reshape(-1, 2).T
+        self._many = [groups[k] for k in self._wide.tolist()]
+
+    def __call__(self, W: Array, selected: int, seen: Array, least: float) -> tuple[float, Array]:
+        """Squared norm left by what is selected, and what each group takes of it."""
+        left, G, d = reduced(W, selected)
+        own = np.diag(G)
+        # what varies by rounding only beside the bias and what is selected says nothing
+        visible = own > np.maximum(VISIBLE * VISIBLE * seen, 1e-9 * len(W) / least)
+        alone = np.where(visible, d**2 / np.maximum(own, 1e-300), 0.0)
+        gains = np.empty(self._single.size + self._double.size + self._wide.size)
+        gains[self._single] = alone[self._one]
+        gains[self._double] = _of_two(G, d, own, alone, visible, *self._two)
+        gains[self._wide] = [_gain(G[np.ix_(g, g)], d[g], visible[g]) for g in self._many]
+        return left, gains
+
+
+def reduced(W: Array, selected: int) -> tuple[float, Array, Array]:
+    """Squared norm of column 0, Gram matrix and products with it of the last ones, all beside `selected` columns."""
+    gram = W.T @ W
+    here = np.r_[0, 1 + selected : gram.shape[0]]
+    if selected:
+        cross = gram[1 : 1 + selected]
+        gram = gram - cross.T @ inverse_of(cross[:, 1 : 1 + selected]) @ cross
+    own = gram[np.ix_(here, here)]
+    return float(own[0, 0]), own[1:, 1:], own[1:, 0]
+
+
+def _of_two(
+    G: Array, d: Array, own: Array, alone: Array, visible: NDArray[np.bool_], i: _Numbers, j: _Numbers
+) -> Array:
+    """Gains of pairs of columns; the better one's where they are one and the same."""
+    cross = G[i, j]
+    det = own[i] * own[j] - cross**2
+    apart = visible[i] & visible[j] & (det > VISIBLE * own[i] * own[j])
+    both = d[i] ** 2 * own[j] - 2.0 * d[i] * d[j] * cross + d[j] ** 2 * own[i]
+    return np.asarray(np.where(apart, both / np.where(apart, det, 1.0), np.maximum(alone[i], alone[j])))
+
+
+def _gain(G: Array, d: Array, visible: NDArray[np.bool_]) -> float:
+    if not visible.any():
+        return 0.0
+    G, d = G[np.ix_(visible, visible)], d[visible]
+    root = np.sqrt(np.diag(G))
+    values, vectors = np.linalg.eigh(G / np.outer(root, root))
+    keep = values > VISIBLE * values[-1]
+    return float(np.sum((vectors[:, keep].T @ (d / root)) ** 2 / values[keep]))
