@@ -20,11 +20,13 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
                 not seen · `drift_guard` whether drift would do as well
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
- 9 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
+ 9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`
+                residuals in seconds at rest · `common_steps` events · `common_drift` drifts · `common_document` entries
+10 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
                 figures of a channel ·
                 `free_inertial` position error · `error_figure` the record of one, intervals
-10 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
-11 assessment   `assessment` steps 8-10 as one frozen record · `channel_status` a word for each channel
-12 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their
+11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
+12 assessment   `assessment` steps 8-11 as one frozen record · `channel_status` a word for each channel
+13 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their
                 forms · `inclusion` what joins the filter · `result` all that a trace gives
 """

@@ -11,6 +11,7 @@ import numpy as np
 
 from filters.effects import noise
 from filters.tracing import detectability, experiment
+from filters.tracing.common_causes import CommonCause, common_causes
 from filters.tracing.design_matrix import Design
 from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.findings import Finding, findings_of
@@ -20,7 +21,7 @@ from filters.tracing.result import SeparatingExperiment
 from filters.tracing.screening import Screening
 from filters.tracing.selection import Selection
 from filters.tracing.stack import Stack
-from filters.tracing.trace_document import SEPARATES, CommonEntry, LimitEntry
+from filters.tracing.trace_document import SEPARATES, LimitEntry
 
 REMAINDER = 1e-4 / 24.0
 """Probability below which a whitened residual is not white: 1e-4 over all channels and scales."""
@@ -66,7 +67,7 @@ class Assessment:
         The run to make next.
     seed : int
         Of intervals and bands.
-    common : tuple of CommonEntry
+    common : tuple of CommonCause
         What moves several channels at once and nothing logged explains.
     """
 
@@ -81,7 +82,7 @@ class Assessment:
     limits: tuple[LimitEntry, ...]
     experiment: SeparatingExperiment | None
     seed: int
-    common: tuple[CommonEntry, ...] = ()
+    common: tuple[CommonCause, ...] = ()
 
     @property
     def design(self) -> Design:
@@ -147,6 +148,7 @@ def assess(
         limits=tuple(x for effect in asked for x in detectability.limits(design, list(channels), effect, known)),
         experiment=_experiment(chosen, found),
         seed=seed,
+        common=tuple(common_causes(chosen, channels)),
     )
 
 

@@ -6,8 +6,8 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Tone
-from filters.tracing import driver_curve
-from filters.tracing.assessment import Assessment
+from filters.tracing import common_document, driver_curve
+from filters.tracing.assessment import Assessment, Remainder
 from filters.tracing.channel_status import statuses
 from filters.tracing.driver_curve import Curve
 from filters.tracing.error_figure import ErrorFigure
@@ -31,6 +31,7 @@ from filters.tracing.trace_document import (
     LineEntry,
     ParameterEntry,
     RefutedEntry,
+    RemainderEntry,
     RivalEntry,
     TraceFindings,
     UntestableEntry,
@@ -52,6 +53,8 @@ def report(assessment: Assessment) -> Trace:
 def _document(assessment: Assessment) -> TraceFindings:
     screening = assessment.screening
     drift = assessment.design.drift
+    logged = [blocks.run for blocks in assessment.design.stack.blocks]
+    has_temperature = any(run.temperature is not None for run in logged)
     return {
         "untestable": [_untestable(u) for u in screening.untestable],
         "integrity": _integrity(screening.faults),
@@ -61,18 +64,15 @@ def _document(assessment: Assessment) -> TraceFindings:
         ],
         "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
         "refuted": [_refuted(x) for x in assessment.refuted],
-        "common": list(assessment.common),
+        "common": common_document.entries(assessment.common, [run.name for run in logged], has_temperature),
         "weak": [_weak(w) for w in assessment.selection.weak],
-        "drift": [_drift(c, drift[c]) for c in assessment.drifting],
-        "remainder": [
-            {"channel": CHANNELS[x.channel], "scale_s": x.scale_s, "ratio": x.ratio, "p": x.p}
-            for x in assessment.remainder
-        ],
+        "drift": [_drift(c, drift[c], assessment) for c in assessment.drifting],
+        "remainder": [_remainder(x, assessment) for x in assessment.remainder],
         "status": statuses(assessment),
         "error": [_error(figure) for figure in assessment.errors],
         "limits": list(assessment.limits),
         "seed": assessment.seed,
-        "sentence": _sentence(assessment),
+        "sentence": _sentence(assessment) + common_document.sentence(assessment.common, has_temperature),
     }
 
 
@@ -105,6 +105,8 @@ def _findings(assessment: Assessment) -> list[FindingEntry]:
     for f in assessment.findings:
         h = f.term.hypothesis
         entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key))
+        if (number := common_document.number_of_step(assessment.common, h)) is not None:
+            entry["common"] = number
         if isinstance(h, Tone):
             band = next((known for known in bands if _same_band(known[0], h)), None)
             if band is not None:
@@ -273,15 +275,25 @@ def _weak(w: Weak) -> WeakEntry:
     }
 
 
-def _drift(c: int, drift: Drift) -> DriftEntry:
+def _drift(c: int, drift: Drift, assessment: Assessment) -> DriftEntry:
     unit, si = error_unit(c)
-    return {
+    entry: DriftEntry = {
         "channels": [CHANNELS[c]],
         "kind": drift.kind,
         "tau_s": None if drift.is_walk else drift.tau,
         "level": drift.level / si,
         "unit": f"{unit}/√s" if drift.is_walk else unit,
     }
+    if (number := common_document.number_of_drift(assessment.common, c)) is not None:
+        entry["common"] = number
+    return entry
+
+
+def _remainder(x: Remainder, assessment: Assessment) -> RemainderEntry:
+    entry: RemainderEntry = {"channel": CHANNELS[x.channel], "scale_s": x.scale_s, "ratio": x.ratio, "p": x.p}
+    if (number := common_document.number_of_drift(assessment.common, x.channel)) is not None:
+        entry["common"] = number
+    return entry
 
 
 def _error(figure: ErrorFigure) -> ErrorEntry:

@@ -84,26 +84,44 @@ class RefutedEntry(TypedDict):
 
 
 class CommonCurve(TypedDict):
-    """Course of a common cause in time, s since the start of its run; on the first channel, in `unit`."""
+    """Course of a common cause in time, s since the start of its run; on the first channel, in `unit`.
+
+    `run` names the run of each point where there are several.
+    """
 
     t_s: list[float]
     y: list[float]
+    run: NotRequired[list[str]]
+
+
+class CommonSize(TypedDict):
+    """How much of a common cause there is in a channel: an event's step, a drift's standard deviation, signed."""
+
+    channel: str
+    value: float
+    sd: float
+    unit: str
 
 
 class CommonEntry(TypedDict):
     """What moves several channels at once and nothing logged explains: an event, a drift, or a remainder.
 
     `coherence` is the share of the channels' power in it that is one signal, 0 to 1. Entries of one channel that belong
-    to it name it by its number as `common`.
+    to it name it by its number as `common`. `p` is the probability of as much by chance, in channels that have
+    nothing in common; `record` what to log beside the readings, so that the cause can be told.
     """
 
     kind: str
+    label: str
     channels: list[str]
     coherence: float
     t_start_s: float
     t_end_s: float
     curve: CommonCurve
     unit: str
+    sizes: list[CommonSize]
+    p: float
+    record: list[str]
     run: NotRequired[str]
 
 

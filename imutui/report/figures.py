@@ -15,7 +15,7 @@ from scipy import signal
 from filters import allan
 from filters.channels import CHANNELS, STANDARD_GRAVITY
 from filters.tracing.result import RunSeries
-from filters.tracing.trace_document import DriverCurveEntry, ErrorEntry, FindingEntry, TraceDocument
+from filters.tracing.trace_document import CommonEntry, DriverCurveEntry, ErrorEntry, FindingEntry, TraceDocument
 from filters.types import Array
 
 if TYPE_CHECKING:
@@ -70,6 +70,9 @@ def pictures(document: TraceDocument, series: Sequence[RunSeries]) -> Iterator[P
     for n, (finding, curve) in enumerate(curves, 1):
         title = f"{' '.join(finding['channels'])}: {finding['label']}"
         yield _picture(f"driver-{n}.png", title, _driver(finding, curve))
+    for n, entry in enumerate(document.get("common", []), 1):
+        title = f"{' '.join(entry['channels'])} {entry['label']}: course of what they share"
+        yield _picture(f"common-{n}.png", title, _common(entry))
     if series:
         last = series[-1]
         yield _picture("spectrum.png", f"Spectrum of the residual of run {last.run}", _spectrum(last))
@@ -129,6 +132,25 @@ def _driver(finding: FindingEntry, curve: DriverCurveEntry) -> "Figure":
     ax.axhline(0.0, color=_FLOOR, lw=0.6)
     ax.set_xlabel(f"{curve['driver']}, {curve.get('unit', '')}".rstrip(", "))
     ax.set_ylabel(f"{' '.join(finding['channels'])}, {curve.get('y_unit', '')}".rstrip(", "))
+    ax.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def _common(entry: CommonEntry) -> "Figure":
+    from matplotlib.figure import Figure
+
+    t, y = np.asarray(entry["curve"]["t_s"], float), np.asarray(entry["curve"]["y"], float)
+    of_run = entry["curve"].get("run") or [entry.get("run", "")] * t.size
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    ax = figure.subplots()
+    for run in dict.fromkeys(of_run):
+        own = np.array([name == run for name in of_run])
+        ax.plot(t[own], y[own], lw=0.9, label=f"run {run}")
+    if entry["kind"] == "event":
+        ax.axvspan(entry["t_start_s"], min(entry["t_end_s"], float(t[-1])), color=_FLOOR, alpha=0.2, lw=0)
+    ax.set_xlabel("s since the start of the run")
+    ax.set_ylabel(f"{entry['channels'][0]}, {entry['unit']}")
+    ax.grid(visible=True, lw=0.3)
     ax.legend(frameon=False, fontsize="small")
     return figure
 

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from filters.tracing.result import RunSeries
-from filters.tracing.trace_document import TraceDocument
+from filters.tracing.trace_document import CommonEntry, TraceDocument
 from imutui.report import sentences
 from imutui.report.figures import Picture, pictures
 
@@ -23,7 +23,7 @@ pre { background: #f4f4f4; padding: .7rem }
 
 
 def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], source: str) -> list[Path]:
-    """Write page, figures, and the experiment that would separate rivals, into a folder.
+    """Write page, figures, courses of common causes, and the experiment that would separate rivals, into a folder.
 
     Parameters
     ----------
@@ -47,12 +47,27 @@ def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], so
     for picture in made:
         (folder / picture.name).write_bytes(picture.png)
         written.append(folder / picture.name)
+    for number, entry in enumerate(document.get("common", []), 1):
+        path = folder / sentences.common_file(number)
+        path.write_text(course(entry), encoding="utf-8")
+        written.append(path)
     experiment = document.get("separating_experiment")
     if experiment and experiment.get("profile"):
         (folder / EXPERIMENT).write_text(experiment["profile"], encoding="utf-8")
         written.append(folder / EXPERIMENT)
     written[0].write_text(page(document, made, source), encoding="utf-8")
     return written
+
+
+def course(entry: CommonEntry) -> str:
+    """CSV of a common cause's course: s since the start of the run, value in the unit of the leading channel."""
+    curve = entry["curve"]
+    runs = curve.get("run")
+    head = "t_s,value" + (",run" if runs else "")
+    lines = [f"{t:.3f},{y:.9g}" for t, y in zip(curve["t_s"], curve["y"], strict=True)]
+    if runs:
+        lines = [f'{line},"{run}"' for line, run in zip(lines, runs, strict=True)]
+    return "\n".join([head, *lines]) + "\n"
 
 
 def page(document: TraceDocument, made: Sequence[Picture], source: str) -> str:

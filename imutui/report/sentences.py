@@ -161,6 +161,7 @@ def sections(d: TraceDocument, saved: str = SAVED) -> list[Section]:
     """
     made = [
         Section("Over several channels", tuple(_finding(f, d, names=True) for f in shared(d))),
+        Section("Shared by several channels, not in this log", tuple(_common(d))),
         Section("Data", tuple(_fault(entry) for entry in d.get("integrity", []))),
         Section("Lines", tuple(_line(entry) for entry in d.get("lines", []))),
         Section("Noise level", tuple(_noise(entry) for entry in d.get("noise_level", []))),
@@ -272,6 +273,22 @@ def _error(d: TraceDocument, channel: str) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------- the rest
+
+
+def _common(d: TraceDocument) -> Iterable[str]:
+    for number, entry in enumerate(d.get("common", []), 1):
+        sizes = ", ".join(f"{s['channel']} {plus_minus(s['value'], s['sd'], s['unit'])}" for s in entry["sizes"])
+        where = f" of run {entry['run']}" if entry.get("run") else ""
+        when = f", {entry['t_start_s']:.0f} to {entry['t_end_s']:.0f} s{where}"
+        yield (
+            f"{' '.join(entry['channels'])}: {entry['label']}{when} ({sizes}; coherence {entry['coherence']:.2f});"
+            f" record {', '.join(entry['record'])}. Its course is {common_file(number)}, which --report DIR saves."
+        )
+
+
+def common_file(number: int) -> str:
+    """Name of the file with the course of a common cause, 1 first."""
+    return f"common_{number}.csv"
 
 
 def _fault(entry: IntegrityEntry) -> str:

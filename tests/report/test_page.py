@@ -36,6 +36,30 @@ def test_value_and_deviation_end_at_the_same_digit(value: float, sd: float | Non
     assert plus_minus(value, sd, "deg/s") == text
 
 
+COMMON = {
+    "kind": "event", "label": "step together and come back", "channels": ["ax", "ay"], "coherence": 0.93,
+    "t_start_s": 700.0, "t_end_s": 1000.0, "curve": {"t_s": [699.5, 700.5], "y": [0.01, 2.75]}, "unit": "mg",
+    "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}], "p": 1e-9, "record": ["supply voltage"],
+    "run": "a",
+}  # fmt: skip
+
+
+def test_a_common_cause_is_told_with_what_to_record() -> None:
+    """Which channels, when, how much, what to log, and where its course is."""
+    (section,) = [s for s in sentences.sections(document(common=[COMMON])) if s.title.startswith("Shared")]
+    assert section.sentences == (
+        "ax ay: step together and come back, 700 to 1000 s of run a (ax 2.75 ± 0.10 mg; coherence 0.93); record supply"
+        " voltage. Its course is common_1.csv, which --report DIR saves.",
+    )
+
+
+def test_a_report_has_the_course_of_a_common_cause(tmp_path: Path) -> None:
+    """A CSV that can be plotted against anything logged elsewhere, and a figure."""
+    written = {path.name for path in page.write(tmp_path, document(common=[COMMON]), traces.trace().series, SOURCE)}
+    assert {"common_1.csv", "common-1.png"} <= written
+    assert (tmp_path / "common_1.csv").read_text() == "t_s,value\n699.500,0.01\n700.500,2.75\n"
+
+
 def test_numbers_never_claim_more_than_they_are() -> None:
     """Shares short of all are no 100 %, ratios keep two digits below ten."""
     assert (share(0.9712), share(0.9996), share(0.9951)) == ("97 %", "99.9 %", "99.5 %")
