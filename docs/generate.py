@@ -123,12 +123,15 @@ def _effect(name: str, note: dict[str, str]) -> Iterator[str]:
     title = _title(name, note)
     yield f"{title[0].upper()}{title[1:]}. On {_on(name)}. Source of the form: {entry.source}.\n"
     yield f"* **Equation**: {entry.equation}"
-    yield f"* **Definition in the simulator**: {' '.join(str(inspect.getdoc(simulation.EFFECTS[name])).split())}"
+    if name in simulation.EFFECTS:
+        yield f"* **Definition in the simulator**: {' '.join(str(inspect.getdoc(simulation.EFFECTS[name])).split())}"
     if reported := _reported(name):
         yield f"* **Reported**: {reported}"
     yield f"* **How it shows**: {note['shows']}"
     yield f"* **What separates it**: {note['separates']}"
     yield f"* **In the filter**: {note.get('filter', IN_FILTER[entry.include_as])}"
+    if name not in simulation.EFFECTS:
+        return
     yield "\n| parameter in a scenario | unit | default | allowed |"
     yield "|---|---|---|---|"
     for p in simulation.EFFECTS[name].parameters:
@@ -146,6 +149,8 @@ def _title(name: str, note: dict[str, str]) -> str:
 
 
 def _on(name: str) -> str:
+    if name not in simulation.EFFECTS:
+        return "all channels"
     channels = tuple(simulation.EFFECTS[name].channels)
     words = {CHANNELS: "all channels", GYROS: "gyros", ACCELS: "accelerometers"}[channels]
     kind = simulation.EFFECTS[name]
@@ -157,7 +162,7 @@ def _on(name: str) -> str:
 def _hypotheses(name: str, channels: tuple[int, ...] = (0, 3)) -> list[Hypothesis]:
     found: list[Hypothesis] = []
     for c in channels:
-        every = (*additive.hypotheses(c), *reference_errors.harmonics(c))
+        every = (*additive.hypotheses(c), *reference_errors.harmonics(c), additive.Bias(c))
         found += [h for h in every if h.effect == name]
     return found or [h for h in reference_errors.shared() if h.effect == name]
 

@@ -177,6 +177,21 @@ class Ramp(ChannelEffect):
 
 
 @dataclass(frozen=True)
+class Bias(ChannelEffect):
+    """e = b: found of units turned by hand only; elsewhere the constant bias is what effects are looked for beside."""
+
+    effect: ClassVar = "bias"
+    source: ClassVar = "time"
+    text: ClassVar = "bias is not zero"
+
+    def columns(self, inputs: Inputs, channel: int) -> Array:
+        return np.ones((len(inputs.x), 1))
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.channel_parameter("b", "", 1.0, 1.0, 12.0)
+
+
+@dataclass(frozen=True)
 class Scale(ChannelEffect):
     """e = k x."""
 

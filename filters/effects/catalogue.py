@@ -63,6 +63,7 @@ EFFECTS: dict[str, Entry] = {
     "telegraph": Entry("run_specific", "k s(t), s in {0, 1}", "S", "burst noise"),
     "random_walk": Entry("drift", "b' = w", "S", "IEEE Std 952 rate random walk"),
     "gauss_markov": Entry("drift", "b' = -b/tau + w", "S", "IEEE Std 952 correlated noise"),
+    "bias": Entry("additive", "b, of units turned by hand only", "A", _STANDARD),
     "noise_level": Entry("noise", "log σ² = a + terms", "N", _STANDARD),
     "bandwidth": Entry("noise", "first-order limit", "N", _STANDARD),
     "noise_crosstalk": Entry("noise", "correlated noise", "N", _STANDARD),
@@ -99,6 +100,8 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     if len(channels) != 1:
         raise ValueError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')
     channel = CHANNELS.index(channels[0])
+    if effect == "bias":
+        return additive.Bias(channel)
     wanted = {key: value for key, value in shape.items() if key != "knots"}
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)

@@ -43,7 +43,7 @@ class Settings:
     filter : str
         A name of `FILTERS`.
     reference : str
-        "level", "gravity", "profile" or "trajectory".
+        "level", "gravity", "turned", "profile" or "trajectory".
     site : Site
         Position and gravity of the table.
     measurements : str

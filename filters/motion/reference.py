@@ -26,7 +26,7 @@ PAPER_R_SD = np.array([10.0, 10.0, 30.0, 0.1, 0.1, 0.1, 0.1 * _DEG, 0.1 * _DEG, 
 """Standard deviations of the nine pseudo-measurements (section 4): m, m/s, rad; attitude about north, east, down."""
 assert state.NAVIGATION.stop == PAPER_R_SD.size
 
-KINDS = ("level", "gravity", "profile", "trajectory")
+KINDS = ("level", "gravity", "turned", "profile", "trajectory")
 
 COLUMNS = 25
 """Columns of `Reference.known`: position 3, velocity 3, quaternion n←b 4, variances of the nine rows (negative where

@@ -31,9 +31,10 @@ def command(
         Optional[str],  # noqa: UP045
         typer.Option(
             "--reference",
-            metavar="level|gravity|trajectory|FILE",
-            help="What is known of the motion: trajectory is what the recording's own arrays say (the default where it"
-            " has some); FILE is a trajectory (CSV) or a table profile (TOML), and goes into the log.",
+            metavar="level|gravity|turned|trajectory|FILE",
+            help="What is known of the motion: turned is by hand between rests; trajectory is what the recording's own"
+            " arrays say (the default where it has some); FILE is a trajectory (CSV) or a table profile (TOML), and"
+            " goes into the log.",
         ),
     ] = None,
     stamps: Annotated[

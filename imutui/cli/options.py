@@ -15,8 +15,9 @@ Reference = Annotated[
     Optional[str],  # noqa: UP045
     typer.Option(
         "--reference",
-        metavar="level|gravity|FILE",
-        help="What is known of the motion: level on north-east-down, still, or a file: table profile, trajectory.",
+        metavar="level|gravity|turned|FILE",
+        help="What is known of the motion: level on north-east-down, still, turned by hand between rests, or a file:"
+        " table profile, trajectory.",
     ),
 ]
 Effects = Annotated[

@@ -75,7 +75,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
         If the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
-    if info.reference == "level":
+    if info.reference in ("level", "turned"):  # turned by hand: the readings themselves say where it rests
         return Motion(still, still)
     if info.reference == "gravity":
         return Motion(still, still, _levelled(log, info))
@@ -88,8 +88,8 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
     if isinstance(known, Trajectory):
         return _from_trajectory(log, known)
     raise ValueError(
-        f"{log.path}: the reference is {info.reference!r}, not level, gravity, or a file. Name one: --reference"
-        " level|gravity|FILE."
+        f"{log.path}: the reference is {info.reference!r}, not level, gravity, turned, or a file. Name one: --reference"
+        " level|gravity|turned|FILE."
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import imutui
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
-from imutui.jobs import power_ons, replay, run_consistency, runs
+from imutui.jobs import power_ons, replay, run_consistency, runs, turned
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import power_on
 from imutui.logbook.reference_file import ReferenceFile, to_toml
@@ -91,8 +91,6 @@ def trace(
     ValueError
         If they do not belong together, or do not follow their reference; the message says what to do.
     """
-    from filters.tracing.trace import trace as trace_runs
-
     _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)
     paths = [*training, *([heldout] if heldout is not None else [])]
@@ -103,25 +101,41 @@ def trace(
         wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
         reads.append(runs.read_run(path, name, wanted))
     run_consistency.check_together(reads)
-    for read in reads:
+    by_hand = turned.is_turned(reads)
+    for read in () if by_hand else reads:
         run_consistency.check_reference(read)
     joined = power_ons.join(reads)
     reads = joined.reads
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes += joined.notes
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
-    notes += run_consistency.expectations(fitted, held)
-
-    found = trace_runs(
-        [read.run for read in fitted],
-        None if held is None else held.run,
-        asked=options.asked,
-        seed=options.seed,
-        progress=lambda share, what: progress(_READING + (1.0 - _READING) * share, what),
+    find = turned.trace_turned if by_hand else _trace_known
+    found, own_notes = find(
+        fitted,
+        held,
+        options.asked,
+        options.seed,
+        lambda share, what: progress(_READING + (1.0 - _READING) * share, what),
     )
+    notes += own_notes
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
     return Traced(document, found, _source(fitted, held), damage)
+
+
+def _trace_known(
+    fitted: Sequence[LoggedRun],
+    held: LoggedRun | None,
+    asked: Sequence[str],
+    seed: int,
+    progress: Callable[[float, str], None],
+) -> tuple[Trace, list[str]]:
+    """Trace logs whose motion is known, and notes on what they can be expected to show."""
+    from filters.tracing.trace import trace as trace_runs
+
+    notes = run_consistency.expectations(fitted, held)
+    heldout = None if held is None else held.run
+    return trace_runs([read.run for read in fitted], heldout, asked=asked, seed=seed, progress=progress), notes
 
 
 def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:

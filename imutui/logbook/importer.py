@@ -32,6 +32,7 @@ _LONGEST_S = 3.2e8
 STARTED = "started at the modification time of its file"
 STAMPS = f"the recording's own time, {STARTED}"
 _WITH_ATTACHMENT = ("profile", "trajectory")
+_MOVING = (*_WITH_ATTACHMENT, "turned")
 
 
 class ImportDataError(Exception):
@@ -153,7 +154,7 @@ def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
         If the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
     """
     if np.any(np.std(recording.accel_g, axis=0) > _STILL_G) or np.any(np.std(recording.gyro_dps, axis=0) > _STILL_DPS):
-        if info.reference in _WITH_ATTACHMENT:
+        if info.reference in _MOVING:
             return None
         return f"the unit moves in this recording: reference `{info.reference}` (still) does not hold for all of it"
     mean_g = recording.accel_g.mean(axis=0)
@@ -244,7 +245,7 @@ def write(
 def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Table angles (deg) and rates (deg/s) of each sample, shape (N, 3), and where they are new, bool (N,)."""
     n = recording.t.size
-    still = info.reference not in _WITH_ATTACHMENT
+    still = info.reference not in _MOVING
     unknown = np.full((n, 3), np.nan)
     known = recording.known if info.reference == "trajectory" else {}
     angles = known.get("ang", np.zeros((n, 3)) if info.reference == "level" else unknown)

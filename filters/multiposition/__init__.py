@@ -1,0 +1,13 @@
+"""Units turned by hand between rests, without a table: what gravity alone shows of accelerometers and gyros.
+
+`rests`          where the unit rests, from the readings themselves
+`triad`          three sensors as what is true and effects of the catalogue
+`least_squares`  fits with an error of the model beside the noise
+`accelerometer`  bias, scale, misalignment: every rest has gravity's magnitude
+`turns`          gyros: the integrated rate turns one rest's gravity into the next one's
+`choice`         which effects the data ask for
+`errors`         before and after, rests left out in turn, or on another log
+`calibration`    all of these in order
+`verdicts`       what a log held out says of each effect
+`report`         all of it as a trace: findings, rivals, statuses, effects for the filter
+"""

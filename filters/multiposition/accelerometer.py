@@ -1,0 +1,85 @@
+"""Accelerometers from rests: the corrected specific force of every rest has the magnitude of gravity.
+
+The frame is the accelerometers' own: a force along its x is read by x alone, one in its x-y plane not by z, so that
+the matrix of misalignment is upper triangular. How the triad as a whole is turned to the case, rests do not show; a
+scale factor common to all axes and gravity's magnitude are one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from filters.channels import ACCELS
+from filters.effects import additive
+from filters.effects.hypothesis import ChannelEffect
+from filters.multiposition import least_squares
+from filters.multiposition.least_squares import Fit
+from filters.multiposition.rests import Rest
+from filters.multiposition.triad import Triad, priors
+from filters.types import Array
+
+BIAS: tuple[ChannelEffect, ...] = tuple(additive.Bias(c) for c in ACCELS)
+SCALE: tuple[ChannelEffect, ...] = tuple(additive.Scale(c) for c in ACCELS)
+MISALIGNMENT: tuple[ChannelEffect, ...] = (additive.CrossAxis(ACCELS[0]), additive.CrossAxis(ACCELS[1], 2))
+FORMS = (BIAS, SCALE, MISALIGNMENT)
+"""Groups of effects, each taken together, in the order in which they join."""
+FEWEST = 9
+"""Distinct directions below which misalignment is not asked for."""
+BEYOND: tuple[ChannelEffect, ...] = (
+    *(additive.GSquared(c, c - ACCELS[0]) for c in ACCELS),
+    *(additive.NonlinearityCubic(c) for c in ACCELS),
+    *(additive.Asymmetry(c) for c in ACCELS),
+)
+"""Effects that join only if they clearly gain."""
+_STEP = 1e-3
+
+
+class Rests:
+    """Rests of one unit as observations of its accelerometers.
+
+    Parameters
+    ----------
+    rests : sequence of Rest
+        Of all its logs.
+    gravity : float
+        m/s².
+    """
+
+    def __init__(self, rests: Sequence[Rest], gravity: float) -> None:
+        self.mean = np.array([rest.mean[list(ACCELS)] for rest in rests]).reshape(-1, 3)
+        self.variance = np.array([rest.variance[list(ACCELS)] for rest in rests]).reshape(-1, 3)
+        self.gravity = gravity
+        direction = self.mean / np.linalg.norm(self.mean, axis=1, keepdims=True)
+        self.noise = np.asarray(np.sum(direction**2 * self.variance, axis=1))
+
+    def without(self, which: Sequence[int]) -> "Rests":
+        """All rests but some."""
+        out = object.__new__(Rests)
+        out.mean, out.variance = np.delete(self.mean, which, axis=0), np.delete(self.variance, which, axis=0)
+        out.noise, out.gravity = np.delete(self.noise, which), self.gravity
+        return out
+
+    def errors(self, triad: Triad, theta: Array) -> Array:
+        """Magnitude of the corrected specific force less gravity's, m/s², shape (n,)."""
+        return np.asarray(np.linalg.norm(triad.true(self.mean, theta), axis=1) - self.gravity)
+
+    def residuals(self, triad: Triad, theta: Array) -> tuple[Array, Array]:
+        """`errors` and their derivatives by the parameters, (n,) and (n, p)."""
+        force = triad.true(self.mean, theta)
+        norm = np.linalg.norm(force, axis=1)
+        x = np.hstack([np.zeros_like(force), force])
+        moved = np.linalg.solve(triad.slope(x, theta, _STEP), triad.regressor(x))
+        return norm - self.gravity, -np.einsum("ni,nip->np", force / norm[:, None], moved)
+
+    def fit(self, triad: Triad, start: Array | None = None, excess: Array | None = None) -> Fit:
+        """Fit a triad to the rests; see `least_squares.fit`."""
+        begin = np.zeros(triad.size) if start is None else start
+        group = np.zeros(len(self.mean), np.int64)
+        return least_squares.fit(
+            lambda theta: self.residuals(triad, theta), begin, self.noise, group, priors(triad.effects), excess
+        )
+
+
+def triad_of(*groups: Sequence[ChannelEffect]) -> Triad:
+    """Accelerometers with some groups of effects."""
+    return Triad(ACCELS, tuple(effect for group in groups for effect in group))

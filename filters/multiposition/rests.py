@@ -1,0 +1,183 @@
+"""Rests of a unit that is turned by hand: stretches where every channel is about as quiet as it ever is.
+
+A window of one second counts as rest where every channel is within a few times as quiet as in its quietest windows.
+What is left out: what the rests mean (`accelerometer`, `turns`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.channels import ACCELS, GYROS
+from filters.tracing.run import Run
+from filters.types import Array
+
+WINDOW_S = 1.0
+"""Length of a window, s; no rest is shorter."""
+_HOP_S = 0.1
+_WITHIN = 4.0
+"""Standard deviation of a window at rest, in those of the quietest: a hand, a table that is walked past."""
+_QUIETEST = 0.05
+"""Share of the windows that are surely at rest where a unit rests at all."""
+_BLOCK_S = 0.5
+_GAP_PERIODS = 2.5
+_DISTINCT = np.deg2rad(10.0)
+_CLIPPED = 3
+"""Samples in a row at a channel's extreme: a reading at its limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """One rest.
+
+    Attributes
+    ----------
+    first, last : int
+        Its samples, `last` not among them.
+    start_s, seconds : float
+        Since the run's first sample, and how long.
+    mean : Array
+        Of the six readings, instrument axes and sign, SI, shape (6,); NaN of a channel without data.
+    variance : Array
+        Of that mean by the noise of the readings, shape (6,).
+    """
+
+    first: int
+    last: int
+    start_s: float
+    seconds: float
+    mean: Array
+    variance: Array
+
+
+def recorded(run: Run) -> NDArray[np.bool_]:
+    """Channels that the recording has, shape (6,)."""
+    return np.asarray(np.isfinite(run.reading).any(axis=0))
+
+
+def unusable(run: Run) -> NDArray[np.bool_]:
+    """Samples of which some channel is flagged or at its limit, shape (N,)."""
+    bad = ~np.isfinite(run.reading[:, recorded(run)]).all(axis=1)
+    if run.flagged is not None:
+        bad |= run.flagged.any(axis=1)
+    for c in np.flatnonzero(recorded(run)):
+        column = run.reading[:, c]
+        for extreme in (np.nanmin(column), np.nanmax(column)):
+            bad |= _in_a_row(column == extreme)
+    return np.asarray(bad)
+
+
+def _in_a_row(at: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those of a mask that stand in rows of `_CLIPPED` or more."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+    out = np.zeros(at.size, bool)
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        out[first:last] = last - first >= _CLIPPED
+    return out
+
+
+def find_rests(run: Run) -> tuple[Rest, ...]:
+    """Rests of a run, in order.
+
+    Parameters
+    ----------
+    run : Run
+        Readings; what it says of angles is not looked at.
+    """
+    have = np.flatnonzero(recorded(run))
+    width = max(8, round(WINDOW_S * run.rate_hz))
+    if not have.size or run.t.size < 2 * width:
+        return ()
+    hop = max(1, round(_HOP_S * run.rate_hz))
+    starts = np.arange(0, run.t.size - width + 1, hop)
+    broken = _broken(run, starts, width)
+    if broken.all():
+        return ()
+    variance = _variances(run.reading[:, have], starts, width)
+    quietest = np.quantile(variance[~broken], _QUIETEST, axis=0)
+    quietest = np.maximum(quietest, [_least_step(run.reading[:, c]) ** 2 / 12.0 for c in have])
+    calm = ~broken & (variance <= _WITHIN**2 * quietest).all(axis=1)
+    stretches = _stretches(starts, calm, width)
+    spread = _spread_of_blocks(run, stretches)
+    return tuple(_rest(run, first, last, spread) for first, last in stretches)
+
+
+def _broken(run: Run, starts: NDArray[np.int_], width: int) -> NDArray[np.bool_]:
+    """Windows with a gap or a sample that is no reading."""
+    gap = np.diff(run.t, prepend=run.t[0]) > _GAP_PERIODS / run.rate_hz
+    if gap.mean() > 1e-3:  # a host's stamps come in bursts: those are no gaps in the samples
+        gap[:] = False
+    total = np.concatenate([[0], np.cumsum(gap | unusable(run))])
+    return np.asarray(total[starts + width] - total[starts] > 0)
+
+
+def _variances(reading: Array, starts: NDArray[np.int_], width: int) -> Array:
+    """Variance of each window and channel, shape (windows, channels)."""
+    centred = np.nan_to_num(reading - np.nanmedian(reading, axis=0))
+    zero = np.zeros((1, reading.shape[1]))
+    total = np.concatenate([zero, np.cumsum(centred, axis=0)])
+    squares = np.concatenate([zero, np.cumsum(centred**2, axis=0)])
+    mean = (total[starts + width] - total[starts]) / width
+    return np.asarray(np.maximum((squares[starts + width] - squares[starts]) / width - mean**2, 0.0))
+
+
+def _least_step(column: Array) -> float:
+    """The smallest change between successive readings that is one: about a count."""
+    steps = np.abs(np.diff(column[np.isfinite(column)]))
+    steps = steps[steps > 0.0]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _stretches(starts: NDArray[np.int_], calm: NDArray[np.bool_], width: int) -> list[tuple[int, int]]:
+    """Samples of windows in a row that are calm, first and last (not among them)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(np.int8)))
+    out: list[tuple[int, int]] = []
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        first, last = int(starts[a]), int(starts[b - 1]) + width
+        if out and first < out[-1][1]:  # two rows of windows over one sample: a jolt within a rest
+            first = out[-1][1]
+        if last - first >= width:
+            out.append((first, last))
+    return out
+
+
+def _spread_of_blocks(run: Run, stretches: Sequence[tuple[int, int]]) -> Array:
+    """Variance of the means of half-second blocks within rests, all rests together, shape (6,)."""
+    size = max(4, round(_BLOCK_S * run.rate_hz))
+    total, freedom = np.zeros(6), 0
+    for first, last in stretches:
+        count = (last - first) // size
+        blocks = run.reading[first : first + count * size].reshape(count, size, 6).mean(axis=1)
+        total += ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0)
+        freedom += count - 1
+    return np.asarray(total / max(1, freedom))
+
+
+def _rest(run: Run, first: int, last: int, spread: Array) -> Rest:
+    size = max(4, round(_BLOCK_S * run.rate_hz))
+    mean = run.reading[first:last].mean(axis=0)
+    seconds = float(run.t[last - 1] - run.t[first]) + 1.0 / run.rate_hz
+    return Rest(first, last, float(run.t[first]), seconds, mean, spread * size / (last - first))
+
+
+def distinct_directions(rests: Sequence[Rest]) -> int:
+    """How many directions of specific force differ from each other by 10° or more."""
+    kept: list[Array] = []
+    for rest in rests:
+        force = rest.mean[list(ACCELS)]
+        direction = force / np.linalg.norm(force)
+        if all(np.arccos(np.clip(direction @ other, -1.0, 1.0)) >= _DISTINCT for other in kept):
+            kept.append(direction)
+    return len(kept)
+
+
+def has_gyros(run: Run) -> bool:
+    """Whether all three gyros were recorded."""
+    return bool(recorded(run)[list(GYROS)].all())
+
+
+def has_accelerometers(run: Run) -> bool:
+    """Whether all three accelerometers were recorded."""
+    return bool(recorded(run)[list(ACCELS)].all())

@@ -1,0 +1,136 @@
+"""A triad of sensors as the sum of what is true and of effects of the catalogue: reading = x + Σ φ(x) θ.
+
+The effects are those of `filters.effects.catalogue`, so that signs, units and parameters are the filter's own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters.effects.hypothesis import ChannelEffect
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
+from filters.types import Array
+
+_ROUNDS = 40
+_SAME = 1e-13
+_STRAIGHT = ("bias", "scale", "cross_axis", "g_sensitivity")
+
+
+@dataclass(frozen=True)
+class Triad:
+    """Three sensors of a kind with their effects.
+
+    Attributes
+    ----------
+    channels : tuple of int
+        Numbers of the three.
+    effects : tuple of ChannelEffect
+        In the order of their parameters.
+    """
+
+    channels: tuple[int, ...]
+    effects: tuple[ChannelEffect, ...]
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return sum(len(e.parameters()) for e in self.effects)
+
+    def places(self, effect: ChannelEffect) -> slice:
+        """Where an effect's parameters stand."""
+        first = 0
+        for other in self.effects:
+            if other == effect:
+                return slice(first, first + len(effect.parameters()))
+            first += len(other.parameters())
+        raise KeyError(effect)
+
+    def without(self, effect: ChannelEffect) -> "Triad":
+        """The triad with one effect less."""
+        return Triad(self.channels, tuple(e for e in self.effects if e != effect))
+
+    def regressor(self, x: Array) -> Array:
+        """Regressor φ at n states, what a perfect unit reads being x (n, 6); shape (n, 3, p)."""
+        out = np.zeros((len(x), 3, self.size))
+        inputs = _inputs(x)
+        for effect in self.effects:
+            row = self.channels.index(effect.channel)
+            out[:, row, self.places(effect)] = effect.columns(inputs, effect.channel)
+        return out
+
+    def true(self, reading: Array, theta: Array, other: Array | None = None) -> Array:
+        """What the triad truly sensed, shape (n, 3).
+
+        Parameters
+        ----------
+        reading : Array
+            Of the triad, SI, shape (n, 3).
+        theta : Array
+            Parameters, shape (p,).
+        other : Array or None
+            What the other triad truly sensed, shape (n, 3); zero where nothing depends on it.
+        """
+        x = np.zeros((len(reading), 6))
+        mine = list(self.channels)
+        others = [c for c in range(6) if c not in mine]
+        if other is not None:
+            x[:, others] = other
+        # about zero most effects are straight lines: then the first step is the last
+        probes = np.vstack([np.zeros(6), np.eye(6)])
+        error = self.regressor(probes) @ theta
+        straight = (error[1:] - error[0]).T
+        inverse = np.linalg.inv(np.eye(3) + straight[:, mine])
+        x[:, mine] = (reading - error[0] - x[:, others] @ straight[:, others].T) @ inverse.T
+        if all(effect.effect in _STRAIGHT for effect in self.effects):
+            return x[:, mine]
+        scale = max(1.0, float(np.abs(reading).max(initial=0.0)))
+        for _ in range(_ROUNDS):
+            with np.errstate(over="ignore", invalid="ignore"):  # far from any plausible unit; the fit steps back
+                step = (reading - x[:, mine] - self.regressor(x) @ theta) @ inverse.T
+            x[:, mine] += step
+            if float(np.abs(step).max(initial=0.0)) < _SAME * scale:
+                break
+        return x[:, mine]
+
+    def slope(self, x: Array, theta: Array, step: float) -> Array:
+        """Derivative of the reading by what is truly sensed, at x (n, 6), shape (n, 3, 3)."""
+        out = np.empty((len(x), 3, 3))
+        for k, c in enumerate(self.channels):
+            high, low = x.copy(), x.copy()
+            high[:, c] += step
+            low[:, c] -= step
+            out[:, :, k] = (self.regressor(high) - self.regressor(low)) @ theta / (2.0 * step)
+            out[:, k, k] += 1.0
+        return out
+
+
+def priors(effects: Sequence[ChannelEffect]) -> Array:
+    """Standard deviations that fits begin with, SI, shape (p,): so wide that what the data show counts alone."""
+    return np.array([_WIDE.get(e.effect, 20.0 * p.prior * p.si) for e in effects for p in e.parameters()])
+
+
+_WIDE = {"scale": 0.3, "cross_axis": 0.3}
+
+
+def _inputs(x: Array) -> Inputs:
+    """Drivers of which only what is sensed is known."""
+    n = len(x)
+    zero, none = np.zeros((n, 3)), np.full(n, np.nan)
+    return Inputs(
+        t=none,
+        x=x,
+        x_dot=np.zeros((n, 6)),
+        temperature=none,
+        temperature_rate=none,
+        lagged=np.full((n, len(LAGS)), np.nan),
+        plays=np.full((n, len(PLAY_WIDTHS)), np.nan),
+        spin=zero,
+        horizontal=np.zeros((n, 3, 2)),
+        centripetal=np.zeros((n, 3, 3)),
+        angles=zero,
+        rates=zero,
+        table_accel=np.zeros(n),
+        since_motion=none,
+        direction=zero,
+    )

@@ -1,0 +1,226 @@
+"""Units turned by hand: rests, effects with honest standard deviations, errors judged on what is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.paths import DATA
+from helpers.turned import ACCELEROMETERS, GYROS, TRUTH, lacking, shaken, turned_run, values
+
+from filters.imu import AxisMap, parse_mount
+from filters.multiposition import accelerometer
+from filters.multiposition.accelerometer import Rests
+from filters.multiposition.calibration import Calibration, calibrate
+from filters.multiposition.report import notes, report
+from filters.multiposition.rests import distinct_directions, find_rests
+from filters.tracing.run import Run
+from filters.tracing.trace_document import FindingEntry, TraceFindings
+
+AXES = (AxisMap(accel_sign=1), AxisMap(), AxisMap(parse_mount("y,-x,z"), -1))
+
+
+def told(found: Calibration) -> TraceFindings:
+    """What is reported."""
+    return report(found, (), 0).document
+
+
+def by_channel(document: TraceFindings) -> dict[tuple[str, str], FindingEntry]:
+    """Findings by channel and effect."""
+    return {(f["channels"][0], f["effect"]): f for f in document["findings"]}
+
+
+def error(document: TraceFindings, metric: str) -> dict[str, float]:
+    """The one figure of a metric."""
+    return next(e for e in document["error"] if e["metric"] == metric)
+
+
+def test_effects_of_a_unit_are_found_within_their_standard_deviations_whatever_sign_and_mounting() -> None:
+    """Every effect that the unit has is found, no other, and errors over their sd are of the size of one."""
+    scores: dict[str, list[float]] = {}
+    for seed in range(11, 17):
+        run = turned_run(*ACCELEROMETERS, *GYROS, seed=seed, axes=AXES[seed % 3])
+        document = told(calibrate([run], None))
+        found = by_channel(document)
+        assert set(found) == set(TRUTH)
+        for key, truth in TRUTH.items():
+            value, sd = values(found[key]["params"])
+            scores.setdefault(key[0][0] + key[1], []).extend((value - np.array(truth)) / sd)
+        assert error(document, "gravity_norm")["after"] < 0.1 < 5.0 < error(document, "gravity_norm")["before"]
+        direction = error(document, "gravity_direction")
+        assert direction["after"] < 0.05 < 1.0 < direction["before"]
+    for kind, z in scores.items():
+        assert np.abs(z).max() < 5.0, kind
+        assert 0.4 < float(np.sqrt(np.mean(np.square(z)))) < 1.6, kind
+
+
+def test_a_unit_without_errors_has_no_findings_but_small_biases() -> None:
+    """Forms are chosen by likelihood: nothing is found where there is nothing."""
+    for seed in range(21, 24):
+        document = told(calibrate([turned_run(seed=seed, biased=False)], None))
+        assert not document["findings"]
+        assert set(document["status"].values()) <= {"clean", "unexplained"}
+        assert list(document["status"].values()).count("clean") >= 5
+
+
+@pytest.mark.parametrize(
+    ("name", "gravity", "aim", "before"),
+    [
+        ("xsens_mti_multiposition", 9.81744, 0.3, 103.0),
+        ("mpu9150_multiposition_unit0", None, 0.4, 22.0),
+        ("mpu9150_multiposition_unit1", None, 1.0, 20.0),
+    ],
+)
+def test_measured_units_read_gravity_at_rests_that_were_left_out(
+    name: str, gravity: float | None, aim: float, before: float
+) -> None:
+    """Three measured recordings: the magnitude of gravity within what a nine-parameter fit is known to reach."""
+    path = DATA / f"{name}.npz"
+    if not path.exists():
+        pytest.skip(f"{path.name} is not here")
+    document = told(calibrate([measured(name, gravity)], None))
+    norm = error(document, "gravity_norm")
+    assert norm["after"] <= aim
+    assert norm["before"] == pytest.approx(before, rel=0.03)
+    direction = error(document, "gravity_direction")
+    assert direction["after"] < 0.1 * direction["before"]
+
+
+def measured(name: str, gravity: float | None) -> Run:
+    """A measured recording as a run."""
+    with np.load(DATA / f"{name}.npz") as z:
+        reading = np.hstack([np.deg2rad(z["gyro"].astype(float)), z["accel"].astype(float) * 9.80665])
+        t = z["t"] - z["t"][0]
+    run = turned_run(rests=2)
+    site = run.site if gravity is None else replace(run.site, gravity=gravity)
+    return replace(run, name=name, t=t, reading=reading, temperature=None, site=site)
+
+
+def test_rests_are_found_where_the_unit_rests() -> None:
+    """Every dwell is found once, shortened by less than half a second, and nothing in the turns between."""
+    run = turned_run(*ACCELEROMETERS, seed=5)
+    rests = find_rests(run)
+    assert len(rests) == 24
+    assert all(3.5 < rest.seconds < 4.5 for rest in rests)
+    assert distinct_directions(rests) >= 9
+
+
+def test_a_violent_shake_is_no_rest_and_spoils_no_turn() -> None:
+    """Clipped samples count neither as rest nor as part of a turn; what is found stays what it was."""
+    run = turned_run(*ACCELEROMETERS, seed=6)
+    rests = find_rests(run)
+    bad = shaken(run, rests[8].start_s + 0.5, rests[8].start_s + 3.8, 40.0)
+    again = find_rests(bad)
+    assert len(again) == len(rests) - 1
+    assert not any(abs(rest.start_s - rests[8].start_s) < 2.0 for rest in again)
+    before, after = (by_channel(told(calibrate([r], None))) for r in (run, bad))
+    for key in (("ax", "scale"), ("gz", "bias")):
+        (a, sd), (b, _) = values(before[key]["params"]), values(after[key]["params"])
+        assert np.abs(a - b).max() < 4.0 * sd.max()
+
+
+def test_fewer_than_nine_directions_give_bias_and_scale_and_say_the_rest() -> None:
+    """Misalignment is not asked of eight rests; what they cannot tell is in `untestable`."""
+    run = turned_run(*ACCELEROMETERS[:3], seed=7, rests=8)
+    document = told(calibrate([run], None))
+    assert {"cross_axis"} <= {u["effect"] for u in document["untestable"]}
+    found = by_channel(document)
+    assert not [key for key in found if key[1] == "cross_axis" and key[0][0] == "a"]
+    value, sd = values(found["ax", "bias"]["params"])
+    assert abs(value[0] - TRUTH["ax", "bias"][0]) < 5.0 * sd[0]
+    assert "nine directions" in document["sentence"]
+
+
+def test_two_directions_tell_what_they_can_and_no_more() -> None:
+    """Of a unit laid on two sides only, what its accelerometers cannot tell is said, and no figure is made of it."""
+    document = told(calibrate([turned_run(*ACCELEROMETERS, seed=8, rests=2, seconds=40.0)], None))
+    assert {"bias", "scale", "cross_axis"} <= {u["effect"] for u in document["untestable"]}
+    assert not [e for e in document["error"] if e["metric"] == "gravity_norm"]
+
+
+def test_without_gyros_the_accelerometers_are_calibrated_and_the_rest_is_said() -> None:
+    """A recording of some axes only: accelerometers are done, gyros have no status, and a note says why."""
+    run = lacking(turned_run(*ACCELEROMETERS, seed=9), "gx", "gy", "gz")
+    found = calibrate([run], None)
+    document = told(found)
+    assert set(document["status"]) == {"ax", "ay", "az"}
+    assert ("ay", "cross_axis") in by_channel(document)
+    assert any("gx, gy, gz not recorded" in note for note in notes(found))
+    assert [e["metric"] for e in document["error"]] == ["gravity_norm"]
+
+
+def test_one_gyro_that_lacks_leaves_the_accelerometers() -> None:
+    """Turns take all three gyros."""
+    found = calibrate([lacking(turned_run(*ACCELEROMETERS, seed=9), "gy")], None)
+    assert set(told(found)["status"]) == {"gx", "gz", "ax", "ay", "az"}
+    assert found.gyros is None
+
+
+def test_without_an_accelerometer_or_without_a_rest_the_message_says_what_to_do() -> None:
+    """What cannot be done is refused with the cure."""
+    run = turned_run(seed=9)
+    with pytest.raises(ValueError, match="accelerometer y was not recorded"):
+        calibrate([lacking(run, "ay")], None)
+    rng = np.random.default_rng(1)
+    level = rng.uniform(0.0, 1.0, run.t.size).cumsum()[:, None]
+    wild = replace(run, reading=run.reading + np.exp(0.02 * level) * 1e-9 + 0.1 * np.sin(0.01 * level**1.5))
+    short = replace(wild, t=run.t[:90], reading=wild.reading[:90], temperature=None)
+    with pytest.raises(ValueError, match="no rest was found"):
+        calibrate([short], None)
+
+
+def test_another_log_of_the_unit_judges_and_another_unit_contradicts() -> None:
+    """Held out, the same unit confirms every shared effect; a unit without those errors refutes them."""
+    first, second = (turned_run(*ACCELEROMETERS, *GYROS, seed=seed) for seed in (31, 32))
+    document = told(calibrate([first], second))
+    shared = [f for f in document["findings"] if f["effect"] != "bias" or f["channels"][0][0] == "a"]
+    assert len(shared) >= 12
+    assert all(f["confirmed"] for f in shared)
+    assert error(document, "gravity_norm")["heldout"] == "run"
+    assert error(document, "gravity_norm")["after"] < 0.1
+    assert error(document, "gravity_direction")["after"] < 0.05
+
+    document = told(calibrate([first], turned_run(seed=33)))
+    refuted = {(r["channels"][0], r["effect"]) for r in document["refuted"]}
+    assert ("az", "scale") in refuted
+    assert len(refuted) >= 2
+    assert all(r["after_with"] > r["after_without"] for r in document["refuted"])
+    assert document["status"]["az"] in ("partial", "unexplained")
+
+
+def test_several_logs_share_what_is_the_units_and_keep_a_gyro_bias_each() -> None:
+    """Two power-ons with other gyro biases: one scale factor, two biases."""
+    first, second = (turned_run(*ACCELEROMETERS, *GYROS, seed=seed) for seed in (41, 42))
+    reading = second.reading.copy()
+    reading[:, 0] += np.deg2rad(0.3)
+    trace = report(calibrate([first, replace(second, reading=reading)], None), (), 0)
+    found = by_channel(trace.document)
+    value, _ = values(found["gx", "bias"]["params"])
+    assert value[1] - value[0] == pytest.approx(0.3, abs=0.02)
+    assert len(found["gx", "scale"]["params"]) == 1
+    own = next(i for i in trace.included if (i.effect, i.channels) == ("bias", ("gx",)))
+    assert own.states[0].mean == pytest.approx(value.mean())
+    assert own.states[0].sd > 0.1
+
+
+def test_a_common_scale_factor_may_as_well_be_gravity() -> None:
+    """Gravity named wrong by 0.2 %: the scale factors have gravity's magnitude as a rival, and are confounded."""
+    run = turned_run(seed=51)
+    document = told(calibrate([replace(run, site=replace(run.site, gravity=run.site.gravity * 0.998))], None))
+    scales = [f for f in document["findings"] if f["effect"] == "scale" and f["channels"][0][0] == "a"]
+    assert len(scales) == 3
+    assert all([r["effect"] for r in f["rivals"]] == ["gravity"] for f in scales)
+    assert {document["status"][c] for c in ("ax", "ay", "az")} == {"confounded"}
+    apart = next(u for u in document["untestable"] if u["effect"] == "gravity")
+    assert (apart["reason"], apart["with"]) == ("collinear_with", "scale")
+
+
+def test_the_derivative_of_the_magnitude_is_that_of_the_model() -> None:
+    """The slope that the fit uses equals differences of the residuals."""
+    rests = Rests(find_rests(turned_run(*ACCELEROMETERS, seed=3)), 9.78637)
+    triad = accelerometer.triad_of(*accelerometer.FORMS, accelerometer.BEYOND[:4])
+    # plausible sizes: a quadratic term of 1e-2 s²/m would be as large as gravity
+    theta = np.random.default_rng(0).standard_normal(triad.size) * ([1e-2] * 9 + [1e-4] * 3 + [1e-5])
+    _, slope = rests.residuals(triad, theta)
+    for k, step in enumerate(1e-6 * np.eye(triad.size)):
+        numeric = (rests.errors(triad, theta + step) - rests.errors(triad, theta - step)) / 2e-6
+        np.testing.assert_allclose(slope[:, k], numeric, atol=1e-5 * (1.0 + np.abs(numeric).max()))
