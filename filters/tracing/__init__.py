@@ -23,8 +23,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`
                 residuals in seconds at rest · `common_steps` events · `common_drift` drifts · `common_document` entries
 10 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
-                figures of a channel ·
-                `free_inertial` position error · `error_figure` the record of one, intervals
+                figures of a channel · `window_filter` what the bias filter foretells of windows · `free_inertial`
+                position error · `error_figure` the record of one, intervals
 11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
 12 assessment   `assessment` steps 8-11 as one frozen record · `channel_status` a word for each channel
 13 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from filters.effects.run_specific import Tone
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.whitening import Drift, best_drift, best_pair
+from filters.tracing.whitening import Drift, best_drift, best_pair, refined
 from filters.types import Array
 
 _DRIFT_GRID = 20.0
@@ -31,8 +31,8 @@ def likeliest_drift(design: Design, terms: Sequence[Term], channel: int) -> tupl
     walk = best_drift(*rows, taus=(np.inf,))
     # a walk has one parameter less
     if walk[0] - best < np.log(design.stack.seconds(channel)):
-        return none - walk[0], walk[1]
-    return none - best, drift
+        best, drift = walk[0], walk[1]
+    return none - best, refined(*rows[:4], drift, best)
 
 
 def guarded_score(

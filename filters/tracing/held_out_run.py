@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters.channels import CHANNELS
+from filters.effects.run_specific import Tone
 from filters.tracing import validation
 from filters.tracing.columns import ColumnsByTerm, columns_on
-from filters.tracing.design_matrix import Design
+from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.findings import Finding
 from filters.tracing.free_inertial import free_drift
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 _Folded = dict[int, tuple[FoldedErrors, list[object]]]  # by channel, with the key of each group of columns
 
+_SLOW_HZ = 0.05
+"""Faster tones are not in means of 10 s."""
 _FREE_S = (10.0, 60.0)  # of free navigation
 
 
@@ -73,15 +76,22 @@ class HeldOutRun:
                     out[:, c] += self.columns[f.term.key, c] @ f.theta
         return out
 
-    def variance(self, found: Sequence[Finding], channel: int) -> Array:
-        """Variance of the correction of a channel, about its mean, SI, shape (n,)."""
-        out = np.zeros(self.stack.t.size)
-        for f in found:
-            if f.lasting and channel in f.term.places:
-                X = self.columns[f.term.key, channel]
-                X = X - X.mean(axis=0)
-                out += np.einsum("ij,jk,ik->i", X, f.covariance, X)
-        return out
+    def unknown(self, found: Sequence[Finding], fit: Fit, channel: int) -> validation.Correction | None:
+        """What is not known of the correction of a channel: of findings that carry over, with their joint fit."""
+        own = [f for f in found if f.lasting and channel in f.term.places]
+        if not own:
+            return None
+        columns = np.column_stack([self.columns[f.term.key, channel] for f in own])
+        return validation.Correction(columns, joint_covariance(own, fit))
+
+
+def joint_covariance(found: Sequence[Finding], fit: Fit) -> Array:
+    """Covariance of findings' parameters: each one's own, with the correlations of their joint fit; shape (k, k)."""
+    rows = [fit.offsets[fit.terms.index(f.term)] + np.arange(f.term.size) for f in found]
+    P = fit.covariance[np.ix_(np.concatenate(rows), np.concatenate(rows))]
+    root = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    own = np.sqrt(np.maximum(np.concatenate([np.diag(f.covariance) for f in found]), 0.0))
+    return np.asarray(P * np.outer(own / root, own / root))
 
 
 def correction(design: Design, found: Sequence[Finding]) -> Array:
@@ -114,12 +124,14 @@ def held_out_errors(
     """
     stack = run.stack
     after = stack.y - run.correction(used)
+    fit = design.fit([f.term for f in used])
     figures: list[ErrorFigure | None] = []
     for c in channels:
         residuals, white, drift = (stack.y[:, c], after[:, c]), float(run.white[c]), design.drift[c]
         figures.append(validation.e10(stack, *residuals, c, white, seed))
-        figures.append(validation.nis(stack, *residuals, c, white, drift, run.variance(used, c)))
-        figures += validation.prediction(stack, *residuals, c, white, drift)
+        unknown = run.unknown(used, fit, c)
+        figures.append(validation.nis(stack, *residuals, c, white, drift, unknown))
+        figures += validation.prediction(stack, *residuals, c, white, drift, unknown)
     if len(channels) == len(CHANNELS):
         for seconds in _FREE_S:
             figures.append(free_drift(stack, stack.y, after, run.white, design.drift, seconds, seed))
@@ -158,6 +170,8 @@ def folded_errors(
 
 def _share(f: Finding, own: _Folded) -> float | None:
     """Share of the excess of E10² over its floor that a finding removes on cells that its fit has not seen."""
+    if isinstance(f.term.hypothesis, Tone) and f.term.hypothesis.hz > _SLOW_HZ:
+        return None
     there = [own[c] for c in f.channels if c in own]
     removed = sum(errors.removed(keys.index(f.term.key)) for errors, keys in there)
     excess = sum(errors.excess for errors, _ in there)

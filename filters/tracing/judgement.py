@@ -1,12 +1,14 @@
 """What the held-out run says of each finding: its error falls with it, rises beyond chance, or neither can be told.
 
-Of the 10 s means after the bias hold, E with everything and c what one finding says of them, in floors,
+Of the 10 s means after the bias hold, E with all findings and c what one of them says, in floors,
 
     D = mean of E² - (E + c)²,   below zero if the finding lowers the error
 
 with an interval from windows drawn again in blocks, for neighbours are alike where there is drift, and from the noise
-of the hold, which all windows share. What raises the error beyond the interval is refuted. What lowers it, or the
-squares of the bias filter's innovations, beyond theirs is confirmed. The rest is neither.
+of the hold, which all windows share. What raises the error beyond the interval is refuted. What lowers it beyond that,
+or lowers it and the squares of the bias filter's innovations beyond theirs, is confirmed. The rest is neither. What is
+not confirmed is left out one by one, the worst first, and the others are judged beside what is left: of two that stand
+for each other one stays, and what only mends another's harm goes with it.
 
 Nothing here changes an error that is told: `held_out_run` has them with all that the runs at hand chose.
 """
@@ -52,6 +54,15 @@ class Refuted:
     after_with: float
     after_without: float
     unit: str
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """D, whether it is below zero beyond chance, and whether above."""
+
+    change: float
+    confirmed: bool
+    refuted: bool
 
 
 @dataclass(frozen=True)
@@ -107,54 +118,86 @@ def judge(
     """
     lasting = [f for f in found if f.lasting]
     errors = {c: own for c in channels if (own := _errors(run, lasting, c)) is not None}
-    judged = [_judged(run, f, lasting, design, errors, seed) for f in found]
-    refuted: set[object] = {f.term.key for f, bad in judged if bad}
-    joining = [f for f, bad in judged if not bad and f.lasting and f.confirmed]
-    refuted |= _harmful_together(joining, errors, seed)
-    used = [f for f in joining if f.term.key not in refuted]
+    bench = _Bench(run, design, errors, seed)
+    used, doubted, refuted = bench.divided(lasting)
+    told = {**dict.fromkeys((f.term.key for f in used), True), **dict.fromkeys((f.term.key for f in doubted), False)}
     held = [
-        replace(f, share=_share(f, used, errors) if f.lasting else f.share)
-        for f, _ in judged
-        if f.term.key not in refuted
+        replace(f, confirmed=told[f.term.key], share=_share(f, used, errors)) if f.lasting else f
+        for f in found
+        if not f.lasting or f.term.key in told
     ]
-    return held, [_refuted(f, lasting, used, errors) for f, _ in judged if f.term.key in refuted]
+    return held, [_refuted(f, lasting, used, errors) for f in refuted]
 
 
-def _judged(
-    run: HeldOutRun,
-    f: Finding,
-    lasting: Sequence[Finding],
-    design: Design,
-    errors: dict[int, _Errors],
-    seed: int,
-) -> tuple[Finding, bool]:
-    """A finding with whether it is confirmed, and whether it is refuted."""
-    if not f.lasting:
-        return f, False
-    own = run.correction([f])
-    felt = [c for c in f.channels if not np.ptp(own[:, c]) < _FELT * design.sd[c]]
-    there = [c for c in felt if c in errors]
-    low, high = -np.inf, np.inf
-    if there:
-        parts = [(errors[c].after(lasting), errors[c].of[f.term.key], errors[c].hold) for c in there]
-        low, high = _interval(parts, seed)
-        if low > 0.0 and min(e.size for e, *_ in parts) >= _LEAST:
-            return replace(f, confirmed=False), True
-    lowers = high < 0.0 or (bool(felt) and _surprises(run, f, lasting, design, felt, seed)[1] < 0.0)
-    return replace(f, confirmed=lowers), False
+@dataclass(frozen=True)
+class _Bench:
+    """The held-out run with what is needed to judge on it."""
 
+    run: HeldOutRun
+    design: Design
+    errors: dict[int, _Errors]
+    seed: int
 
-def _harmful_together(joining: Sequence[Finding], errors: dict[int, _Errors], seed: int) -> set[object]:
-    """Keys of findings that help beside each other and together raise the error of their channel."""
-    out: set[object] = set()
-    for c, own in errors.items():
-        mine = [f for f in joining if c in f.channels]
-        if len(mine) < 2 or own.none.size < _LEAST:
-            continue
-        after = own.after(mine)
-        if _interval([(after, own.none - after, own.hold)], seed)[0] > 0.0:
-            out |= {f.term.key for f in mine if len(f.channels) == 1}
-    return out
+    def divided(self, lasting: Sequence[Finding]) -> tuple[list[Finding], list[Finding], list[Finding]]:
+        """Findings that are confirmed beside each other, those that are neither, and those that are refuted."""
+        used, doubted, refuted = list(lasting), list[Finding](), list[Finding]()
+        while used:
+            verdicts = [self._verdict(f, used) for f in used]
+            left = [n for n, verdict in enumerate(verdicts) if not verdict.confirmed]
+            if not left:
+                break
+            worst = max(left, key=lambda n: (verdicts[n].refuted, verdicts[n].change))
+            (refuted if verdicts[worst].refuted else doubted).append(used.pop(worst))
+        harmful = self._harmful_together(used)
+        return [f for f in used if f not in harmful], doubted, refuted + harmful
+
+    def _verdict(self, f: Finding, used: Sequence[Finding]) -> _Verdict:
+        """On a finding beside others that are used with it."""
+        own = self.run.correction([f])
+        felt = [c for c in f.channels if not np.ptp(own[:, c]) < _FELT * self.design.sd[c]]
+        parts = [self._part(f, used, c) for c in felt if c in self.errors]
+        if not felt:
+            return _Verdict(0.0, confirmed=False, refuted=False)
+        if not parts:
+            low, high = self._surprises(f, used, felt)
+            return _Verdict(low, confirmed=high < 0.0, refuted=False)
+        low, high = _interval(parts, self.seed)
+        change = sum(float(np.mean(-2.0 * e * c - c**2)) for e, c, _ in parts)
+        many = min(e.size for e, *_ in parts) >= _LEAST
+        if low > 0.0 and many:
+            return _Verdict(change, confirmed=False, refuted=True)
+        lowers = high < 0.0 or (change < 0.0 and self._surprises(f, used, felt)[1] < 0.0)
+        return _Verdict(change, confirmed=lowers, refuted=False)
+
+    def _part(self, f: Finding, used: Sequence[Finding], c: int) -> tuple[Array, Array, Array]:
+        own = self.errors[c]
+        return own.after(used), own.of[f.term.key], own.hold
+
+    def _harmful_together(self, used: Sequence[Finding]) -> list[Finding]:
+        """Findings that help beside each other and together raise the error of their channel."""
+        out: list[Finding] = []
+        for c, own in self.errors.items():
+            mine = [f for f in used if c in f.channels]
+            if len(mine) < 2 or own.none.size < _LEAST:
+                continue
+            after = own.after(mine)
+            if _interval([(after, own.none - after, own.hold)], self.seed)[0] > 0.0:
+                out += [f for f in mine if len(f.channels) == 1]
+        return out
+
+    def _surprises(self, f: Finding, used: Sequence[Finding], felt: Sequence[int]) -> tuple[float, float]:
+        """95 % interval of what a finding adds to the squares of the bias filter's innovations, over channels."""
+        parts, run = [], self.run
+        after = run.stack.y - run.correction(used)
+        for c in felt:
+            own = run.columns[f.term.key, c] @ f.theta
+            w = validation.windows(run.stack, np.column_stack([after[:, c], own]), c)
+            if w.t.size < 4:
+                continue
+            variance = float(run.white[c]) ** 2 / w.seconds
+            nu = whiten(w.mean, w.t, np.array([0]), variance, self.design.drift[c])[0]
+            parts.append((nu[:, 0], nu[:, 1], np.zeros(w.t.size)))
+        return _interval(parts, self.seed) if parts else (-np.inf, np.inf)
 
 
 def _errors(run: HeldOutRun, found: Sequence[Finding], c: int) -> _Errors | None:
@@ -176,36 +219,19 @@ def _interval(parts: Sequence[tuple[Array, Array, Array]], seed: int) -> tuple[f
     rng = np.random.default_rng(seed)
     total = np.zeros(DRAWS)
     for e, c, hold in parts:
-        picks = _blocks(rng, e.size)
-        shared = rng.standard_normal(DRAWS) * np.mean((2.0 * hold * c)[picks], axis=1)
-        total += np.mean((-2.0 * e * c - c**2)[picks], axis=1) - shared
+        drawn = _redrawn(rng, np.column_stack([-2.0 * e * c - c**2, 2.0 * hold * c]))
+        total += drawn[:, 0] - rng.standard_normal(DRAWS) * drawn[:, 1]
     low, high = np.quantile(total, [0.025, 0.975])
     return float(low), float(high)
 
 
-def _blocks(rng: np.random.Generator, m: int) -> Array:
-    """Numbers of m windows drawn again in blocks of √m neighbours, shape (DRAWS, m)."""
+def _redrawn(rng: np.random.Generator, values: Array) -> Array:
+    """Means of m rows drawn again in blocks of √m neighbours, shape (DRAWS, k)."""
+    m = len(values)
     length = max(1, round(np.sqrt(m)))
-    count = -(-m // length)
-    first = rng.integers(0, m, (DRAWS, count, 1))
-    return np.asarray(((first + np.arange(length)) % m).reshape(DRAWS, -1)[:, :m])
-
-
-def _surprises(
-    run: HeldOutRun, f: Finding, lasting: Sequence[Finding], design: Design, felt: Sequence[int], seed: int
-) -> tuple[float, float]:
-    """95 % interval of what a finding adds to the squares of the bias filter's innovations, over channels."""
-    parts = []
-    for c in felt:
-        own = run.columns[f.term.key, c] @ f.theta
-        everything = run.stack.y[:, c] - run.correction(lasting)[:, c]
-        w = validation.windows(run.stack, np.column_stack([everything, own]), c)
-        if w.t.size < 4:
-            continue
-        variance = float(run.white[c]) ** 2 / w.seconds
-        nu = whiten(w.mean, w.t, np.array([0]), variance, design.drift[c])[0]
-        parts.append((nu[:, 0], nu[:, 1], np.zeros(w.t.size)))
-    return _interval(parts, seed) if parts else (-np.inf, np.inf)
+    sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values, values[:length]]), axis=0)
+    blocks = (sums[length : length + m] - sums[:m]) / length
+    return np.asarray(blocks[rng.integers(0, m, (DRAWS, -(-m // length)))].mean(axis=1))
 
 
 def _share(f: Finding, used: Sequence[Finding], errors: dict[int, _Errors]) -> float | None:

@@ -28,7 +28,8 @@ from filters.tracing.error_figure import (
 )
 from filters.tracing.stack import FOLDS, Stack
 from filters.tracing.trace_document import HeldOut
-from filters.tracing.whitening import NONE, Drift, whiten
+from filters.tracing.whitening import NONE, Drift
+from filters.tracing.window_filter import Foretold, foretell
 from filters.types import Array
 
 HOLD_S = 60.0
@@ -52,6 +53,14 @@ class Windows:
     run: NDArray[np.int_]
 
 
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What is not known of a correction: its regressors, shape (n, k), and their parameters' covariance, (k, k); SI."""
+
+    columns: Array
+    covariance: Array
+
+
 def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> Windows:
     """Windowed means of a channel's residual.
 
@@ -66,9 +75,7 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
     seconds : float
         Longest window.
     """
-    regime = np.concatenate([_regimes(b) for b in stack.blocks])
-    label = np.stack([stack.run, regime, (stack.part_t // seconds).astype(np.int64)])
-    edges = np.flatnonzero(np.r_[True, (np.diff(label, axis=1) != 0).any(axis=0)])
+    edges = _edges(_windows_of(stack, seconds))
     w = stack.weight[:, channel]
     total = np.add.reduceat(w, edges)
     keep = total > 0.0
@@ -78,6 +85,17 @@ def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> 
         mean = np.add.reduceat(wide * r, edges, axis=0) / deep
         t = np.add.reduceat(w * stack.t, edges) / total
     return Windows(t[keep], total[keep] * stack.period, mean[keep], stack.power_on[edges][keep])
+
+
+def _windows_of(stack: Stack, seconds: float) -> NDArray[np.int_]:
+    """What tells the window of each row: run, stretch of unchanging rates, number of the time; shape (3, n)."""
+    regime = np.concatenate([_regimes(b) for b in stack.blocks])
+    return np.stack([stack.run, regime.astype(np.int64), (stack.part_t // seconds).astype(np.int64)])
+
+
+def _edges(label: NDArray[np.int_]) -> NDArray[np.int_]:
+    """First row of each window."""
+    return np.flatnonzero(np.r_[True, (np.diff(label, axis=1) != 0).any(axis=0)])
 
 
 def _regimes(blocks: Blocks) -> Array:
@@ -303,29 +321,42 @@ def _least_squares(X: Array, y: Array, root: Array) -> Array:
 
 
 def nis(
-    stack: Stack, before: Array, after: Array, channel: int, white: float, drift: Drift, more: Array | None = None
+    stack: Stack,
+    before: Array,
+    after: Array,
+    channel: int,
+    white: float,
+    drift: Drift,
+    correction: Correction | None = None,
 ) -> ErrorFigure | None:
-    """√(NIS/dof) of windowed means in the bias filter, without drift before, with it after.
+    """√(NIS/dof) of windowed means in the bias filter, without drift before, with it and the correction's states after.
 
-    `more` is a variance to be added to each row after: that of the correction, SI, shape (n,).
+    Parameters
+    ----------
+    stack : Stack
+        Of the held-out run alone.
+    before, after : Array
+        Residual of the channel without and with the correction, SI, shape (n,).
+    channel : int
+        Which.
+    white : float
+        White density, unit·√s.
+    drift : Drift
+        Of the filter after.
+    correction : Correction or None
+        What is not known of it; None if that is nothing.
+
+    Returns
+    -------
+    ErrorFigure or None
+        None with less than four windows.
     """
-    values = []
-    own = windows(stack, before, channel)
-    if own.t.size < 4:
-        return None
-    starts = np.flatnonzero(np.r_[True, np.diff(own.run) != 0])
-    for r, process, extra in ((before, NONE, None), (after, drift, more)):
-        w = windows(stack, r, channel)
-        variance = white**2 / w.seconds
-        if extra is not None:
-            variance = variance + windows(stack, extra, channel).mean
-        nu = whiten(w.mean[:, None], w.t, starts, variance, process)[0][:, 0]
-        values.append(nu[nu != 0.0])
-    n = values[1].size
-    if n < 2:
+    made = _before_and_after(stack, before, after, channel, white, drift, correction, _windows_of(stack, WINDOW_S))
+    n = made[1].error.size
+    if n < 3:
         return None
     low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
-    before_rms, after_rms = (rms(nu) for nu in values)
+    before_rms, after_rms = (rms(each.normalised) for each in made)
     return ErrorFigure(
         metric="nis",
         channel=CHANNELS[channel],
@@ -342,18 +373,27 @@ def nis(
 
 
 def prediction(
-    stack: Stack, before: Array, after: Array, channel: int, white: float, drift: Drift
+    stack: Stack,
+    before: Array,
+    after: Array,
+    channel: int,
+    white: float,
+    drift: Drift,
+    correction: Correction | None = None,
 ) -> list[ErrorFigure]:
-    """How well the bias filter foretells the mean of the next 60 s, and how often within its 3 sd."""
-    errors, inside = [], []
-    for r, process in ((before, NONE), (after, drift)):
-        e, sd = _foretold(stack, r, channel, white, process)
-        if e.size < 3:
-            return []
-        errors.append(e)
-        inside.append(float(np.mean(np.abs(e) <= 3.0 * sd)))
-    unit, si = error_unit(channel)
+    """How well the bias filter foretells the mean of the next 60 s, and how often within its 3 sd; as in `nis`."""
+    label = np.stack([stack.run, (stack.part_t // HOLD_S).astype(np.int64)])
+    made = _before_and_after(stack, before, after, channel, white, drift, correction, label)
+    w = stack.weight[:, channel]
+    edges = _edges(label)
+    full = np.add.reduceat(w, edges) * stack.period > 0.5 * HOLD_S
+    errors = [each.error[full[each.window]] for each in made]
+    sds = [each.sd[full[each.window]] for each in made]
     n = errors[1].size
+    if n < 3:
+        return []
+    inside = [float(np.mean(np.abs(e) <= 3.0 * sd)) for e, sd in zip(errors, sds, strict=True)]
+    unit, si = error_unit(channel)
     before_rms, after_rms = (rms(e) / si for e in errors)
     floor = white / np.sqrt(HOLD_S) / si
     low, high = (float(np.sqrt(q / n)) for q in chi2_quantiles(n))
@@ -386,28 +426,25 @@ def prediction(
     return [predicted, covered]
 
 
-def _foretold(stack: Stack, r: Array, channel: int, white: float, drift: Drift) -> tuple[Array, Array]:
-    """Mean of each minute less what was foretold before it, and the standard deviation that was foretold."""
-    w = stack.weight[:, channel]
-    label = (stack.part_t // HOLD_S).astype(np.int64)
-    edges = np.flatnonzero(np.diff(label, prepend=-1))
-    total = np.add.reduceat(w, edges)
-    keep = total * stack.period > 0.5 * HOLD_S
-    mean = (np.add.reduceat(w * r, edges) / np.maximum(total, 1e-9))[keep]
-    t = (np.add.reduceat(stack.t, edges) / np.diff(np.append(edges, stack.t.size)))[keep]
-    variance = white**2 / (total[keep] * stack.period)
-    nu = whiten(mean[:, None], t, np.array([0]), variance, drift)[0][:, 0]
-    return _unscaled(mean, t, variance, drift, nu)
-
-
-def _unscaled(mean: Array, t: Array, variance: Array, drift: Drift, nu: Array) -> tuple[Array, Array]:
-    """Innovations in their unit: the filter once more on a column of ones gives each one's scale."""
-    # an impulse in a row comes out as one over the innovation's standard deviation there
-    sd = np.full(mean.size, np.nan)
-    for k in range(1, mean.size):
-        impulse = np.zeros((mean.size, 1))
-        impulse[k] = 1.0
-        out = whiten(impulse[: k + 1], t[: k + 1], np.array([0]), variance[: k + 1], drift)[0][k, 0]
-        sd[k] = 1.0 / out if out > 0.0 else np.nan
-    good = np.isfinite(sd)
-    return (nu * sd)[good], sd[good]
+def _before_and_after(
+    stack: Stack,
+    before: Array,
+    after: Array,
+    channel: int,
+    white: float,
+    drift: Drift,
+    correction: Correction | None,
+    label: NDArray[np.int_],
+) -> list[Foretold]:
+    """What the bias filter foretells of windows, given by a label of each row, before and after."""
+    edges = _edges(label)
+    ends = np.zeros(stack.t.size, np.bool_)
+    ends[np.append(edges[1:], stack.t.size) - 1] = True
+    begins = np.zeros(stack.t.size, np.bool_)
+    begins[stack.begins] = True
+    fixed = (stack.t, stack.weight[:, channel], white / float(np.sqrt(stack.period)), ends, begins)
+    plain = foretell(before[:, None], *fixed, NONE)
+    if correction is None:
+        return [plain, foretell(after[:, None], *fixed, drift)]
+    corrected = np.column_stack([after, correction.columns])
+    return [plain, foretell(corrected, *fixed, drift, correction.covariance)]

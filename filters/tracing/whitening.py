@@ -286,6 +286,30 @@ def _least(value: Callable[[int], float], taus: int) -> tuple[float, int]:
     return known[i, j], i * len(LEVELS) + j
 
 
+def refined(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, found: Drift, best: float) -> Drift:
+    """A drift of the grid with its level between the grid's: where a parabola through -2 log likelihood is least.
+
+    A level of the grid is up to √2 wrong, and so then is every covariance that is made of it.
+
+    Parameters
+    ----------
+    columns, t, starts, variance
+        As in `best_drift`.
+    found : Drift
+        The best of the grid,
+    best : float
+        with its -2 log likelihood.
+    """
+    step = float(np.sqrt(2.0))
+    low, high = (
+        _minus_two_log(columns, t, starts, variance, Drift(found.tau, found.level * factor))
+        for factor in (1.0 / step, step)
+    )
+    bend = low - 2.0 * best + high
+    at = 0.5 * (low - high) / bend if bend > 0.0 else 0.0
+    return Drift(found.tau, found.level * step ** float(np.clip(at, -1.5, 1.5)))
+
+
 def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:
     out, log_det = whiten(columns, t, starts, variance, drift)
     return profile(out) + log_det

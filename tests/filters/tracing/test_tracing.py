@@ -99,6 +99,25 @@ def test_the_held_out_error_comes_down_to_its_floor(seed: int) -> None:
     assert errors(many(seed), "drift_60s", "all")["after"] < errors(many(seed), "drift_60s", "all")["before"]
 
 
+@pytest.mark.parametrize(
+    "drift",
+    [
+        Effect("gauss_markov", ("ax",), {"mg": 1.4, "tau_s": 20.0}),
+        Effect("random_walk", ("ax",), {"mg_per_sqrt_s": 0.14}),
+    ],
+)
+def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
+    """√NIS of the held-out run is near one over eight units, and within its band as often as a fitted level allows."""
+    figures = []
+    for seed in range(8):
+        runs = power_ons(drift, seed=seed, hz=8.0)
+        figures.append(errors(trace(runs[:2], runs[2], seed=seed), "nis", "ax"))
+    squares = np.array([f["after"] ** 2 for f in figures])
+    assert np.mean([f["before"] for f in figures]) > 1.5
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+    assert sum(f["ci95"][0] < 1.0 < f["ci95"][1] for f in figures) >= 5
+
+
 def test_one_cold_start_is_never_better_than_confounded() -> None:
     """With one run a term in time or temperature may be named or called drift, but it is not explained."""
     for seed in range(1, 4):
