@@ -287,7 +287,7 @@ def _least(value: Callable[[int], float], taus: int) -> tuple[float, int]:
 
 
 def refined(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, found: Drift, best: float) -> Drift:
-    """A drift of the grid with its level between the grid's: where a parabola through -2 log likelihood is least.
+    """A drift of the grid with level and time constant between the grid's, where parabolas through -2 log L are least.
 
     A level of the grid is up to √2 wrong, and so then is every covariance that is made of it.
 
@@ -300,14 +300,23 @@ def refined(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array,
     best : float
         with its -2 log likelihood.
     """
-    step = float(np.sqrt(2.0))
-    low, high = (
-        _minus_two_log(columns, t, starts, variance, Drift(found.tau, found.level * factor))
-        for factor in (1.0 / step, step)
-    )
-    bend = low - 2.0 * best + high
-    at = 0.5 * (low - high) / bend if bend > 0.0 else 0.0
-    return Drift(found.tau, found.level * step ** float(np.clip(at, -1.5, 1.5)))
+    place, value = np.log([found.tau, found.level]), best
+    # level with the time constant: the rate at which the drift grows is known best
+    ways = [np.array([0.0, 0.35])] if found.is_walk else [np.array([0.0, 0.35]), np.array([0.4, 0.2])]
+    for way in ways * 2:
+        ends = [_at(columns, t, starts, variance, place + sign * way) for sign in (-1.0, 1.0)]
+        bend = ends[0] - 2.0 * value + ends[1]
+        step = float(np.clip(0.5 * (ends[0] - ends[1]) / bend, -1.5, 1.5)) if bend > 0.0 else 0.0
+        tried = _at(columns, t, starts, variance, place + step * way)
+        if tried < value:
+            place, value = place + step * way, tried
+    return Drift(found.tau if found.is_walk else float(np.exp(place[0])), float(np.exp(place[1])))
+
+
+def _at(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, place: Array) -> float:
+    """-2 log likelihood at logarithms of time constant and level."""
+    tau, level = np.exp(place).tolist()
+    return _minus_two_log(columns, t, starts, variance, Drift(tau, level))
 
 
 def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift) -> float:

@@ -114,7 +114,8 @@ def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
         figures.append(errors(trace(runs[:2], runs[2], seed=seed), "nis", "ax"))
     squares = np.array([f["after"] ** 2 for f in figures])
     assert np.mean([f["before"] for f in figures]) > 1.5
-    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+    # levels are known to a tenth from two runs of 15 minutes, which makes it a little more than one
+    assert np.mean(squares) == pytest.approx(1.1, abs=0.2)
     assert sum(f["ci95"][0] < 1.0 < f["ci95"][1] for f in figures) >= 5
 
 
