@@ -126,12 +126,15 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
         return _from_log(path, start)
     from imutui.logbook import importer
 
-    whole = importer.load(path)
-    _check_start(path, start, whole.t - whole.t[0])
-    r = importer.load(path, start) if start > 0.0 else whole
+    r = importer.load(path)
     t = r.t - r.t[0]
-    motion = _known_motion(t, r.known, r.accel_g, axes, site)
-    return PlayedRecording(path.name, t, np.hstack([r.gyro_dps, r.accel_g]), r.temperature_degc, False, motion)
+    _check_start(path, start, t)
+    part = slice(int(np.searchsorted(t, start)), None)
+    t = t[part] - t[part][0]
+    known = {name: values[part] for name, values in r.known.items()}
+    motion = _known_motion(t, known, r.accel_g[part], axes, site)
+    degc = None if r.temperature_degc is None else r.temperature_degc[part]
+    return PlayedRecording(path.name, t, np.hstack([r.gyro_dps, r.accel_g])[part], degc, False, motion)
 
 
 def _from_log(path: Path, start: float) -> PlayedRecording:

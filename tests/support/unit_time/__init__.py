@@ -72,9 +72,15 @@ def acquire_in_real_time(
     scenario: Path, power_on: int, log: Path, seconds: float, *options: str, check: int | None = 0
 ) -> "subprocess.CompletedProcess[str]":
     """The same from a plain `imutui virtual`."""
-    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin"]
-    with _running([*command, "--scenario", str(scenario), "--power-on", str(power_on)]) as port:
-        return record(port, dict(os.environ), log, seconds, *options, check=check)
+    with virtual_in_real_time("--scenario", str(scenario), "--power-on", str(power_on)) as (port, environment):
+        return record(port, environment, log, seconds, *options, check=check)
+
+
+@contextmanager
+def virtual_in_real_time(*arguments: str) -> Iterator[tuple[str, dict[str, str]]]:
+    """A plain `imutui virtual` with these arguments: port, and the environment for `imutui record`."""
+    with _running([sys.executable, "-m", "imutui", "virtual", "--while-stdin", *arguments]) as port:
+        yield port, dict(os.environ)
 
 
 @contextmanager
