@@ -23,6 +23,7 @@ _STILL_FORCE = 0.2  # m/s²
 _STILL_TURN = np.deg2rad(0.5)  # over a window
 _SETTLED_TURN = np.deg2rad(0.2)  # between the means of the first and the last third of a stretch
 _LEAST_WINDOWS = 2.0
+_SAME = np.deg2rad(0.1)  # two rests' attitudes: what a measured one is worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +153,18 @@ def rests(t: Array, gyro: Array, force: Array, known: Orientation) -> NDArray[np
 
 
 def at_rest(known: Orientation, stretches: NDArray[np.int_]) -> Orientation:
-    """With one attitude for each stretch at rest, the mean of its rows, and no rate there."""
+    """With one attitude for each stretch at rest, the mean of its rows, and no rate there.
+
+    Rests that differ by less than a measured attitude is worth have the same: else what the accelerometers read of the
+    reference's error, a few mg, would pass for an effect of the attitude.
+    """
     quaternion, rate = known.quaternion.copy(), known.rate.copy()
+    seen: list[Array] = []
     for first, last in stretches.tolist():
-        quaternion[first:last] = _mean(quaternion[first:last])
+        own = _mean(quaternion[first:last])
+        alike = [other for other in seen if _angle(own, other) < _SAME]
+        seen.append(alike[0] if alike else own)
+        quaternion[first:last] = seen[-1]
         rate[first:last] = 0.0
     return Orientation(quaternion, rate, known.unknown)
 
@@ -163,7 +172,12 @@ def at_rest(known: Orientation, stretches: NDArray[np.int_]) -> Orientation:
 def _settled(q: Array) -> bool:
     """Whether attitudes end where they begin."""
     third = max(1, len(q) // 3)
-    return bool(2.0 * np.arccos(min(1.0, abs(float(_mean(q[:third]) @ _mean(q[-third:]))))) < _SETTLED_TURN)
+    return bool(_angle(_mean(q[:third]), _mean(q[-third:])) < _SETTLED_TURN)
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Of the rotation between two attitudes, rad."""
+    return 2.0 * float(np.arccos(min(1.0, abs(float(a @ b)))))
 
 
 def _mean(q: Array) -> Array:

@@ -120,6 +120,11 @@ def _tell(log: Path, document: "ResultDocument") -> None:
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
         say(f"imutui: {log}: {document['damage']}. {upto} `imutui recover` makes a whole file of what can be read.")
+    if "position" in document.get("unobservable", []):
+        say(
+            f"imutui: {log}: its reference knows the attitude only: attitude and gyro biases are estimated; position,"
+            " velocity and accelerometer biases can't be, and are null"
+        )
     for alarm in document["alarms"]:
         say(f"imutui: alarm: {alarm}")
     for sentence in document["confounded"]:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 VERSION = 1
 _BIASES = ("accel_bias", "gyro_bias")
+PLACE = ("position", "velocity")
+"""What is not observable where only the attitude is known, beside biases."""
 _NAMES = tuple(f"{bias}_{axis}" for bias in _BIASES for axis in "xyz")
 
 EXACT = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
@@ -50,8 +52,8 @@ class Timings:
 class StateFields(TypedDict):
     """Navigation state and biases, in the units of their names; None where it cannot be seen."""
 
-    position_deg_m: list[float]
-    velocity_mps: list[float]
+    position_deg_m: list[float | None]
+    velocity_mps: list[float | None]
     rpy_deg: list[float]
     accel_bias_mg: list[float | None]
     gyro_bias_dps: list[float | None]
@@ -60,8 +62,8 @@ class StateFields(TypedDict):
 class SdFields(TypedDict):
     """Standard deviations that go with `StateFields`; of the position in metres north, east, down."""
 
-    position_m: list[float]
-    velocity_mps: list[float]
+    position_m: list[float | None]
+    velocity_mps: list[float | None]
     rpy_deg: list[float | None]
     accel_bias_mg: list[float | None]
     gyro_bias_dps: list[float | None]
@@ -176,7 +178,7 @@ class ResultDocument(TypedDict):
     """The demo only: what the virtual instrument really has."""
 
 
-def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> StateFields:
+def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True) -> StateFields:
     """Navigation state and biases at the edge: degrees, mg, deg/s, instrument axes; `None` for a bias not seen.
 
     Parameters
@@ -189,27 +191,31 @@ def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) 
         m/s² of one g.
     seen : np.ndarray
         Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,).
+    placed : bool
+        Whether position and velocity are.
     """
     accel = axes.accel_to_instrument(nav.accel_bias) / g_unit * 1e3
     longitude = np.remainder(np.rad2deg(nav.longitude) + 180.0, 360.0) - 180.0
     return {
-        "position_deg_m": [float(np.rad2deg(nav.latitude)), float(longitude), float(nav.height)],
-        "velocity_mps": _floats(nav.velocity_n),
+        "position_deg_m": _where(np.array([np.rad2deg(nav.latitude), longitude, nav.height]), np.full(3, placed)),
+        "velocity_mps": _where(nav.velocity_n, np.full(3, placed)),
         "rpy_deg": _floats(np.rad2deg(attitude.to_rpy(nav.C_nb))),
         "accel_bias_mg": _where(accel, seen[:3]),
         "gyro_bias_dps": _where(np.rad2deg(axes.gyro_to_instrument(nav.gyro_bias)), seen[3:]),
     }
 
 
-def sd_fields(P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray) -> SdFields:
+def sd_fields(
+    P: np.ndarray, nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True
+) -> SdFields:
     """Standard deviations that go with `state_fields`, from a covariance (15, 15)."""
     sd = np.sqrt(np.diag(P))
     J = attitude.rpy_jacobian(nav.C_nb)
     rpy = np.sqrt(np.diag(J @ P[state.ATTITUDE, state.ATTITUDE] @ J.T))
     accel = axes.sd_to_instrument(sd[state.ACCEL_BIAS]) / g_unit * 1e3
     return {
-        "position_m": _floats(sd[state.POSITION]),
-        "velocity_mps": _floats(sd[state.VELOCITY]),
+        "position_m": _where(sd[state.POSITION], np.full(3, placed)),
+        "velocity_mps": _where(sd[state.VELOCITY], np.full(3, placed)),
         "rpy_deg": [float(x) if np.isfinite(x) else None for x in np.rad2deg(rpy)],
         "accel_bias_mg": _where(accel, seen[:3]),
         "gyro_bias_dps": _where(np.rad2deg(axes.sd_to_instrument(sd[state.GYRO_BIAS])), seen[3:]),
@@ -281,6 +287,7 @@ def document(
     seen = seen_axes(estimator, axes)
     nav, P = latest.belief.nav, latest.belief.P
     duration = latest.t
+    unplaced = () if _placed(estimator) else PLACE
     return {
         "version": VERSION,
         "log": str(log.resolve()),
@@ -295,9 +302,9 @@ def document(
         "measurements": info.measurements,
         "seed": info.seed if info.measurements == "drawn" else None,
         "finished": finished,
-        "unobservable": [name for name, s in zip(_NAMES, seen, strict=True) if not s],
-        "final": state_fields(nav, axes, g_unit, seen),
-        "sd": sd_fields(P, nav, axes, g_unit, seen),
+        "unobservable": [*unplaced, *(name for name, s in zip(_NAMES, seen, strict=True) if not s)],
+        "final": state_fields(nav, axes, g_unit, seen, placed=not unplaced),
+        "sd": sd_fields(P, nav, axes, g_unit, seen, placed=not unplaced),
         "spread": _spread(estimator, axes, g_unit, seen),
         "converged": estimator.converged,
         "converged_s": converged_since(estimator, axes),
@@ -396,6 +403,13 @@ def _spread(estimator: "Estimator", axes: AxisMap, g_unit: float, seen: np.ndarr
         "mean": state_fields(mean, axes, g_unit, seen),
         "sd": sd_fields(moments.covariance, mean, axes, g_unit, seen),
     }
+
+
+def _placed(estimator: "Estimator") -> bool:
+    """Whether the reference says where the unit is."""
+    from filters.motion.attitude_only import Turning
+
+    return not isinstance(estimator.reference, Turning)
 
 
 def _where(values: np.ndarray, seen: np.ndarray) -> list[float | None]:

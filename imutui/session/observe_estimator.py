@@ -46,16 +46,21 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         state = results.state_fields(nav, axes, g_unit, seen)
         sd = results.sd_fields(P, nav, axes, g_unit, seen)
         out["state"] = {
-            "position_deg_m": state["position_deg_m"],
-            "velocity_mps": state["velocity_mps"],
+            "position_deg_m": _numbers(state["position_deg_m"]),
+            "velocity_mps": _numbers(state["velocity_mps"]),
             "rpy_deg": state["rpy_deg"],
         }
         out["state_sd"] = {
-            "position_m": sd["position_m"],
-            "velocity_mps": sd["velocity_mps"],
+            "position_m": _numbers(sd["position_m"]),
+            "velocity_mps": _numbers(sd["velocity_mps"]),
             "rpy_deg": sd["rpy_deg"],
         }
     return out
+
+
+def _numbers(values: list[float | None]) -> list[float]:
+    """Numbers of a state that is placed, which all are."""
+    return [value for value in values if value is not None]
 
 
 def _remainder(estimator: Estimator, info: SessionInfo) -> list[RemainderSnapshot]:

@@ -1,0 +1,44 @@
+"""Measured recordings with an optical reference: the delay that the full rate says, and gyros at their floor."""
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.commands import imutui
+from helpers.paths import DATA
+
+FAST, SLOW = DATA / "broad_fast_rotation.npz", DATA / "broad_slow_rotation_breaks.npz"
+FLAGS = ("--accel-sign", "+1", "--mount", "x,-y,-z")
+needed = pytest.mark.skipif(not (FAST.exists() and SLOW.exists()), reason=f"{FAST} or {SLOW} is not there")
+
+
+def taken(source: Path, folder: Path) -> str:
+    log = folder / f"{source.stem}.mcap"
+    imutui("import", str(source), "-o", str(log), *FLAGS)
+    return str(log)
+
+
+@needed
+def test_fast_turns_by_hand_give_their_delay_and_it_holds_on_other_turns(tmp_path: Path) -> None:
+    """4.2 ms, no g² terms or lines beside it; gyros at the floor on a slow recording that nothing was fitted to."""
+    done = imutui("trace", taken(FAST, tmp_path), taken(SLOW, tmp_path), "--json")
+    told = json.loads(done.stdout)
+    (delay,) = [f for f in told["findings"] if f["effect"] == "delay"]
+    assert delay["params"][0]["value"] == pytest.approx(0.0042, abs=0.0001)
+    assert set(delay["channels"]) == {"gx", "gy", "gz"}
+    assert not [f for f in told["findings"] if f["effect"] == "g_squared"]
+    assert told["lines"] == []
+    after = {e["channel"]: e["after_x_floor"] for e in told["error"] if e["metric"] == "e10"}
+    assert all(after[name] < 1.2 for name in ("gx", "gy", "gz"))
+    assert any("accelerometers are used at rest only" in note for note in told["notes"])
+
+
+@needed
+def test_replay_says_what_an_attitude_can_give(tmp_path: Path) -> None:
+    """Gyro biases of the slow recording as its rests show them; what is not observable is said."""
+    done = imutui("replay", taken(SLOW, tmp_path), "--json")
+    told = json.loads(done.stdout)
+    for bias, at_rest in zip(told["final"]["gyro_bias_dps"], (0.20, 0.12, -0.23), strict=True):
+        assert bias == pytest.approx(at_rest, abs=0.03)
+    assert told["unobservable"][:2] == ["position", "velocity"]
+    assert "attitude only" in done.stderr
