@@ -17,7 +17,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
                 noise · `step_beside_drift`, `telegraph_beside_drift` those of a channel that drifts ·
                 `beside_drift` slow effects with drift fitted on both sides · `unseen_cells` gain on what the fit has
-                not seen · `drift_guard` whether drift would do as well
+                not seen · `drift_guard` whether drift would do as well ·
+                `left_out_runs` whether a term carries over between power-ons
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
  9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`

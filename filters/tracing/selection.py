@@ -18,6 +18,7 @@ from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.drift_guard import drift_price, guarded_score, likeliest_drift
+from filters.tracing.left_out_runs import transfer_gains
 from filters.tracing.run_specific_search import search
 from filters.tracing.unseen_cells import unseen_gain
 from filters.tracing.whitening import NONE, Drift
@@ -149,7 +150,10 @@ def select(
     for n in range(_ROUNDS):
         progress(n / _ROUNDS)
         if not _round(chosen, usable, channels, searched):
-            break
+            gone = _drop_untransferred(chosen)
+            if gone is None:
+                break
+            usable = [a for a in usable if a is not gone]
     _settle_drift(chosen, channels)
     _prune(chosen, KEEP)
     _list_weak(chosen, usable, channels)
@@ -212,6 +216,20 @@ def _prune(chosen: Selection, least: float) -> None:
         if scores[worst] >= least:
             return
         chosen.terms.pop(worst)
+
+
+def _drop_untransferred(chosen: Selection) -> Term | None:
+    """Drop the term that loses most on power-ons that are left out in turn; None if all gain there."""
+    gains = transfer_gains(chosen.design, chosen.terms)
+    lost = [a for a in chosen.terms if gains.get(a.key, 1.0) <= 0.0]
+    if not lost:
+        return None
+    worst = min(lost, key=lambda a: gains[a.key])
+    chosen.terms = [a for a in chosen.terms if a is not worst]
+    score = float(chosen.design.gains(chosen.terms, [worst])[0]) - chosen.price(worst)
+    why = "does not carry over from one power-on to the next"
+    chosen.weak.append(weak_of(chosen, chosen.terms, worst, score, 0.0, why, None))
+    return worst
 
 
 def _candidates(
