@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from filters.channels import CHANNELS
-from filters.effects import additive, drivers, reference_errors
+from filters.effects import additive, drivers, reference_errors, thermal_average
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import ShapeValue, number_of, numbers_of
 from filters.motion.segments import AXES
@@ -102,6 +102,8 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     channel = CHANNELS.index(channels[0])
     if effect == "bias":
         return additive.Bias(channel)
+    if shape.get("form") == thermal_average.FORM:
+        return thermal_average.from_file(effect, channel, shape)
     wanted = {key: value for key, value in shape.items() if key != "knots"}
     if effect.startswith("driver:"):
         return _driver(effect.removeprefix("driver:"), channel, shape)

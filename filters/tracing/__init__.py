@@ -18,9 +18,12 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
                 noise · `step_beside_drift`, `telegraph_beside_drift` those of a channel that drifts ·
                 `beside_drift` slow effects with drift fitted on both sides · `unseen_cells` gain on what the fit has
                 not seen · `drift_guard` whether drift would do as well ·
-                `left_out_runs` whether a term carries over between power-ons
+                `left_out_runs` whether a term carries over between power-ons ·
+                `thermal_forms` curve, memory and drift together, `thermal_transfer` what of them carries over,
+                `thermal_memory` where they take the place of single effects
                 `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
- 8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place
+ 8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place ·
+                `averaged_findings` what is said of an average
  9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`
                 residuals in seconds at rest · `common_steps` events · `common_drift` drifts · `common_document` entries
 10 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the

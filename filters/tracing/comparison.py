@@ -21,6 +21,7 @@ from filters.tracing.reference_noise import ReferenceNoise, reference_noise
 from filters.tracing.run import Run
 from filters.tracing.selection import Selection, select
 from filters.tracing.stack import Stack
+from filters.tracing.thermal_memory import choose_jointly
 from filters.types import Array
 
 _SAME_NOISE = 0.05
@@ -120,7 +121,9 @@ def _selected(design: Design, least_s: float) -> tuple[Selection, list[int], lis
     channels = [c for c in range(len(CHANNELS)) if design.sd[c] > 0.0 and design.stack.seconds(c) > 0.5 * least_s]
     multiplier, drivers = noise_drivers(design, channels)
     design.set_multiplier(multiplier)
-    return select(design, channels), channels, drivers
+    chosen = select(design, channels)
+    choose_jointly(chosen, channels)
+    return chosen, channels, drivers
 
 
 def _again(chosen: Selection, cleaned: Sequence[Blocks], left: Sequence[Blocks], noise: ReferenceNoise) -> Design:

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.effects.run_specific import RunSpecific
+from filters.tracing.averaged_findings import rivals_of
 from filters.tracing.columns import Term
 from filters.tracing.rivals import Rival, rivals
 from filters.tracing.selection import Selection
+from filters.tracing.thermal_transfer import JointChoice
 from filters.types import Array
 
 _MATERIAL = 9.0  # chi-square that a shared effect explains of a channel that it matters on
@@ -32,6 +34,8 @@ class Finding:
         What else would do.
     channels : tuple of int
         Those on which it matters.
+    joint : JointChoice or None
+        What it is an average of.
     confirmed : bool or None
         Whether it lowers the error of the held-out run beyond chance; None without one, or for what is run-specific.
     """
@@ -45,6 +49,7 @@ class Finding:
     channels: tuple[int, ...]
     confirmed: bool | None = None
     share: float | None = None
+    joint: JointChoice | None = None
 
     @property
     def lasting(self) -> bool:
@@ -58,6 +63,9 @@ def findings_of(chosen: Selection) -> list[Finding]:
     found = []
     for number, term in enumerate(chosen.terms):
         theta, covariance = fit.of(number)
+        joint = chosen.averages.get(term.key)
+        if joint is not None:
+            theta, covariance = joint.theta, joint.covariance
         gain = chosen.own_gain(term)
         where = _channels_of(chosen, term, theta)
         found.append(
@@ -67,11 +75,18 @@ def findings_of(chosen: Selection) -> list[Finding]:
                 covariance=covariance,
                 score=gain - chosen.price(term),
                 gain=gain,
-                rivals=tuple(rivals(chosen, term)),
+                rivals=tuple(_rivals(chosen, term, joint)),
                 channels=where,
+                joint=joint,
             )
         )
     return sorted(found, key=lambda f: -f.score)
+
+
+def _rivals(chosen: Selection, term: Term, joint: JointChoice | None) -> list[Rival]:
+    if joint is None:
+        return rivals(chosen, term)
+    return rivals_of(joint, chosen.design, next(iter(term.places)))
 
 
 def _channels_of(chosen: Selection, term: Term, theta: Array) -> tuple[int, ...]:

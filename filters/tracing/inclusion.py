@@ -6,6 +6,7 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
 from filters.effects.records import Included, ShapeValue, State
 from filters.effects.run_specific import Tone
+from filters.effects.thermal_average import ThermalAverage
 from filters.tracing.assessment import Assessment
 from filters.tracing.findings import Finding
 from filters.tracing.noise_level import NoiseDriver
@@ -46,6 +47,7 @@ def included_effects(assessment: Assessment) -> tuple[tuple[Included, ...], Arra
         P = fit.covariance[np.ix_(rows, rows)]
         scale = np.sqrt(np.diag(P))
         correlation[: len(rows), : len(rows)] = P / np.outer(scale, scale)
+        _free_averages(correlation, [(f.term.key in chosen.averages, f.term.size) for f in lasting])
     levels = [
         _noise_level(d)
         for d in assessment.screening.noise_drivers
@@ -53,6 +55,14 @@ def included_effects(assessment: Assessment) -> tuple[tuple[Included, ...], Arra
     ]
     constant = [_constant(f) for f in lasting]
     return (*constant, *drifting, *levels, *_gates(assessment), *(_tone(f) for f in tones)), correlation
+
+
+def _free_averages(correlation: Array, terms: list[tuple[bool, int]]) -> None:
+    """Amplitudes of averages are known from their forms, not from the fit, and none from another; in place."""
+    own = np.flatnonzero(np.repeat([is_average for is_average, _ in terms], [size for _, size in terms]))
+    correlation[own, :] = 0.0
+    correlation[:, own] = 0.0
+    correlation[own, own] = 1.0
 
 
 def _constant(f: Finding) -> Included:
@@ -65,6 +75,8 @@ def _constant(f: Finding) -> Included:
     parameters: dict[str, ShapeValue] = dict(h.shape())
     if isinstance(h, Driver) and h.knots:
         parameters["knots"] = list(h.knots)
+    if isinstance(h, ThermalAverage):
+        parameters |= h.coefficients()
     return Included(h.effect, tuple(CHANNELS[c] for c in h.channels), "A", parameters, states)
 
 

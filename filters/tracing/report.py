@@ -8,6 +8,7 @@ from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Tone
 from filters.tracing import common_document, driver_curve
 from filters.tracing.assessment import Assessment, Remainder
+from filters.tracing.averaged_findings import parameters_of
 from filters.tracing.channel_status import statuses
 from filters.tracing.driver_curve import Curve
 from filters.tracing.error_figure import ErrorFigure
@@ -149,6 +150,8 @@ def _rival(r: Rival) -> RivalEntry:
 def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
     """What was fitted, then what fixes the shape."""
     h = f.term.hypothesis
+    if isinstance(f, Finding) and f.joint is not None:
+        return parameters_of(f.joint, f.channels[0])
     sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
     fitted = [
         ParameterEntry(

@@ -20,6 +20,7 @@ from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.drift_guard import drift_price, guarded_score, likeliest_drift
 from filters.tracing.left_out_runs import transfer_gains
 from filters.tracing.run_specific_search import search
+from filters.tracing.thermal_transfer import JointChoice
 from filters.tracing.unseen_cells import unseen_gain
 from filters.tracing.whitening import NONE, Drift
 from filters.types import Array
@@ -93,12 +94,15 @@ class Selection:
     weak : list of Weak
     unseen_gain : dict
         Gain on cells that the fit had not seen, by term's key.
+    averages : dict
+        Averages of thermal forms, by term's key.
     """
 
     design: Design
     terms: list[Term] = field(default_factory=list)
     weak: list[Weak] = field(default_factory=list)
     unseen_gain: dict[object, float] = field(default_factory=dict)
+    averages: dict[object, JointChoice] = field(default_factory=dict)
 
     def price(self, term: Term) -> float:
         """What a term's parameters and its choice cost."""

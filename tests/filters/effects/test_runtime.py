@@ -67,6 +67,21 @@ def included(effect: str, channels: tuple[str, ...], shape: Mapping[str, Any] | 
 
 
 DRIFT = State("drift", "deg/s", 0.0, 0.01, 80.0, 1e-3)
+AVERAGE = {
+    "form": "average",
+    "low_degc": 22.0,
+    "high_degc": 29.0,
+    "tau_s": [40.0, 320.0],
+    "width_k": [3.0, 3.0],
+    "start": [-1.0, 1.0],
+    "spreads": 1.0,
+    "curve": [0.3, -0.1, 0.05],
+    "lag": [0.2, 0.1],
+    "play": [0.1, -0.2],
+    "curve_1": [0.02, 0.0, 0.01],
+    "lag_1": [0.05, -0.05],
+    "play_1": [0.0, 0.03],
+}
 LEVEL = {"driver": "temperature", "knots": [20.0, 25.0, 30.0], "ratio": [1.0, 1.5, 3.0]}
 MEMBERS: dict[str, Included] = {
     "thermal_lin": included("thermal_lin", ("gy",)),
@@ -74,6 +89,7 @@ MEMBERS: dict[str, Included] = {
     "thermal_rate": included("thermal_rate", ("gz",)),
     "thermal_lag": included("thermal_lag", ("gx",), {"tau_s": 40.0}),
     "hysteresis": included("hysteresis", ("ay",), {"width_k": 3.0}),
+    "an average": included("hysteresis", ("gz",), AVERAGE),
     "warmup": included("warmup", ("az",), {"tau_s": 70.0}),
     "ramp": included("ramp", ("az",)),
     "scale": included("scale", ("gz",)),
