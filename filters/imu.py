@@ -128,23 +128,30 @@ class AxisMap:
 
     def gyro_to_body(self, rate: Array) -> Array:
         """Angular rate in body axes, M · diag(gyro_sign) · reading; shape (..., 3) in and out."""
-        return np.asarray((rate * self.gyro_sign) @ self.mount.T)
+        return _turned(rate * self.gyro_sign, self.mount)
 
     def accel_to_body(self, reading: Array) -> Array:
         """Specific force in body axes, f = s · M · reading; shape (..., 3) in and out."""
-        return np.asarray(self.accel_sign * (reading @ self.mount.T))
+        return np.asarray(self.accel_sign * _turned(reading, self.mount))
 
     def gyro_to_instrument(self, rate: Array) -> Array:
         """Rate or gyro bias in the instrument's axes, diag(gyro_sign) · Mᵀ · rate; shape (..., 3) in and out."""
-        return np.asarray((rate @ self.mount) * self.gyro_sign)
+        return np.asarray(_turned(rate, self.mount.T) * self.gyro_sign)
 
     def accel_to_instrument(self, force: Array) -> Array:
         """Specific force or its bias as the instrument shows it, s · Mᵀ · force; shape (..., 3) in and out."""
-        return np.asarray(self.accel_sign * (force @ self.mount))
+        return np.asarray(self.accel_sign * _turned(force, self.mount.T))
 
     def sd_to_instrument(self, sd: Array) -> Array:
         """Standard deviations of a body vector, reordered to the instrument's axes; shape (..., 3) in and out."""
-        return np.asarray(sd @ np.abs(self.mount))
+        return _turned(sd, np.abs(self.mount.T))
+
+
+def _turned(v: Array, M: Array) -> Array:
+    """M v for a signed permutation, shape (..., 3); an axis that is NaN stays the only one."""
+    axis = np.abs(M).argmax(axis=1)
+    # adding zero leaves no negative zero, as the sum of a product of matrices does
+    return np.asarray(v[..., axis] * M[np.arange(3), axis] + 0.0)
 
 
 def parse_mount(text: str) -> Array:

@@ -64,6 +64,9 @@ class Settings:
         Its standard deviation, s; None takes the profile's own.
     effects : callable or None
         Makes the effects that join the filter, anew for each run; "spkf" alone takes them.
+    unread : tuple of bool
+        Of the six biases, accelerometer then gyro, body axes, those whose channels were not read: what is fed there is
+        what the reference says, and tells nothing of them. Empty if all were.
     """
 
     period: float
@@ -79,6 +82,7 @@ class Settings:
     offset: float = 0.0
     offset_sd: float | None = None
     effects: "MakeEffects | None" = None
+    unread: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value, allowed in (

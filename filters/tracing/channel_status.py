@@ -14,8 +14,9 @@ _SURE = 1.7
 
 
 def statuses(assessment: Assessment) -> dict[str, Status]:
-    """Status of every channel by name."""
-    return {name: status(assessment, c) for c, name in enumerate(CHANNELS)}
+    """Status of every channel by name, but those that no run has."""
+    lacking = assessment.design.stack.unread
+    return {name: status(assessment, c) for c, name in enumerate(CHANNELS) if c not in lacking}
 
 
 def status(assessment: Assessment, channel: int) -> Status:

@@ -44,6 +44,8 @@ class Run:
         Readings not to be used, shape (N, 6).
     averaged : bool
         Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
+    unread : tuple of int
+        Numbers of channels that the recording lacks; their readings are zeros, and all flagged.
     power_on : str
         Which power-on it is a part of: runs of the same one share their biases and go on from each other's drift and
         temperature. Empty: it is a power-on by itself.
@@ -69,6 +71,7 @@ class Run:
     latency: Array = field(default_factory=lambda: np.zeros(6))
     flagged: NDArray[np.bool_] | None = None
     averaged: bool = False
+    unread: tuple[int, ...] = ()
     power_on: str = ""
     begins: float = 0.0
     history_known: bool = False

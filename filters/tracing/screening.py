@@ -64,4 +64,7 @@ def without_faults(run: Run) -> tuple[Run, list[FaultOfRun]]:
         flagged |= run.flagged
     # the steps of averaged samples are uneven by design, and their stamps say so truly
     kept = [f for f in found if not (run.averaged and f.effect == "jitter")]
+    # a channel that the recording lacks has no fault
+    lacking = {CHANNELS[c] for c in run.unread}
+    kept = [f for f in kept if not f.channels or not set(f.channels) <= lacking]
     return replace(run, flagged=flagged), [FaultOfRun(run.name, f) for f in kept]

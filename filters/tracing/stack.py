@@ -82,6 +82,11 @@ class Stack:
         period = float(np.mean([b.period for b in blocks]))
         return cls(tuple(blocks), t, part_t, run, starts, power_on, begins, y, weight, cell, period)
 
+    @property
+    def unread(self) -> set[int]:
+        """Channels that all runs lack."""
+        return set.intersection(*(set(b.run.unread) for b in self.blocks))
+
     def seconds(self, channel: int) -> float:
         """How long good data of a channel last, s."""
         return float(np.count_nonzero(self.weight[:, channel])) * self.period

@@ -97,6 +97,11 @@ def command(
         info = replace(info, reference=attachment.kind)
     if left := sorted({*recording.not_imported, *unused}):
         say(f"imutui: not imported from {file}: {', '.join(left)}")
+    if recording.unread:
+        channels = ", ".join(recording.unread)
+        say(
+            f"imutui: {file} has no readings of {channels} (NaN throughout): the log does without, and so does all else"
+        )
     for warning in (_bursts(recording, stamps), importer.check_gravity(recording, info)):
         if warning:
             say(f"imutui: warning: {warning}")

@@ -114,6 +114,11 @@ def on_the_line(
     """
     made = scenario_of(scenario, seed)
     played = None if recording is None else load(recording, start, made.axes, made.site)
+    if played is not None and np.isnan(played.values).any():
+        raise ValueError(
+            f"{recording} lacks a channel, and the virtual instrument sends six: play another recording, or name a"
+            " --scenario instead."
+        )
     if played is not None and scenario is None and spoil is None:
         version = SIMULATED if played.simulated else PLAYED
         return UnitOnTheLine(PlayedReadings(played.t, played.values, played.degc), version, seed=made.seed)

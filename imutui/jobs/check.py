@@ -11,6 +11,7 @@ import numpy as np
 from imutui.jobs import check_data, check_file, damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.documents import CheckDocument, FindingField
+from imutui.jobs.info import lacking_channels
 from imutui.jobs.quantities import plural
 from imutui.logbook import reader, scan, summary
 from imutui.logbook.message_arrays import Audit, audit
@@ -88,7 +89,9 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield f"It was rebuilt by `imutui recover`; lost then: {a.metadata[scan.RECOVERED].get('lost', 'not said')}"
     if not a.samples.size:
         yield "It holds no samples."
-    elif not a.temperature_degc.size:
+    elif lacking := lacking_channels(a):
+        yield f"It holds no readings of {', '.join(lacking)}: these channels are left out of replay and trace."
+    if a.samples.size and not a.temperature_degc.size:
         yield "It holds no temperature: effects of temperature can't be traced in it."
     if found.unknown:
         yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."

@@ -10,7 +10,7 @@ from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding
 from imutui.jobs.quantities import plural
-from imutui.logbook import schemas
+from imutui.logbook import schemas, unread_channels
 
 _RATE_OFF = 0.02
 _STAMP_SLACK_NS = 20_000_000
@@ -51,7 +51,8 @@ def _sample_times(log: CheckContext) -> Iterator[Finding]:
     if back.size:
         what = f"Sample time does not increase in {plural(int(back.size), 'place')}; a replay refuses the log."
         yield Finding("stamps", what, f"first {log.at(int(a.samples[back[0]]))}", log.recover())
-    bad = np.flatnonzero(~(np.isfinite(a.gyro).all(axis=1) & np.isfinite(a.accel).all(axis=1)))
+    lacks = unread_channels.unread(a.gyro, a.accel) & (a.samples.size > 0)
+    bad = np.flatnonzero(~(np.isfinite(np.hstack([a.gyro, a.accel])) | (lacks & ~lacks.all())).all(axis=1))
     if bad.size:
         what = f"{plural(int(bad.size), 'sample')} are not numbers; a replay refuses the log."
         where = f"first {log.at(int(a.samples[bad[0]]))}"

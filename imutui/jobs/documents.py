@@ -59,6 +59,7 @@ class ExtentFields(TypedDict):
     samples: int
     samples_without_reading: int
     packets: int
+    unread_channels: list[str]
 
 
 class TemperatureFields(TypedDict):

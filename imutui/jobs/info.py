@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from filters.imu import AxisMap
 from imutui.jobs.documents import (
     EventFields,
     ExtentFields,
@@ -14,7 +15,7 @@ from imutui.jobs.documents import (
     SessionFields,
     TemperatureFields,
 )
-from imutui.logbook import summary
+from imutui.logbook import summary, unread_channels
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 
 if TYPE_CHECKING:
@@ -212,7 +213,17 @@ def _extent(content: "Audit", found: "Scan") -> ExtentFields:
         "samples": int(stamps.size),
         "samples_without_reading": int((~content.valid).sum()),
         "packets": int(content.packets.size),
+        "unread_channels": list(lacking_channels(content)),
     }
+
+
+def lacking_channels(content: "Audit") -> tuple[str, ...]:
+    """Channels that a log's samples lack, NaN throughout, by their names in the instrument's axes."""
+    if not content.samples.size:
+        return ()
+    lacks = unread_channels.unread(content.gyro, content.accel)
+    axes = AxisMap(accel_sign=1) if content.info is None else content.info.axes()
+    return unread_channels.names(unread_channels.in_instrument_axes(lacks, axes))
 
 
 def _temperature(content: "Audit") -> TemperatureFields | None:

@@ -13,6 +13,7 @@ from filters.motion.reference import TableMotion, Trajectory
 from filters.tracing.run import rest_attitudes
 from filters.types import Array
 from imutui.jobs import replay
+from imutui.jobs.unread_filled import level_force
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
@@ -96,6 +97,12 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
 def _levelled(log: Log, info: SessionInfo) -> Array:
     force = _calm_mean(log.accel[log.valid]) if log.valid.any() else np.zeros(3)
     try:
+        force = level_force(force, info.gravity_mps2)
+    except ValueError as error:
+        raise ValueError(
+            f"{log.path}: {error}. If it is level: --reference level; else name how it stands: --reference FILE."
+        ) from error
+    try:
         return alignment.level_by_gravity(info.settings().site, force, 0.0).nav.C_nb
     except ValueError as error:
         raise ValueError(
@@ -107,7 +114,7 @@ def _levelled(log: Log, info: SessionInfo) -> Array:
 
 def _calm_mean(force: Array) -> Array:
     """Mean without wild samples, which the tracer will name."""
-    calm = (np.abs(force - np.median(force, axis=0)) < _WILD).all(axis=1)
+    calm = ~(np.abs(force - np.median(force, axis=0)) >= _WILD).any(axis=1)
     return np.asarray(force[calm].mean(axis=0) if calm.any() else force.mean(axis=0))
 
 

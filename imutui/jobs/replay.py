@@ -16,6 +16,7 @@ from filters.kalman.settings import GAP_PERIODS, Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from imutui.jobs import unread_filled
 from imutui.logbook import (
     effects_file,
     estimates,
@@ -93,6 +94,9 @@ class Part:
         rad/s and m/s², body axes, shape (N, 3).
     temperature : np.ndarray
         degC, shape (N,); NaN where it is not known.
+    unread : tuple of bool
+        Of the accelerometers and gyros, body axes, those that the log lacks; what stands there is what the reference
+        says. Empty if it lacks none.
     """
 
     start: float
@@ -101,6 +105,7 @@ class Part:
     gyro: np.ndarray
     accel: np.ndarray
     temperature: np.ndarray
+    unread: tuple[bool, ...] = ()
 
 
 def replay(
@@ -141,6 +146,8 @@ def replay(
     started = time.perf_counter()
     log = reader.read(path)
     part = select(log, options.start, options.end)
+    whole = unread_filled.filled(part.t, part.gyro, part.accel, session_of(log, options), path)
+    part = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
     log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
@@ -196,7 +203,7 @@ def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, 
         make = effects_file.maker(effects_of(log, options), info)
     except ValueError as error:
         raise ValueError(f"{log.path}: {error}. --effects none leaves effects out") from error
-    return info, info.settings(motion, noise, offset, offset_sd, make)
+    return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=part.unread)
 
 
 def session_of(log: Log, options: ReplayOptions) -> SessionInfo:
@@ -270,8 +277,16 @@ def measured_noise(info: SessionInfo, part: Part) -> Noise:
     from filters import allan
 
     levels = allan.noise_of(np.column_stack([part.accel[piece], part.gyro[piece]]), period)
-    white, drift = levels.white.tolist(), levels.drift.tolist()
+    white, drift = (_like_the_others(each, part.unread).tolist() for each in (levels.white, levels.drift))
     return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
+
+
+def _like_the_others(levels: np.ndarray, unread: tuple[bool, ...]) -> np.ndarray:
+    """Levels of six channels; one that was not read has no noise of its own, and gets the most of its kind."""
+    if not unread:
+        return levels
+    kinds = np.where(unread, 0.0, levels).reshape(2, 3)
+    return np.where(unread, np.repeat(kinds.max(axis=1), 3), levels)
 
 
 def select(log: Log, start: float | None, end: float | None) -> Part:

@@ -150,6 +150,7 @@ def _seen(read: LoggedRun) -> _GriddedRun:
     made = average(run, _STEP)
     # where only the attitude is known the accelerometers are used at rest, and the gyros say whether it fits
     used = made.weight > 0.0
+    used[:, list(run.unread)] = True
     good: NDArray[np.bool_] = np.asarray(used.all(axis=1) if run.attitude is None else used[:, :3].all(axis=1))
     expected = np.empty_like(made.y)
     made.mean([(lambda inputs: inputs.x, slice(0, 6))], expected)
@@ -158,6 +159,7 @@ def _seen(read: LoggedRun) -> _GriddedRun:
     alive: NDArray[np.bool_] = np.asarray(
         np.ptp(np.where(good[:, None], readings, readings[np.argmax(good)]), axis=0) > _SAME
     )
+    alive[list(run.unread)] = False
     return _GriddedRun(read, made.period, readings, expected, good, alive)
 
 

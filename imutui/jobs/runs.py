@@ -89,10 +89,13 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
     reading = np.empty((t.size, 6))
     reading[:, :3] = axes.gyro_to_instrument(log.gyro)
     reading[:, 3:] = axes.accel_to_instrument(log.accel)
+    lacks = np.isnan(reading).all(axis=0)
+    reading[:, lacks] = 0.0
     bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
     flagged = np.repeat(bad[:, None], 6, axis=1)
     if motion.carried is not None:
         flagged[:, 3:] |= motion.carried[:, None]
+    flagged[:, lacks] = True
     run = Run(
         name,
         t,
@@ -109,6 +112,7 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
         flagged if flagged.any() else None,
         averaged=info.sampling == "stream",
         attitude=motion.attitude,
+        unread=tuple(np.flatnonzero(lacks).tolist()),
     )
     return LoggedRun(path, info, run, log.finished, log.damage, motion.how, int(log.stamp_ns[0]), reader.sha256(path))
 

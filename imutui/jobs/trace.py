@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 import imutui
+from filters.channels import CHANNELS
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
 from imutui.jobs import power_ons, replay, run_consistency, runs, turned
@@ -109,6 +110,7 @@ def trace(
     fitted, held = (reads, None) if heldout is None else (reads[:-1], reads[-1])
     notes += joined.notes
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
+    notes += [_lacking(read) for read in reads if read.run.unread]
     find = turned.trace_turned if by_hand else _trace_known
     found, own_notes = find(
         fitted,
@@ -246,6 +248,11 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "history_known": run.history_known,
         "log_sha256": read.sha256,
     }
+
+
+def _lacking(read: LoggedRun) -> str:
+    names = ", ".join(CHANNELS[c] for c in read.run.unread)
+    return f"{read.run.name} has no readings of {names}: left out"
 
 
 def _damage(read: LoggedRun) -> str:

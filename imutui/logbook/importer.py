@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import imutui
-from imutui.logbook import arrival_stamps, power_on, schemas
+from imutui.logbook import arrival_stamps, power_on, schemas, unread_channels
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
@@ -69,6 +69,11 @@ class Recording:
     stamps: str = STAMPS
 
     @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of channels that it lacks, NaN throughout."""
+        return unread_channels.names(unread_channels.unread(self.gyro_dps, self.accel_g))
+
+    @property
     def rate_hz(self) -> float:
         """Mean rate, (N - 1)/duration; a median of steps would be wrong for bursty stamps."""
         return float((self.t.size - 1) / (self.t[-1] - self.t[0]))
@@ -114,6 +119,7 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
     for name, array in values.items():
         if name not in references:
             _check_finite(path, name, array, part)
+    _check_some(path, values["gyro"][part], values["accel"][part])
     _check_time(path, t)
     if np.count_nonzero(part) < 2:
         raise ImportDataError(
@@ -123,7 +129,7 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
         t[part],
         values["gyro"][part],
         values["accel"][part],
-        values["temp"][part] if "temp" in values else None,
+        values["temp"][part] if "temp" in values and np.isfinite(values["temp"][part]).any() else None,
         tuple(sorted(set(arrays) - set(used))),
         {name: values[name][part] for name in references},
     )
@@ -367,13 +373,21 @@ def _check_lengths(path: Path, arrays: dict[str, Any]) -> None:
 
 
 def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) -> None:
-    finite = np.isfinite(array) if array.ndim == 1 else np.isfinite(array).all(axis=1)
+    columns = array[:, None] if array.ndim == 1 else array
+    # a channel that is never there is one that the recording lacks
+    lacks = np.isnan(columns[part]).all(axis=0) if name != "t" else np.zeros(columns.shape[1], bool)
+    finite = (np.isfinite(columns) | lacks).all(axis=1)
     bad = np.flatnonzero(~finite & part)
     if bad.size:
         raise ImportDataError(
             f"{path}: `{name}` is not a number in row {bad[0]} (first row is 0; {bad.size} such rows)."
             " Remove these rows, or take a part without them with --start and --end."
         )
+
+
+def _check_some(path: Path, gyro: np.ndarray, accel: np.ndarray) -> None:
+    if gyro.size and unread_channels.unread(gyro, accel).all():
+        raise ImportDataError(f"{path} has no reading in any channel: `gyro` and `accel` are NaN throughout.")
 
 
 def _check_time(path: Path, t: np.ndarray) -> None:

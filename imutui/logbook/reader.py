@@ -16,7 +16,7 @@ import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
 
-from imutui.logbook import mcap_stream, record_walk, schemas
+from imutui.logbook import mcap_stream, record_walk, schemas, unread_channels
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import Batch
@@ -107,6 +107,11 @@ class Log:
         """`packets` as objects, made anew by each look: keep it where it is used more than once."""
         return [schemas.RawPacket(n, host, tuple(counts), *rest) for n, host, counts, *rest in self.packets.tolist()]
 
+    @property
+    def unread(self) -> np.ndarray:
+        """Which channels the log lacks, gyros first, body axes, bool, shape (6,): they are NaN throughout."""
+        return unread_channels.unread(self.gyro, self.accel)
+
     def seconds(self) -> np.ndarray:
         """Time of the samples since the first, s, shape (N,)."""
         return seconds_since(self.stamp_ns, int(self.stamp_ns[0])) if self.stamp_ns.size else np.empty(0)
@@ -169,6 +174,11 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
 
 def _check_samples(log: Log) -> None:
     finite = np.isfinite(log.gyro).all(axis=1) & np.isfinite(log.accel).all(axis=1)
+    if not finite.all():
+        lacks = log.unread
+        finite = (np.isfinite(np.hstack([log.gyro, log.accel])) | lacks).all(axis=1)
+        if lacks.all():
+            raise UnreadableLogError(f"{log.path} has no reading in any channel: all its samples are NaN.")
     if not finite.all():
         raise UnreadableLogError(
             f"{log.path}: sample {int(np.argmin(finite))} (first is 0) is not a number. Remove such samples in"

@@ -353,11 +353,13 @@ def nis_fields(estimator: "Estimator") -> NisFields:
 def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFields:
     """White noise measured on the log beside the specification's and the filter's own, instrument axes."""
     measured = estimator.monitor.noise()
+    if measured is not None and estimator.settings.unread:
+        measured = np.where(estimator.settings.unread, np.nan, measured)
     spec, used = estimator.settings.spec, estimator.settings.process_noise()
     nothing: list[float | None] = [None] * 3
     return {
-        "gyro_arw_deg_sqrt_h": nothing if measured is None else _arw(measured[3:], axes),
-        "accel_vrw_mps_sqrt_h": nothing if measured is None else _vrw(measured[:3], axes),
+        "gyro_arw_deg_sqrt_h": nothing if measured is None else _told(_arw(measured[3:], axes)),
+        "accel_vrw_mps_sqrt_h": nothing if measured is None else _told(_vrw(measured[:3], axes)),
         "specification": {
             "gyro_arw_deg_sqrt_h": _arw(np.full(3, spec.gyro_arw), axes),
             "accel_vrw_mps_sqrt_h": _vrw(np.full(3, spec.accel_vrw), axes),
@@ -414,6 +416,11 @@ def _placed(estimator: "Estimator") -> bool:
 
 def _where(values: np.ndarray, seen: np.ndarray) -> list[float | None]:
     return [float(value) if s else None for value, s in zip(values, seen, strict=True)]
+
+
+def _told(values: list[float | None]) -> list[float | None]:
+    """Null for what is not known."""
+    return [None if value is None or np.isnan(value) else value for value in values]
 
 
 def _floats(values: np.ndarray) -> list[float]:

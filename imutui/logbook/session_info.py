@@ -201,7 +201,7 @@ class SessionInfo:
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""
         settings = asdict(self.settings())
-        del settings["effects"]  # code; its file has a hash
+        del settings["effects"], settings["unread"]  # code, whose file has a hash; and what the samples themselves say
         decisive = {"settings": settings, "mount": self.mount, "accel_sign": self.accel_sign}
         decisive |= {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}
         decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}

@@ -100,6 +100,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "length", _length(d)
     yield "rate", _rate(d)
     yield "continues", f"{d['continues']}, of the same power-on" if d["continues"] else ""
+    yield "without", ", ".join(d["unread_channels"])
     yield "temperature", _temperature(d["temperature_degc"])
     yield "axes", _axes(d)
     yield "site", _site(d)

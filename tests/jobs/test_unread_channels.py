@@ -1,0 +1,159 @@
+"""Recordings that lack channels, NaN throughout: said, and left out of check, replay and trace."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.commands import imutui
+from helpers.traces import arrays
+
+from filters.imu import AxisMap, parse_mount
+from imutui.jobs import unread_filled
+from imutui.logbook import reader
+
+CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+
+
+def without(path: Path, *channels: str, moving: bool = False, seconds: float = 120.0, slope: float = 0.0) -> Path:
+    given = arrays(seconds, 20.0, moving=moving, seed=5)
+    given["gyro"][:, 1] += slope * (given["temp"] - 25.0)
+    for name in channels:
+        c = CHANNELS.index(name)
+        given["gyro" if c < 3 else "accel"][:, c % 3] = np.nan
+    kept = given if moving else {k: given[k] for k in ("t", "gyro", "accel", "temp")}
+    np.savez(path.with_suffix(".npz"), **kept)
+    return path.with_suffix(".npz")
+
+
+def log_of(path: Path, *channels: str, flags: tuple[str, ...] = (), **how: Any) -> tuple[Path, str]:
+    source = without(path, *channels, **how)
+    done = imutui("import", str(source), "-o", str(path), *flags)
+    return path, done.stderr
+
+
+def replayed(log: Path, *flags: str) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(imutui("replay", str(log), "--json", *flags, check=None).stdout)
+    return told
+
+
+def test_import_says_which_channels_are_missing_and_the_log_keeps_them_so(tmp_path: Path) -> None:
+    """On a mounted unit too: the axis that is missing stays the only one."""
+    flags = ("--mount", "y,-x,z", "--reference", "gravity")
+    log, said = log_of(tmp_path / "a.mcap", "gy", "ax", flags=flags)
+    assert "gy, ax" in said
+    held = reader.read(log)
+    axes = AxisMap(parse_mount("y,-x,z"))
+    assert np.isnan(axes.gyro_to_instrument(held.gyro)).all(axis=0).tolist() == [False, True, False]
+    assert np.isnan(axes.accel_to_instrument(held.accel)).all(axis=0).tolist() == [True, False, False]
+    assert held.unread.sum() == 2
+
+
+def test_info_and_check_say_so_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
+    """A channel that a recording lacks is no damage."""
+    log, _ = log_of(tmp_path / "a.mcap", "gx", "az")
+    assert json.loads(imutui("info", str(log), "--json").stdout)["unread_channels"] == ["gx", "az"]
+    assert "gx, az" in imutui("info", str(log)).stdout
+    told = json.loads(imutui("check", str(log), "--json").stdout)
+    assert told["fine"]
+    assert any("gx, az" in note for note in told["notes"])
+
+
+@pytest.mark.parametrize("flags", [("--reference", "level"), ("--reference", "gravity")])
+@pytest.mark.parametrize("lacks", [("gx",), ("az",), ("gz", "ax")])
+def test_replay_gives_no_bias_of_a_missing_channel_and_the_others_as_they_were(
+    tmp_path: Path, lacks: tuple[str, ...], flags: tuple[str, ...]
+) -> None:
+    """Null and listed as unobservable; what is read is estimated as with all channels, within a tenth of its sd."""
+    whole = replayed(log_of(tmp_path / "whole.mcap", flags=flags)[0])
+    part = replayed(log_of(tmp_path / "part.mcap", *lacks, flags=flags)[0])
+    for c, name in enumerate(CHANNELS):
+        field, k = ("gyro_bias_dps" if c < 3 else "accel_bias_mg"), c % 3
+        if name in lacks:
+            assert part["final"][field][k] is None
+            assert part["sd"][field][k] is None
+            assert f"{'gyro' if c < 3 else 'accel'}_bias_{'xyz'[k]}" in part["unobservable"]
+            noise = part["noise"]["gyro_arw_deg_sqrt_h" if c < 3 else "accel_vrw_mps_sqrt_h"]
+            assert noise[k] is None
+        elif whole["final"][field][k] is not None:
+            assert part["final"][field][k] == pytest.approx(whole["final"][field][k], abs=0.1 * whole["sd"][field][k])
+    assert len(part["unobservable"]) == len(set(whole["unobservable"]) | set(part["unobservable"]))
+
+
+def test_noise_measured_on_the_log_is_that_of_the_channels_there(tmp_path: Path) -> None:
+    """One that is missing borrows from its kind, so that the covariance stays positive."""
+    log, _ = log_of(tmp_path / "a.mcap", "gy")
+    told = replayed(log, "--set", "filter.noise=log")
+    used = told["noise"]["used"]["gyro_arw_deg_sqrt_h"]
+    assert used[1] == pytest.approx(max(used[0], used[2]))
+    assert told["final"]["gyro_bias_dps"][1] is None
+
+
+def test_what_cannot_be_filled_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    """A moving unit, a level that one accelerometer can't give, all channels missing."""
+    moving, _ = log_of(tmp_path / "m.mcap", "gx", moving=True)
+    said = imutui("replay", str(moving), check=2).stderr
+    assert "gx" in said
+    assert "imutui trace" in said
+    two, _ = log_of(tmp_path / "t.mcap", "ax", "az", flags=("--reference", "gravity"))
+    assert "--reference level" in imutui("replay", str(two), check=2).stderr
+    source = without(tmp_path / "n.mcap", *CHANNELS)
+    assert "any channel" in imutui("import", str(source), "-o", str(tmp_path / "n.mcap"), check=3).stderr
+
+
+def test_an_accelerometer_is_made_up_to_gravity_only_where_that_is_one_way() -> None:
+    """Down it is upright; to the side it is nothing; a tilt that may be either way is refused."""
+    assert unread_filled.level_force(np.array([0.1, 0.0, np.nan]), 9.8)[2] == pytest.approx(-9.8, abs=1e-3)
+    assert unread_filled.level_force(np.array([np.nan, 0.1, -9.8]), 9.8)[0] == 0.0
+    with pytest.raises(ValueError, match="table's x"):
+        unread_filled.level_force(np.array([np.nan, 0.0, -7.0]), 9.8)
+
+
+@pytest.mark.parametrize("row", [0, 700])
+def test_a_channel_that_is_missing_here_and_there_is_an_error_that_names_the_row(tmp_path: Path, row: int) -> None:
+    """Also beside one that is missing throughout, and of one that has a single reading."""
+    given = arrays(60.0, 20.0, moving=False)
+    given["accel"][:, 0] = np.nan
+    given["gyro"][row, 2] = np.nan
+    np.savez(tmp_path / "a.npz", **given)
+    said = imutui("import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.mcap"), check=3).stderr
+    assert f"`gyro` is not a number in row {row}" in said
+    given["gyro"][row, 2] = 0.0
+    given["accel"][7, 0] = 0.0
+    np.savez(tmp_path / "b.npz", **given)
+    said = imutui("import", str(tmp_path / "b.npz"), "-o", str(tmp_path / "b.mcap"), check=3).stderr
+    assert "`accel` is not a number in row 0" in said
+
+
+def test_a_csv_with_an_empty_column_lacks_that_channel(tmp_path: Path) -> None:
+    """Empty cells, and no temperature where its column is empty too."""
+    given = arrays(60.0, 20.0, moving=False)
+    rows = ["t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"]
+    for k in range(given["t"].size):
+        g, a = given["gyro"][k], given["accel"][k]
+        rows.append(f"{given['t'][k]},{g[0]},,{g[2]},{a[0]},{a[1]},{a[2]},")
+    (tmp_path / "a.csv").write_text("\n".join(rows))
+    done = imutui("import", str(tmp_path / "a.csv"), "-o", str(tmp_path / "a.mcap"))
+    assert "gy (NaN throughout)" in done.stderr
+    assert not reader.read(tmp_path / "a.mcap").temperature_stamp_ns.size
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_trace_leaves_out_what_is_missing_and_finds_what_is_there(tmp_path: Path, moving: bool) -> None:
+    """No status, no fault, no figure of it; a slope of another channel is found as ever."""
+    log, _ = log_of(tmp_path / "a.mcap", "gx", "ay", moving=moving, seconds=600.0, slope=0.05)
+    told = json.loads(imutui("trace", str(log), "--json").stdout)
+    assert set(told["status"]) == {"gy", "gz", "ax", "az"}
+    texts = json.dumps({k: told[k] for k in ("findings", "integrity", "lines", "noise_level", "drift", "remainder")})
+    assert '"gx"' not in texts
+    assert '"ay"' not in texts
+    assert {e["channel"] for e in told["error"]} <= {"gy", "gz", "ax", "az", "all"}
+    assert any(f["channels"] == ["gy"] for f in told["findings"])
+    assert any("no readings of gx, ay" in note for note in told["notes"])
+
+
+def test_the_virtual_instrument_says_that_it_needs_six_channels(tmp_path: Path) -> None:
+    """A recording that lacks one cannot be played on the wire."""
+    log, _ = log_of(tmp_path / "a.mcap", "gx")
+    assert "sends six" in imutui("virtual", "--from", str(log), check=2).stderr
