@@ -13,8 +13,8 @@ fault          `faults` all of them · `spikes`, `saturation` two of its searche
                `quantisation` steps of readings, size of noise · `fault_records` what the searches share
 
 What they are made of: `hypothesis` what every deterministic effect offers: regressor, parameters, shape · `inputs` what
-they are functions of. What the filter takes: `records` effects as files keep them · `runtime`
-their regressors from the past alone.
+they are functions of · `plain_names` effects and drivers in words. What the filter takes: `records` effects as files
+keep them · `runtime` their regressors from the past alone.
 
 Everything is in the instrument's own axes and sign, SI. Imports: the ground and `filters.motion`, never a filter. What
 the simulator applies (`filters.simulation`) is written apart, by each effect's own physics; it takes from here names

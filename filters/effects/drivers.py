@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from filters.channels import DPS, G
+from filters.effects import plain_names
 from filters.effects.hypothesis import ChannelEffect, Parameter
 from filters.effects.inputs import Inputs
 from filters.motion.segments import AXES
@@ -111,7 +112,7 @@ class Driver(ChannelEffect):
 
     @property
     def label(self) -> str:
-        return f"error is a function of {self.name}"
+        return plain_names.effect(self.effect)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return self.columns_of(inputs)

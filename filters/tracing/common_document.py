@@ -99,13 +99,3 @@ def number_of_step(causes: Sequence[CommonCause], h: Hypothesis) -> int | None:
 def number_of_drift(causes: Sequence[CommonCause], channel: int) -> int | None:
     """Number of the common drift or remainder that a channel's own is part of; None if there is none."""
     return next((n for n, cause in enumerate(causes) if cause.kind != "event" and channel in cause.channels), None)
-
-
-def sentence(causes: Sequence[CommonCause], has_temperature: bool) -> str:
-    """All of them in a sentence or two, what to record in it; empty if there are none."""
-    if not causes:
-        return ""
-    parts = [f"{' '.join(CHANNELS[c] for c in cause.channels)} {label(cause)}" for cause in causes[:2]]
-    more = f" ({len(causes) - 2} more such)" if len(causes) > 2 else ""
-    wanted = list(dict.fromkeys(x for cause in causes for x in suspects(cause, has_temperature)))
-    return f" {'; '.join(parts)}{more}; the cause is not in this log: record {', '.join(wanted)}."

@@ -6,7 +6,7 @@ from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
 from filters.effects.lines import SpectralLine
 from filters.effects.run_specific import RunSpecific, Tone
-from filters.tracing import common_document, driver_curve
+from filters.tracing import common_document, driver_curve, sentence
 from filters.tracing.assessment import Assessment, Remainder
 from filters.tracing.averaged_findings import parameters_of
 from filters.tracing.channel_status import statuses
@@ -48,10 +48,15 @@ _NARROW_BAND = 0.01  # of the frequency: tones of a channel nearer together are 
 def report(assessment: Assessment) -> Trace:
     """Everything that is known, as records for reports, files and the filter."""
     included, correlation = included_effects(assessment)
-    return Trace(_document(assessment), included, correlation, _series(assessment), assessment.experiment)
+    document = _document(assessment)
+    made = assessment.experiment
+    next_run = "" if made is None else sentence.next_run(made.motion, made.d_expected, (made.a, made.b))
+    document["sentence"] = sentence.sentence(document, next_run=next_run, joins=bool(included))
+    return Trace(document, included, correlation, _series(assessment), made)
 
 
 def _document(assessment: Assessment) -> TraceFindings:
+    """All but its sentence."""
     screening = assessment.screening
     drift = assessment.design.drift
     logged = [blocks.run for blocks in assessment.design.stack.blocks]
@@ -73,7 +78,7 @@ def _document(assessment: Assessment) -> TraceFindings:
         "error": [_error(figure) for figure in assessment.errors],
         "limits": list(assessment.limits),
         "seed": assessment.seed,
-        "sentence": _sentence(assessment) + common_document.sentence(assessment.common, has_temperature),
+        "sentence": "",
     }
 
 
@@ -148,10 +153,12 @@ def _rival(r: Rival) -> RivalEntry:
 
 
 def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
-    """What was fitted, then what fixes the shape."""
+    """What was fitted, then what fixes the shape; of a tone its amplitude and frequency."""
     h = f.term.hypothesis
     if isinstance(f, Finding) and f.joint is not None:
         return parameters_of(f.joint, f.channels[0])
+    if isinstance(h, Tone):
+        return _tone(f, h)
     sd = np.sqrt(np.maximum(np.diag(f.covariance), 0.0))
     fitted = [
         ParameterEntry(
@@ -164,6 +171,23 @@ def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
         for p, value, s in zip(h.parameters(), f.theta, sd, strict=True)
     ]
     return fitted + [_shape(name, value) for name, value in h.shape().items() if not isinstance(value, str)]
+
+
+def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
+    """Amplitude over the runs, root mean square, and frequency; of each one standard deviation."""
+    unit, si = error_unit(h.channel)
+    pairs = f.theta.reshape(-1, 2)
+    size = np.maximum(np.linalg.norm(pairs, axis=1), 1e-300)
+    along = pairs / size[:, None]
+    blocks = [f.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(pairs))]
+    variance = np.array([u @ P @ u for u, P in zip(along, blocks, strict=True)])
+    whole = float(np.sqrt(np.mean(size**2)))
+    sd = float(np.sqrt(np.sum(size**2 * variance))) / (len(pairs) * whole)
+    plausible = whole / si <= _IMPLAUSIBLE * h.parameters()[0].prior
+    return [
+        {"name": "amplitude", "value": whole / si, "sd": sd / si, "unit": unit, "plausible": plausible},
+        {"name": "frequency", "value": h.hz, "sd": None, "unit": "Hz", "plausible": True},
+    ]
 
 
 def _shape(name: str, value: float) -> ParameterEntry:
@@ -196,6 +220,8 @@ def _merge(tone: Tone, entry: FindingEntry, into: FindingEntry, frequencies: lis
     into["label"] = f"narrow band at {min(frequencies):.5g}-{max(frequencies):.5g} Hz"
     into["score"] += entry["score"]
     into["gain"] += entry["gain"]
+    # powers add
+    into["params"][0]["value"] = float(np.hypot(into["params"][0]["value"], entry["params"][0]["value"]))
 
 
 def _noise_finding(x: NoiseFinding) -> FindingEntry:
@@ -315,68 +341,3 @@ def _error(figure: ErrorFigure) -> ErrorEntry:
         "n": figure.n,
         "heldout": figure.heldout,
     }
-
-
-# ------------------------------------------------------------------------------------------------------- the sentence
-
-
-def _sentence(assessment: Assessment) -> str:
-    """The result in a few sentences."""
-    return " ".join([_found_sentence(assessment), *(_refuted_sentence(x) for x in assessment.refuted)])
-
-
-def _refuted_sentence(x: Refuted) -> str:
-    h = x.finding.term.hypothesis
-    where = ", ".join(CHANNELS[c] for c in x.finding.channels)
-    return (
-        f"{where}: {h.label} ({h.effect}) is refuted by the held-out run, whose error is {x.after_with:.3g} {x.unit}"
-        f" with all that was fitted and {x.after_without:.3g} {x.unit} without what it contradicts; it is not in the"
-        " effects file."
-    )
-
-
-def _found_sentence(assessment: Assessment) -> str:
-    if assessment.findings:
-        return _finding_sentence(assessment)
-    screening = assessment.screening
-    if assessment.drifting:
-        names = ", ".join(CHANNELS[c] for c in assessment.drifting)
-        return f"{names}: drift that no logged variable explains; nothing else was found."
-    if screening.noise_findings:
-        first = screening.noise_findings[0]
-        return f"{', '.join(first.channels)}: {first.label}; no other effect was found."
-    if assessment.refuted:
-        return "Nothing that was found holds on the held-out run."
-    if screening.faults or screening.lines or screening.noise_drivers:
-        return "Faults, lines or an uneven noise level were found, and no effect beyond them."
-    return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
-
-
-def _finding_sentence(assessment: Assessment) -> str:
-    f = assessment.findings[0]
-    h = f.term.hypothesis
-    text = f"{', '.join(CHANNELS[c] for c in f.channels)}: {h.label}"
-    if f.term.size == 1 and f.theta.size:
-        p, sd = h.parameters()[0], float(np.sqrt(f.covariance[0, 0]))
-        text += f", {f.theta[0] / p.si:.4g} ± {sd / p.si:.2g}{f' {p.unit}' if p.unit != '1' else ''}"
-    if f.share is not None:
-        text += f", explains {100.0 * f.share:.0f} % of what the constant bias does not"
-    if f.rivals:
-        names = " or ".join(r.term.hypothesis.effect for r in f.rivals[:3])
-        text += f"; this log does not tell it from {names}"
-    more = len(assessment.findings) - 1
-    text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
-    return text + "." + _error_sentence(assessment, f)
-
-
-def _error_sentence(assessment: Assessment, f: Finding) -> str:
-    names = {CHANNELS[c] for c in f.channels}
-    own = [x for x in assessment.errors if x.metric == "e10" and x.channel in names]
-    if not own:
-        return ""
-    x = max(own, key=lambda figure: figure.before / figure.floor)
-    how = {
-        "run": "on a run not used",
-        "part": "on a part of the power-on that was not used, which does not show transfer to another power-on",
-    }.get(x.heldout, "within the run, which does not show transfer")
-    return f" Error {x.before / x.floor:.2g} → {x.after / x.floor:.2g} × floor {how}."

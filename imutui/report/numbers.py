@@ -31,6 +31,8 @@ def times_floor(x: float | None) -> str:
 def share(x: float) -> str:
     """A share as a percentage that never claims more than it is."""
     percent = 100.0 * x
+    if percent < 1.0:
+        return "less than 1 %"
     return f"{percent:.0f} %" if percent < 99.5 else f"{min(99.9, math.floor(percent * 10.0) / 10.0):.1f} %"
 
 

@@ -5,10 +5,11 @@ axes and sign.
 """
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from filters.channels import CHANNELS as CHANNELS
+from filters.effects import plain_names
 from filters.tracing.trace_document import (
     SEPARATES,
     DriftEntry,
@@ -19,6 +20,7 @@ from filters.tracing.trace_document import (
     LineEntry,
     NoiseLevelEntry,
     ParameterEntry,
+    RefutedEntry,
     RivalEntry,
     TraceDocument,
     UntestableEntry,
@@ -58,6 +60,8 @@ _REASONS = {
 }
 SAVED = "The motion is experiment.toml, which --report DIR or -o FILE saves."
 _FEW = 3
+_ONE_SD = " (1 sd)"
+_IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +143,9 @@ def channel_lines(d: TraceDocument) -> list[ChannelLine]:
             for f in d.get("findings", [])
             if channel in f["channels"] and len(f["channels"]) > 1
         ]
+        said += [_refuted(entry) for entry in d.get("refuted", []) if channel in entry["channels"]]
         said += [_drift(entry, channel) for entry in d.get("drift", []) if channel in entry["channels"]]
+        said += _beside(d, channel)
         said += _remainder(d, channel)
         if error := _error(d, channel):
             said.append(error)
@@ -165,7 +171,7 @@ def sections(d: TraceDocument, saved: str = SAVED) -> list[Section]:
         Section("Data", tuple(_fault(entry) for entry in d.get("integrity", []))),
         Section("Lines", tuple(_line(entry) for entry in d.get("lines", []))),
         Section("Noise level", tuple(_noise(entry) for entry in d.get("noise_level", []))),
-        Section("Weak: not told from drift, not used", tuple(_weak(entry) for entry in d.get("weak", []))),
+        Section("Weak, and not used", tuple(_weak(d.get("weak", [])))),
         Section("Errors", tuple(_errors(d))),
         Section("Asked about", tuple(_limit(entry) for entry in d.get("limits", []))),
         Section("To separate the causes", tuple(_experiment(d, saved))),
@@ -195,19 +201,19 @@ def held_out(d: TraceDocument) -> str:
 
 
 def _finding(f: FindingEntry, d: TraceDocument, *, names: bool = False) -> str:
-    parts = [f["label"]]
+    parts = [plain_names.named(f["label"], f["effect"])]
     if amount := _amount(f.get("params", [])):
         parts.append(amount)
     text = ", ".join(parts)
     if names:
         text = f"{' '.join(f['channels'])}: {text}"
     told = []
-    if (explained := f.get("share_of_excess")) is not None:
+    if (explained := f.get("share_of_excess")) is not None and f.get("confirmed") is not False:
         told.append(f"explains {share(explained)}")
     if f.get("proposed_form"):
         told.append(f"form: {f['proposed_form']}")
     if f.get("confirmed") is False:
-        told.append("NOT confirmed by the held-out run, and not used")
+        told.append("NOT confirmed: the held-out run's error neither falls nor rises with it; not used")
     if any(p.get("plausible") is False for p in f.get("params", [])):
         told.append("implausibly large for this physics: read it as an empirical term")
     if f.get("rivals"):
@@ -216,13 +222,19 @@ def _finding(f: FindingEntry, d: TraceDocument, *, names: bool = False) -> str:
 
 
 def _amount(params: list[ParameterEntry]) -> str:
-    if not params:
+    """What was fitted, with one standard deviation, and what fixes its shape; of many the largest."""
+    fitted = [p for p in params if p.get("sd") is not None]
+    # the label says the time of an event, and the number of terms
+    shape = [p for p in params if p.get("sd") is None and p["name"] not in _IN_LABEL]
+    if not fitted and not shape:
         return ""
-    if len(params) <= _FEW:
+    if len(params := fitted + shape) <= _FEW:
         named = len(params) > 1
-        return ", ".join(
-            (f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in params
-        )
+        told = [
+            ", ".join((f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in some)
+            for some in (fitted, shape)
+        ]
+        return ", ".join(text + (_ONE_SD if n == 0 else "") for n, text in enumerate(told) if text)
     largest = max(params, key=lambda p: abs(p["value"]))
     return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(params)} points".replace("  ", " ")
 
@@ -234,12 +246,34 @@ def _unit(entry: ParameterEntry | ErrorEntry) -> str:
 
 
 def _rival(r: RivalEntry) -> str:
-    label = str(r.get("label", r["effect"]))
+    label = plain_names.named(str(r.get("label", plain_names.effect(r["effect"]))), r["effect"])
+    if r.get("weight") is not None:
+        return f"{label} (weight {share(r['weight'])})"
     return label if r.get("score_difference") is None else f"{label} (score {r['score_difference']:+.0f})"
 
 
 def _more(count: int) -> str:
     return f" and {count} more" if count > 0 else ""
+
+
+def _refuted(x: RefutedEntry) -> str:
+    errors = f"{x['after_with']:.3g} {x['unit']} with all that was fitted, {x['after_without']:.3g} {x['unit']} without"
+    return f"REFUTED by the held-out run, and not used: {plain_names.named(x['label'], x['effect'])}; error {errors}."
+
+
+def _beside(d: TraceDocument, channel: str) -> list[str]:
+    """What a channel has beside effects on its mean: lines, a noise level that changes, faults that were set aside."""
+    lines = [f"{entry['hz']:.4g} Hz" for entry in d.get("lines", []) if channel in entry["channels"]]
+    drivers = [plain_names.driver(e["driver"]) for e in d.get("noise_level", []) if channel in e["channels"]]
+    kinds = [plain_names.effect(e["effect"]) for e in d.get("integrity", []) if channel in e["channels"]]
+    said = []
+    if lines:
+        said.append(f"Line{'s' if len(lines) > 1 else ''} at {', '.join(lines)}.")
+    if drivers:
+        said.append(f"The noise changes with {', '.join(drivers)}.")
+    if kinds:
+        said.append(f"Faults of the data, set aside: {', '.join(kinds)}.")
+    return said
 
 
 def _drift(entry: DriftEntry, channel: str) -> str:
@@ -281,8 +315,8 @@ def _common(d: TraceDocument) -> Iterable[str]:
         where = f" of run {entry['run']}" if entry.get("run") else ""
         when = f", {entry['t_start_s']:.0f} to {entry['t_end_s']:.0f} s{where}"
         yield (
-            f"{' '.join(entry['channels'])}: {entry['label']}{when} ({sizes}; coherence {entry['coherence']:.2f});"
-            f" record {', '.join(entry['record'])}. Its course is {common_file(number)}, which --report DIR saves."
+            f"{' '.join(entry['channels'])}: {entry['label']}{when} ({sizes}, 1 sd; coherence {entry['coherence']:.2f})"
+            f"; record {', '.join(entry['record'])}. Its course is {common_file(number)}, which --report DIR saves."
         )
 
 
@@ -296,32 +330,54 @@ def _fault(entry: IntegrityEntry) -> str:
     text = where if isinstance(where, str) else ", ".join(map(str, (where or [])[:_FEW]))
     n = entry.get("count")
     count = "" if not n else ", once" if n == 1 else f", {n} times"
-    return _sentence(f"{' '.join(entry['channels'])}: {_word(entry['effect'])}{count}" + (f" ({text})" if text else ""))
+    return _sentence(
+        f"{' '.join(entry['channels'])}: {_plain(entry['effect'])}{count}" + (f" ({text})" if text else "")
+    )
 
 
 def _line(entry: LineEntry) -> str:
-    width = f" ± {0.5 * entry['width_hz']:.2g}" if entry.get("width_hz") else ""
-    text = f"{' '.join(entry['channels'])}: {entry['hz']:.4g}{width} Hz, {entry['rms']:.3g} {entry['unit']} rms"
+    width = f", {entry['width_hz']:.2g} Hz wide" if entry.get("width_hz") else ""
+    text = f"{' '.join(entry['channels'])}: {entry['hz']:.4g} Hz{width}, {entry['rms']:.3g} {entry['unit']} rms"
     if entry.get("rivals"):
         text += "; or: " + ", ".join(_rival(r) for r in entry["rivals"][:_FEW])
     return _sentence(text)
 
 
 def _noise(entry: NoiseLevelEntry) -> str:
-    text = f"{' '.join(entry['channels'])}: changes with {_word(entry['driver'])}"
+    driver = plain_names.named(plain_names.driver(entry["driver"]), entry["driver"])
+    text = f"{' '.join(entry['channels'])}: changes with {driver}"
     return _sentence(f"{text}, by up to {entry['ratio']:.2f} ×" if entry.get("ratio") is not None else text)
 
 
-def _weak(entry: WeakEntry) -> str:
-    label = entry.get("label") or _word(entry["effect"])
-    amount = _amount(entry.get("params", []))
-    score = f" (score {entry['score']:.0f})" if entry.get("score") is not None else ""
-    return _sentence(f"{' '.join(entry.get('channels', []))}: {label}{f', {amount}' if amount else ''}{score}")
+def _weak(entries: Sequence[WeakEntry]) -> Iterable[str]:
+    """The best few of each channel, with size, why they are not used, and the size that would be."""
+    of_channel: dict[tuple[str, ...], list[WeakEntry]] = {}
+    for entry in entries:
+        of_channel.setdefault(tuple(entry["channels"]), []).append(entry)
+    for channels, own in of_channel.items():
+        best = sorted(own, key=lambda entry: -entry["score"])
+        for entry in best[:_FEW]:
+            yield f"{' '.join(channels)}: {_one_weak(entry)}"
+        if len(best) > _FEW:
+            yield f"{' '.join(channels)}: {len(best) - _FEW} more, which --json lists."
+
+
+def _one_weak(entry: WeakEntry) -> str:
+    params = entry.get("params", [])
+    amount = _amount(params)
+    text = plain_names.named(entry.get("label") or plain_names.effect(entry["effect"]), entry["effect"])
+    text += f", {amount}" if amount else ""
+    text += f" (score {entry['score']:.0f})"
+    if entry.get("why"):
+        text += f": {entry['why']}"
+    if entry.get("limit") is not None and params:
+        text += f"; {entry['limit']:.2g} {_unit(params[0])}".rstrip() + " would be used"
+    return _sentence(text)
 
 
 def _limit(entry: LimitEntry) -> str:
     where = f"{' '.join(entry['channels'])}: " if entry["channels"] else ""
-    return _sentence(f"{where}{_word(entry['effect'])}: {entry['text']}")
+    return _sentence(f"{where}{_plain(entry['effect'])}: {entry['text']}")
 
 
 def _errors(d: TraceDocument) -> Iterable[str]:
@@ -372,11 +428,11 @@ def _experiment(d: TraceDocument, saved: str) -> Iterable[str]:
 def _label_of(d: TraceDocument, effect: str) -> str:
     for f in d.get("findings", []):
         if f["effect"] == effect:
-            return str(f["label"])
+            return plain_names.named(str(f["label"]), effect)
         for r in f.get("rivals", []):
             if r["effect"] == effect and "label" in r:
-                return str(r["label"])
-    return _word(effect)
+                return plain_names.named(str(r["label"]), effect)
+    return _plain(effect)
 
 
 def _untestable(entries: Iterable[UntestableEntry]) -> Iterable[str]:
@@ -384,19 +440,19 @@ def _untestable(entries: Iterable[UntestableEntry]) -> Iterable[str]:
     groups: dict[tuple[str, str], dict[str, None]] = {}
     for entry in entries:
         other = str(entry.get("with") or "") if entry["reason"] == "collinear_with" else ""
-        groups.setdefault((entry["reason"], other), {})[_word(entry["effect"])] = None
+        groups.setdefault((entry["reason"], other), {})[_plain(entry["effect"])] = None
     for (reason, other), effects in sorted(
         groups.items(), key=lambda item: (list(_REASONS).index(item[0][0]), item[0])
     ):
         if reason == "collinear_with":
-            yield f"{', '.join(effects)} apart from {_word(other)}."
+            yield f"{', '.join(effects)} apart from {_plain(other)}."
         else:
             yield f"{', '.join(effects)}: {_REASONS[reason]}."
 
 
-def _word(effect: str) -> str:
-    """An effect's or driver's name as words."""
-    return effect.removeprefix("driver:").replace("_", " ")
+def _plain(effect: str) -> str:
+    """An effect in words, with its code name."""
+    return plain_names.named(plain_names.effect(effect), effect)
 
 
 def _upper(text: str) -> str:

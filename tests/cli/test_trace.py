@@ -129,7 +129,7 @@ def test_the_text_fits_eighty_columns_and_says_it_is_simulated(
     text = run(logs["a"], logs["b"]).stdout
     assert max(map(len, text.splitlines())) <= 80
     assert "SIMULATED" in text
-    assert "0.0200 ± 0.0010 deg/s/K" in text
+    assert "0.0200 ± 0.0010 deg/s/K (1 sd)" in " ".join(text.split())
     assert "8.41 → 1.01 × floor on a run not used" in " ".join(text.split())
 
 

@@ -48,8 +48,8 @@ def test_a_common_cause_is_told_with_what_to_record() -> None:
     """Which channels, when, how much, what to log, and where its course is."""
     (section,) = [s for s in sentences.sections(document(common=[COMMON])) if s.title.startswith("Shared")]
     assert section.sentences == (
-        "ax ay: step together and come back, 700 to 1000 s of run a (ax 2.75 ± 0.10 mg; coherence 0.93); record supply"
-        " voltage. Its course is common_1.csv, which --report DIR saves.",
+        "ax ay: step together and come back, 700 to 1000 s of run a (ax 2.75 ± 0.10 mg, 1 sd; coherence 0.93); record"
+        " supply voltage. Its course is common_1.csv, which --report DIR saves.",
     )
 
 
@@ -73,27 +73,62 @@ def test_a_finding_is_a_sentence() -> None:
     assert list(lines) == ["gx", "gy", "gz", "ax", "ay", "az"]
     first, last = lines["gy"].sentences
     assert first == (
-        "bias follows temperature, 0.0200 ± 0.0010 deg/s/K; explains 97 %; or: bias follows the rate of temperature"
-        " (score -3)."
+        "bias follows temperature (thermal_lin), 0.0200 ± 0.0010 deg/s/K (1 sd); explains 97 %; or: bias follows the"
+        " rate of temperature (thermal_rate) (score -3)."
     )
     assert last == "Error 8.41 → 1.01 × floor on a run not used."
     assert lines["gy"].status == "several causes fit"
     assert "Drift (Gauss-Markov), 0.004 deg/s, over 80 s" in lines["gx"].sentences[0]
+    assert "Faults of the data, set aside: spikes." in lines["gx"].sentences
+    assert "Line at 31.41 Hz." in lines["ax"].sentences
     assert "up to 0.5 mg at 6 points" in lines["az"].sentences[0]
     assert "NOT confirmed" in lines["az"].sentences[0]
-    assert lines["gz"].sentences == ("Nothing found.",)
+    assert lines["gz"].sentences == ("Nothing found. The noise changes with the size of the rate.",)
+
+
+REFUTED = {
+    "effect": "ramp", "label": "bias runs away with time", "channels": ["az"], "metric": "e10", "after_with": 16.12,
+    "after_without": 5.786, "unit": "mg",
+}  # fmt: skip
+
+
+def test_what_is_refuted_is_told_with_both_errors() -> None:
+    """On its channel, in words and with its code name."""
+    lines = {line.channel: line for line in sentences.channel_lines(document(refuted=[REFUTED]))}
+    assert (
+        "REFUTED by the held-out run, and not used: bias runs away with time (ramp); error 16.1 mg with all that was"
+        " fitted, 5.79 mg without."
+    ) in lines["az"].sentences
+
+
+def test_of_what_is_weak_the_best_are_told_with_the_size_that_would_be_used() -> None:
+    """Three a channel, each with its reason; the others are counted."""
+    params = [{"name": "k", "value": 1e-3, "sd": 2e-4, "unit": "deg/s/K", "plausible": True}]
+    one = {
+        "effect": "thermal_lin", "label": "bias follows temperature", "channels": ["gx"], "params": params,
+        "score": 7.0, "guarded_score": 1.0, "why": "not told from drift", "limit": 0.0021,
+    }  # fmt: skip
+    weak = [{**one, "score": float(k)} for k in range(5)]
+    (section,) = [s for s in sentences.sections(document(weak=weak)) if s.title.startswith("Weak")]
+    assert len(section.sentences) == 4
+    assert section.sentences[0] == (
+        "gx: bias follows temperature (thermal_lin), 0.00100 ± 0.00020 deg/s/K (1 sd) (score 4): not told from drift;"
+        " 0.0021 deg/s/K would be used."
+    )
+    assert section.sentences[3] == "gx: 2 more, which --json lists."
 
 
 def test_shared_faulty_weak_and_untestable_things_are_said_once() -> None:
     """Each in its section, grouped and short."""
     sections = {section.title: section.sentences for section in sentences.sections(document())}
     assert len(sections["Over several channels"]) == 1
-    assert "x 0.0500 ± 0.0020 m" in sections["Over several channels"][0]
+    assert "x 0.0500 ± 0.0020 m, y" in sections["Over several channels"][0]
     assert "implausibly large" in sections["Over several channels"][0]
-    assert sections["Data"] == ("gx: spikes, 3 times (12.5 s of run a).",)
+    assert sections["Data"] == ("gx: spikes (spikes), 3 times (12.5 s of run a).",)
     assert sections["These logs cannot show"] == (
-        "scale, g squared: would look like a constant bias.",
-        "gravity apart from scale.",
+        "scale factor is off (scale), bias follows the square of specific force (g_squared): would look like a constant"
+        " bias.",
+        "gravity is not as assumed (gravity) apart from scale factor is off (scale).",
     )
     assert sections["Errors"] == ("√(NIS/dof): gy 1.84 → 1 (floor 1).",)
     assert "30 min" in sections["To separate the causes"][0]

@@ -1,0 +1,87 @@
+"""Effects and drivers in plain words. Standard library only, so that texts can be made without an array library."""
+
+_EFFECTS = {
+    "thermal_lin": "bias follows temperature",
+    "thermal_poly": "bias is a curve in temperature",
+    "thermal_rate": "bias follows the rate of temperature",
+    "thermal_lag": "bias lags behind temperature",
+    "hysteresis": "bias remembers the way temperature came (play)",
+    "warmup": "bias settles after power-on",
+    "ramp": "bias runs away with time",
+    "scale": "scale factor is off",
+    "asymmetry": "scale factor differs between + and -",
+    "nonlinearity_cubic": "reading is not linear (cubic)",
+    "nonlinearity_quadratic": "reading is not linear (quadratic)",
+    "thermal_scale": "scale factor follows temperature",
+    "cross_axis": "senses the other axes",
+    "mounting": "the unit sits turned on the table",
+    "g_sensitivity": "bias follows specific force",
+    "g_squared": "bias follows the square of specific force",
+    "earth_rate": "Earth rate is not as assumed",
+    "harmonic": "error turns with the table",
+    "delay": "readings are late",
+    "lever_arm": "the unit is away from the axes of rotation",
+    "tilt": "the table's base is not level",
+    "gravity": "gravity is not as assumed",
+    "tone": "oscillates",
+    "step": "bias steps",
+    "telegraph": "bias jumps between two levels",
+    "random_walk": "bias walks at random",
+    "gauss_markov": "bias drifts",
+    "bias": "bias is not zero",
+    "noise_level": "noise changes its level",
+    "bandwidth": "noise is band-limited",
+    "noise_crosstalk": "noise is correlated",
+    "spikes": "spikes",
+    "stuck": "the reading is stuck",
+    "saturation": "the reading is at its limit",
+    "coarse": "readings are coarse",
+    "dropout": "readings are missing",
+    "jitter": "time stamps are off",
+}
+_DRIVERS = {
+    "time": "time",
+    "temperature": "temperature",
+    "temperature_rate": "the rate of temperature",
+    "temperature_threshold": "which side of a temperature it is on",
+    "since_motion": "the time since the last motion",
+    "rate_norm": "the size of the rate",
+    "table_accel": "the table's angular acceleration",
+    **{f"w{axis}": f"the rate about {axis}" for axis in "xyz"},
+    **{f"f{axis}": f"the specific force along {axis}" for axis in "xyz"},
+}
+_OF_AXES = {
+    "angle": "the {} angle",
+    "direction": "the direction in which the {} axis last turned",
+    "turns": "the turns of the {} axis",
+    "settling": "how long ago the {} axis turned, and which way",
+}
+
+
+def driver(name: str) -> str:
+    """A driver in words; a product as one of two.
+
+    Parameters
+    ----------
+    name : str
+        As in `driver:NAME`.
+    """
+    if "*" in name:
+        a, b = name.split("*", 1)
+        return f"{driver(a)} times {driver(b)}"
+    kind, _, axis = name.partition("_")
+    if kind in _OF_AXES and axis in ("outer", "middle", "inner"):
+        return _OF_AXES[kind].format(axis)
+    return _DRIVERS.get(name, name.replace("_", " "))
+
+
+def effect(name: str) -> str:
+    """An effect in words, `driver:NAME` too; a name that is not known as it is, without underscores."""
+    if name.startswith("driver:"):
+        return f"error is a function of {driver(name.removeprefix('driver:'))}"
+    return _EFFECTS.get(name, name.replace("_", " "))
+
+
+def named(label: str, code: str) -> str:
+    """Words with the code name in brackets."""
+    return f"{label} ({code})"

@@ -1,0 +1,165 @@
+"""The result in words, made of the document's own entries: what was found, what was refuted, what to do next.
+
+Standard library only. What is said of each channel is the page's matter (`imutui.report`); this is what stands first.
+"""
+
+from collections.abc import Sequence
+
+from filters.effects import plain_names
+from filters.tracing.trace_document import SEPARATES, ErrorEntry, FindingEntry, ParameterEntry, TraceFindings
+
+_HOW = {
+    "run": "on a run not used",
+    "part": "on a part of the power-on that was not used, which does not show transfer to another power-on",
+    "folds": "within the run, which does not show transfer",
+}
+_RIVALS = 3
+
+
+def sentence(d: TraceFindings, *, next_run: str, joins: bool) -> str:
+    """The result in a few sentences, the last of which says what to do next.
+
+    Parameters
+    ----------
+    d : TraceFindings
+        All but its sentence.
+    next_run : str
+        What an operator does to tell rivals apart; empty where nothing would, or nothing is to be told apart.
+    joins : bool
+        Whether anything joins the filter.
+    """
+    told = [_found(d), *_refuted(d), _common(d), _next(d, next_run=next_run, joins=joins)]
+    return " ".join(text for text in told if text)
+
+
+def amount(p: ParameterEntry) -> str:
+    """A value with one standard deviation."""
+    unit = "" if p["unit"] == "1" else f" {p['unit']}"
+    if p["sd"] is None:
+        return f"{p['value']:.4g}{unit}"
+    return f"{p['value']:.4g} ± {p['sd']:.2g}{unit} (1 sd)"
+
+
+def _found(d: TraceFindings) -> str:
+    lasting = [f for f in d["findings"] if f["include_as"] != "N"]
+    if lasting:
+        return _finding(lasting[0], len(d["findings"]) - 1) + _error(d, lasting[0])
+    if d["drift"]:
+        names = ", ".join(c for entry in d["drift"] for c in entry["channels"])
+        return f"{names}: drift that no logged variable explains; nothing else was found."
+    if d["refuted"]:
+        return "Nothing that was found holds on the held-out run."
+    if d["findings"]:
+        f = d["findings"][0]
+        return f"{', '.join(f['channels'])}: {f['label']} ({f['effect']}); no other effect was found."
+    if d["integrity"] or d["lines"] or d["noise_level"]:
+        kinds = [
+            *dict.fromkeys(plain_names.effect(entry["effect"]) for entry in d["integrity"]),
+            *(["lines"] if d["lines"] else []),
+            *(["an uneven noise level"] if d["noise_level"] else []),
+        ]
+        return f"No effect was found on the mean of the readings, only {', '.join(kinds)}."
+    return "Nothing was found: constant biases and white noise explain these data, as far as their motion can show."
+
+
+def _finding(f: FindingEntry, more: int) -> str:
+    text = f"{', '.join(f['channels'])}: {plain_names.named(f['label'], f['effect'])}"
+    fitted = [p for p in f["params"] if p["sd"] is not None]
+    if len(fitted) == 1 or (fitted and f["effect"] == "tone"):
+        text += f", {amount(fitted[0])}"
+    if f["confirmed"] is False:
+        text += ", which the held-out run neither confirms nor contradicts"
+    elif f["share_of_excess"] is not None:
+        text += f", explains {_share(f['share_of_excess'])} of the error that the constant bias leaves"
+    if f["rivals"]:
+        names = " or ".join(plain_names.named(r["label"], r["effect"]) for r in f["rivals"][:_RIVALS])
+        text += f"; this log does not tell it from {names}"
+    text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
+    return text + "."
+
+
+def _share(share: float) -> str:
+    percent = 100.0 * share
+    return "less than 1 %" if percent < 1.0 else f"{percent:.0f} %" if percent < 99.5 else "nearly all"
+
+
+def _error(d: TraceFindings, f: FindingEntry) -> str:
+    own = [x for x in d["error"] if x["metric"] == "e10" and x["channel"] in f["channels"]]
+    known = [(before, after, x) for x in own if (before := _ratio(x, "before")) and (after := _ratio(x, "after"))]
+    if not known:
+        return ""
+    before, after, x = max(known, key=lambda entry: entry[0])
+    return f" Error {_times(before)} → {_times(after)} × floor {_HOW[x['heldout']]}."
+
+
+def _times(ratio: float) -> str:
+    """Two digits, and all before the point."""
+    return f"{ratio:.0f}" if ratio >= 9.95 else f"{ratio:.2g}"
+
+
+def _ratio(x: ErrorEntry, when: str) -> float | None:
+    return x["before_x_floor"] if when == "before" else x["after_x_floor"]
+
+
+def _refuted(d: TraceFindings) -> list[str]:
+    """One sentence a channel."""
+    groups: dict[tuple[tuple[str, ...], float, float, str], list[str]] = {}
+    for x in d["refuted"]:
+        key = tuple(x["channels"]), x["after_with"], x["after_without"], x["unit"]
+        groups.setdefault(key, []).append(plain_names.named(x["label"], x["effect"]))
+    return [
+        f"{', '.join(channels)}: {' and '.join(names)} refuted by the held-out run, error {with_it:.3g} {unit} with all"
+        f" that was fitted, {without:.3g} {unit} with what the effects file has."
+        for (channels, with_it, without, unit), names in groups.items()
+    ]
+
+
+def _common(d: TraceFindings) -> str:
+    """What channels share, two of it, and what to record for it."""
+    entries = d["common"]
+    if not entries:
+        return ""
+    parts = [f"{' '.join(entry['channels'])} {entry['label']}" for entry in entries[:2]]
+    more = f" ({len(entries) - 2} more such)" if len(entries) > 2 else ""
+    wanted = list(dict.fromkeys(x for entry in entries for x in entry["record"]))
+    return f"{'; '.join(parts)}{more}; the cause is not in this log: record {', '.join(wanted)}."
+
+
+def _next(d: TraceFindings, *, next_run: str, joins: bool) -> str:
+    """What to do next: tell rivals apart, show transfer, warm up, use what was found, or move the unit."""
+    heldout = {x["heldout"] for x in d["error"]}
+    effects = [f for f in d["findings"] if f["include_as"] in ("A", "S")]
+    if next_run:
+        return f"Next: {next_run}."
+    if (effects or d["drift"]) and not heldout & {"run"}:
+        return "Next: record another power-on, with another temperature history, and name it last: it will judge."
+    if any(f["include_as"] == "A" and f["confirmed"] for f in effects):
+        return "Next: use the effects file that -o writes, with --effects of replay and record."
+    if d["refuted"] or any(f["confirmed"] is False for f in effects):
+        return "Next: record more power-ons that differ, so that what does not carry over shows before it is judged."
+    if joins:
+        return "Next: use the effects file that -o writes: the filter's covariance then allows for what is there."
+    hidden = {u["effect"] for u in d["untestable"] if u["reason"] != "collinear_with"}
+    if "thermal_lin" in hidden:
+        return "Next: record a warm-up, with temperature in the log: without one no thermal effect can be seen."
+    if "scale" in hidden:
+        return "Next: move the unit on a table: at rest in one attitude no effect of motion can be seen."
+    return ""
+
+
+def next_run(motion: str, d_expected: float, pair: Sequence[str]) -> str:
+    """What an operator does to tell a pair of effects apart, without its full stop; empty if it would not.
+
+    Parameters
+    ----------
+    motion : str
+        Of the separating experiment.
+    d_expected : float
+        Of it.
+    pair : sequence of str
+        The two effects.
+    """
+    if d_expected < SEPARATES:
+        return ""
+    plain = motion.split("; or, ")[0]
+    return f"to tell {plain_names.effect(pair[0])} from {plain_names.effect(pair[1])}, {plain}"
