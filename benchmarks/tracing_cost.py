@@ -1,6 +1,8 @@
 """What a trace costs: CPU time of a full campaign, and time and memory of still logs of up to a day.
 
-    python benchmarks/tracing_cost.py [--hours 1,4,12,24]
+    python benchmarks/tracing_cost.py [--hours 1,4,12,24] [--log LOG.mcap]
+
+`--log` traces a log as `imutui trace` does, reading included, instead of the still ones.
 
 One core, one process for each measurement, so that the peak of its memory is its own. Simulated readings.
 """
@@ -11,6 +13,7 @@ import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -21,9 +24,13 @@ import tracing_cases as cases
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.tracing.run import Run
 from filters.tracing.trace import trace
+from imutui.jobs.trace import TraceOptions
+from imutui.jobs.trace import trace as trace_logs
 
 RATE = 133.0
 REQUIRED_S = 10.0
+REQUIRED_MB = 1500.0
+"""Of a still log of 24 h, the log itself included."""
 _MEGA = 1e6
 
 
@@ -54,6 +61,13 @@ def measure(what: str) -> None:
     """Trace and print CPU time (s), readings, memory before and at the peak (MB)."""
     warm = cases.case("free", 0)
     trace(warm.runs, warm.heldout)  # compiles
+    if what.endswith(".mcap"):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+        start = time.process_time()
+        (entry,) = trace_logs([Path(what)], TraceOptions()).document["runs"]
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+        print(time.process_time() - start, entry["samples"], before, peak)
+        return
     runs = campaign() if what == "campaign" else still(float(what))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     start = time.process_time()
@@ -74,6 +88,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", default="1,4,12,24", help="lengths of still logs, comma between")
+    parser.add_argument("--log", help="a log to trace instead")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
@@ -84,12 +99,13 @@ def main() -> None:
     verdict = "met" if spent <= REQUIRED_S else "MISSED"
     print(f"\nfour runs, {count} readings: {spent:.1f} s CPU (<= {REQUIRED_S:.0f} s: {verdict}), peak {peak:.0f} MB\n")
     print("still log   readings    CPU s   s per million   peak MB   MB per million beyond the log itself")
-    for hours in arguments.hours.split(","):
-        spent, count, before, peak = told(hours)
+    for what in [arguments.log] if arguments.log else arguments.hours.split(","):
+        spent, count, before, peak = told(what)
         million = count / _MEGA
+        verdict = f" (<= {REQUIRED_MB:.0f}: {'met' if peak <= REQUIRED_MB else 'MISSED'})" if what == "24" else ""
         print(
-            f"{hours:>6s} h {count:12d} {spent:8.1f} {spent / million:15.2f} {peak:9.0f}"
-            f" {(peak - before) / million:10.0f}",
+            f"{what if arguments.log else what + ' h':>8s} {count:12d} {spent:8.1f} {spent / million:15.2f} {peak:9.0f}"
+            f" {(peak - before) / million:10.0f}{verdict}",
             flush=True,
         )
 

@@ -53,7 +53,7 @@ class ChannelReadings:
     perfect: Array  # (N,) or (1,), NaN where unknown
     lsb: float | None
     lattice: float
-    others: Array  # readings of the two channels beside it, (N, 2)
+    others: tuple[Array, Array]  # readings of the two channels beside it, (N,)
     width: int
     scales: Array  # noise of each window of `width`; of windows in which nothing changes, the median of the others
 
@@ -61,14 +61,16 @@ class ChannelReadings:
 def noise_scales(error: Array, reading: Array, width: int, order: int = 1) -> Array:
     """Noise of each window; where the reading is stuck all the while, that of the others."""
     scales = quantisation.scales(error, width, order)
-    changed = np.add.reduceat(np.diff(reading) != 0.0, np.arange(scales.size) * min(width, error.size - 1)) > 0
+    moved = reading[1:] != reading[:-1]
+    changed = np.add.reduceat(moved, np.arange(scales.size) * min(width, error.size - 1)) > 0
     return np.where(changed, scales, np.median(scales[changed])) if np.any(changed) else scales
 
 
-def runs_of_equal(x: Array) -> NDArray[np.intp]:
-    """First and end of each run of equal values, shape (M, 2)."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1, [x.size]])
-    return np.stack([edges[:-1], edges[1:]], axis=1)
+def edges_of_equal(x: Array) -> NDArray[np.intp]:
+    """First rows of the runs of equal values, and the end, shape (M + 1,)."""
+    differ = np.ones(x.size + 1, np.bool_)
+    np.not_equal(x[1:], x[:-1], out=differ[1:-1])
+    return np.flatnonzero(differ)
 
 
 def runs_of(flags: Flags) -> NDArray[np.intp]:

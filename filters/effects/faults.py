@@ -17,8 +17,8 @@ from filters.effects.fault_records import (
     ChannelReadings,
     DataFault,
     Flags,
+    edges_of_equal,
     noise_scales,
-    runs_of_equal,
     stretches_in_words,
     times_in_words,
 )
@@ -76,7 +76,9 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[F
         return flagged, faults
     stamps = time_stamps.analyse(t)
     for c in range(len(CHANNELS)):
-        flagged[:, c], own = _of_channel(_channel(c, t, reading, perfect, lsb, stamps.period))
+        bad, own = _of_channel(_channel(c, t, reading, perfect, lsb, stamps.period))
+        if bad.any():
+            flagged[:, c] = bad
         faults += own
     return flagged, faults + _of_stamps(t, stamps)
 
@@ -88,7 +90,7 @@ def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None
     count = None if lsb is None else float(lsb[c])
     width = quantisation.window(1.0 / period if period > 0.0 else 1.0, t.size - 1)
     lattice = quantisation.lattice(x, count)
-    beside = reading[:, [3 * (c // 3) + (c + k) % 3 for k in (1, 2)]]
+    first, second = (reading[:, 3 * (c // 3) + (c + k) % 3] for k in (1, 2))
     return ChannelReadings(
         name=CHANNELS[c],
         t=t,
@@ -97,7 +99,7 @@ def _channel(c: int, t: Array, reading: Array, perfect: Array, lsb: Array | None
         perfect=known,
         lsb=count,
         lattice=lattice,
-        others=beside,
+        others=(first, second),
         width=width,
         scales=noise_scales(error, x, width),
     )
@@ -109,14 +111,16 @@ def _of_channel(channel: ChannelReadings) -> tuple[Flags, list[DataFault]]:
         t = channel.t
         where = f"dead: {channel.reading[0]:.6g} from {t[0]:.1f} s to {t[-1]:.1f} s"
         return np.ones(t.size, np.bool_), [DataFault("stuck", (channel.name,), 1, where, float(t[-1] - t[0]))]
-    off, sd = spikes.off_neighbours(channel)
-    isolated = spikes.isolated(channel, off, sd)
+    rows, off, sd = spikes.isolated(channel)
+    isolated = np.zeros(channel.t.size, np.bool_)
+    isolated[rows] = True
     saturated, faults = saturation.saturated(channel, isolated)
     # what is left of a saturated stretch has another distribution than noise
     width = 2 * spikes.NEAR + 1
     share = np.convolve(saturated, np.full(width, 1.0 / width), "same") if saturated.any() else saturated
     isolated &= share < _SATURATED
-    faults += spikes.faults(channel, isolated, np.abs(off[isolated]), sd[isolated])
+    kept = isolated[rows]
+    faults += spikes.faults(channel, isolated, off[kept], sd[kept])
     stuck, more = _stuck(channel, saturated)
     return np.asarray(isolated | saturated | stuck), [*faults, *more, *_coarse(channel, stuck)]
 
@@ -130,13 +134,15 @@ def _stuck(channel: ChannelReadings, saturated: Flags) -> tuple[Flags, list[Data
     Whatever came before, normal noise of innovation σ falls into one step of the lattice with at most
     q = erf(lattice / (2 √2 σ)). N q^L < 1e-3 gives L; twice that, and three times the usual, are stuck.
     """
-    runs = runs_of_equal(channel.reading)
-    length = runs[:, 1] - runs[:, 0]
+    edges = edges_of_equal(channel.reading)
+    length = np.subtract(edges[1:], edges[:-1], dtype=np.int32, casting="unsafe")
     usual = float(np.quantile(length, 0.99))
     q = _held(channel)
     chance = np.log(channel.t.size / FALSE) / -np.log(q)
     least = max(float(_LEAST_RUN), _RUN_MARGIN * chance, _OVER_USUAL * usual)
-    runs = runs[(length > least) & ~saturated[runs[:, 0]]]
+    long = np.flatnonzero(length > least)
+    runs = np.stack([edges[long], edges[long + 1]], axis=1)
+    runs = runs[~saturated[runs[:, 0]]]
     out = np.zeros(channel.t.size, np.bool_)
     for first, end in runs:
         out[first:end] = True
@@ -165,11 +171,11 @@ def _held(channel: ChannelReadings) -> float:
 
 def _coarse(channel: ChannelReadings, stuck: Flags) -> list[DataFault]:
     """Whether readings come in steps so large that quantisation is no noise any more."""
-    if channel.lattice == 0.0 or np.count_nonzero(np.diff(channel.reading)) < _LEAST_CHANGES:
+    if channel.lattice == 0.0 or np.count_nonzero(channel.reading[1:] != channel.reading[:-1]) < _LEAST_CHANGES:
         return []
     scales = quantisation.scales(channel.error, channel.width)
-    held = quantisation.spread(np.arange(scales.size, dtype=float), channel.width, stuck.size)[stuck].astype(int)
-    noise = float(np.median(np.delete(scales, np.unique(held)) if np.unique(held).size < scales.size else scales))
+    held = np.unique(np.minimum(np.flatnonzero(stuck) // channel.width, scales.size - 1))
+    noise = float(np.median(np.delete(scales, held) if held.size < scales.size else scales))
     if channel.lsb is not None:
         is_coarse, against = channel.lattice > COARSE * channel.lsb, f"{channel.lattice / channel.lsb:.1f} counts"
     else:

@@ -13,7 +13,7 @@ from scipy import ndimage, special
 
 from filters.channels import CHANNELS
 from filters.effects import spectra
-from filters.effects.spectra import Spectrum
+from filters.effects.spectra import Samples, Spectrum
 from filters.types import Array
 
 PROBABILITY = 1e-3
@@ -71,7 +71,7 @@ class _Peak:
     high: float  # of the bins above the threshold that belong to it
 
 
-def find(series: Sequence[tuple[float, Array]], barred: NDArray[np.bool_] | None = None) -> list[SpectralLine]:
+def find(series: Sequence[tuple[float, Samples]], barred: NDArray[np.bool_] | None = None) -> list[SpectralLine]:
     """Lines above 1.6 Hz.
 
     Σ over runs of 2 K P / level, P the mean of K Hann periodograms, is χ² of 2 Σ K degrees of freedom where there is

@@ -16,6 +16,7 @@ from scipy.signal import windows
 
 from filters.channels import CHANNELS
 from filters.effects import spectra
+from filters.effects.spectra import Samples
 from filters.types import Array
 
 SLOWEST = 1.0 / 20.0
@@ -90,7 +91,7 @@ class Crosstalk:
 # ------------------------------------------------------------------------------------------------------- band limit
 
 
-def bandwidth(series: Sequence[tuple[float, Array]], spec_hz: Array | None) -> list[BandLimit]:
+def bandwidth(series: Sequence[tuple[float, Samples]], spec_hz: Array | None) -> list[BandLimit]:
     """Channels whose noise has another band limit than the specification's, or, without one, any.
 
     ln P(f) = ln A_run + ln ∣H(f)∣², ∣H∣² = (1 - p)² / (1 - 2 p cos(2π f / fs) + p²), p = exp(-2π hz / fs), is fitted to
@@ -130,7 +131,7 @@ class _Points:
     variance: Array
 
 
-def _points(runs: list[tuple[float, Array]], c: int) -> list[_Points]:
+def _points(runs: list[tuple[float, Samples]], c: int) -> list[_Points]:
     hz = spectra.spacing(runs)
     points = []
     for fs, x in runs:
@@ -198,7 +199,7 @@ def _sd(grid: Array, chi2: Array, best: int) -> float:
 # -------------------------------------------------------------------------------------------------------- crosstalk
 
 
-def crosstalk(series: Sequence[tuple[float, Array]]) -> list[Crosstalk]:
+def crosstalk(series: Sequence[tuple[float, Samples]]) -> list[Crosstalk]:
     """Pairs of channels with correlated noise.
 
     ρ = Re Σ X_a X_b* / √(Σ ∣X_a∣² Σ ∣X_b∣²) over M frequencies above drifts, X the Fourier transform over the root of

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.types import Array
 
@@ -20,6 +21,7 @@ LEAST_WINDOW = 32
 """Samples: of fewer, noise is not told."""
 
 _MOST_WINDOW = 1024
+_AT_ONCE = 1 << 18
 
 
 def lattice(x: Array, lsb: float | None = None) -> float:
@@ -85,15 +87,20 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
     Array
         Unit of x, shape (max(1, N' // width),), N' the number of differences.
     """
-    size = np.abs(np.diff(x, order))
-    if size.size < width:
-        return scales(x, size.size, order) if size.size else np.zeros(1)
-    rows = size[: size.size // width * width].reshape(-1, width)
+    count = max(0, x.size - order)
+    if count < width:
+        return scales(x, count, order) if count else np.zeros(1)
     kept = max(1, round(_KEPT * width))
-    small = np.partition(rows, kept - 1, axis=1)[:, :kept]
-    return np.asarray(np.sqrt(np.mean(small**2, axis=1) / (_KEPT_VARIANCE * math.comb(2 * order, order))))
+    squares = np.empty(count // width)
+    at_once = max(1, _AT_ONCE // width)
+    for first in range(0, squares.size, at_once):
+        last = min(first + at_once, squares.size)
+        rows = np.abs(np.diff(x[first * width : last * width + order], order)).reshape(-1, width)
+        small = np.partition(rows, kept - 1, axis=1)[:, :kept]
+        squares[first:last] = np.mean(small**2, axis=1)
+    return np.asarray(np.sqrt(squares / (_KEPT_VARIANCE * math.comb(2 * order, order))))
 
 
-def spread(per_window: Array, width: int, count: int) -> Array:
-    """A value of each window for each of its samples, shape (count,); what is left at the end has the last one's."""
-    return np.asarray(per_window[np.minimum(np.arange(count) // width, per_window.size - 1)])
+def spread(per_window: Array, width: int, rows: NDArray[np.intp]) -> Array:
+    """A value of each window for some of its samples, by number; what is left at the end has the last one's."""
+    return np.asarray(per_window[np.minimum(rows // width, per_window.size - 1)])

@@ -1,5 +1,7 @@
 """Saturation: readings that piled up at the largest value that there is, or at the smallest."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy import special
 
@@ -8,6 +10,7 @@ from filters.types import Array
 
 _LEAST_PILE = 5
 _PILE = 3.0  # times what a smooth distribution has
+_AT_ONCE = 1 << 18
 
 
 def saturated(channel: ChannelReadings, spikes: Flags) -> tuple[Flags, list[DataFault]]:
@@ -29,31 +32,50 @@ def _at_extreme(channel: ChannelReadings, side: float, spikes: Flags) -> Flags:
     A smooth distribution has about as many readings at its extreme value as at those just inside it, which are counted
     over half a standard deviation of the noise.
     """
-    x = side * channel.reading
-    extreme = float(np.max(x[~spikes]))
+    extreme = _extreme(channel.reading, side, spikes)
     tolerance = max(0.25 * channel.lattice, 1e-9 * abs(extreme))
-    at = (np.abs(x - extreme) <= tolerance) & ~spikes
+    at = np.zeros(spikes.size, np.bool_)
+    noise = float(np.median(channel.scales))
+    inside = 0
+    for rows in _parts(spikes.size):
+        x = side * channel.reading[rows]
+        at[rows] = (np.abs(x - extreme) <= tolerance) & ~spikes[rows]
+        inside += int(np.sum((x < extreme - tolerance) & (x > extreme - 0.5 * noise - tolerance)))
     count, none = int(np.sum(at)), np.zeros(at.size, np.bool_)
     if count < _LEAST_PILE:
         return none
-    noise, beyond = float(np.median(channel.scales)), _beyond(channel, side, extreme)
+    beyond = _beyond(channel, side, extreme, at)
     if 2.0 * channel.lattice > noise:
         # a few values make up all the noise, and the last of them may hold much of it: only a known input tells
         least = 5.0 * noise + 3.0 * channel.lattice + 0.02 * abs(extreme)
-        return at & (beyond > least) if np.sum(at & (beyond > least)) >= _LEAST_PILE else none
-    inside = int(np.sum((x < extreme - tolerance) & (x > extreme - 0.5 * noise - tolerance)))
+        at[at] = beyond > least
+        return at if np.sum(at) >= _LEAST_PILE else none
     expected = _PILE * inside * channel.lattice / (0.5 * noise) + 0.1
     if special.pdtrc(count - 1, expected) > FALSE / 1000.0:
         return none
-    if len(runs_of(at)) <= 2 and not np.median(beyond[at]) > -noise:
+    if len(runs_of(at)) <= 2 and not np.median(beyond) > -noise:
         return none  # held, and nothing says that there was more to show
     return at
 
 
-def _beyond(channel: ChannelReadings, side: float, extreme: float) -> Array:
-    """By how much the reading to expect is beyond the extreme one, shape (N,); NaN where unknown."""
+def _extreme(reading: Array, side: float, spikes: Flags) -> float:
+    """The largest reading that is no spike, or the smallest, negative, on side -1."""
+    if side > 0.0:
+        return float(np.max(reading, where=~spikes, initial=-np.inf))
+    return -float(np.min(reading, where=~spikes, initial=np.inf))
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Rows in parts, so that no copy of all is made."""
+    return (slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE))
+
+
+def _beyond(channel: ChannelReadings, side: float, extreme: float, at: Flags) -> Array:
+    """By how much the readings to expect are beyond the extreme one, of those `at` it; NaN where unknown."""
     known = ~np.isnan(channel.perfect)
+    count = int(np.count_nonzero(at))
     if not np.any(known):
-        return np.full(channel.t.size, np.nan)
-    bias = float(np.median(channel.error[np.broadcast_to(known, channel.t.shape)]))
-    return np.asarray(np.broadcast_to(side * (channel.perfect + bias) - extreme, channel.t.shape))
+        return np.full(count, np.nan)
+    bias = float(np.median(channel.error if known.all() else channel.error[known]))
+    expected = channel.perfect[at] if channel.perfect.size == at.size else np.broadcast_to(channel.perfect, (count,))
+    return np.asarray(side * (expected + bias) - extreme)

@@ -6,6 +6,7 @@ that of the longest segment; shorter runs are padded with zeros.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import fft, special
@@ -47,12 +48,23 @@ class Spectrum:
     averaged: float
 
 
-def usable(series: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
+class Samples(Protocol):
+    """Samples of six channels, an array of shape (N, 6) or what gives parts of one."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(N, 6)."""
+        ...
+
+    def __getitem__(self, key: Any, /) -> Any: ...
+
+
+def usable(series: Sequence[tuple[float, Samples]]) -> list[tuple[float, Samples]]:
     """Runs long enough for a spectrum."""
     return [(fs, x) for fs, x in series if x.shape[0] >= LEAST]
 
 
-def spacing(series: Sequence[tuple[float, Array]]) -> float:
+def spacing(series: Sequence[tuple[float, Samples]]) -> float:
     """Hz between frequencies of the grid: of a segment at the highest rate, or of the longest run, if shorter."""
     lasting = max(x.shape[0] / fs for fs, x in series)
     fastest = max(fs for fs, _ in series)

@@ -1,6 +1,7 @@
 """Spikes: isolated readings that are off, told from knocks, which ring and are felt along other axes too."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.effects import quantisation
 from filters.effects.fault_records import FALSE, ChannelReadings, DataFault, Flags, times_in_words
@@ -11,29 +12,37 @@ SPIKE = 7.0
 _FELT = 3.0  # standard deviations
 NEAR = 8  # readings on each side of a spike that are quiet
 _CHANCE_OF_POWERS = 0.05
+_AT_ONCE = 1 << 18
 
 
-def off_neighbours(channel: ChannelReadings) -> tuple[Array, Array]:
-    """Distance of each reading from the median of it and its neighbours, and the noise there; each of shape (N,)."""
-    e = channel.error
-    off = np.zeros(e.size)
-    left, middle, right = e[:-2], e[1:-1], e[2:]
-    off[1:-1] = middle - np.clip(middle, np.minimum(left, right), np.maximum(left, right))
+def isolated(channel: ChannelReadings) -> tuple[NDArray[np.intp], Array, Array]:
+    """Readings that are off by themselves: their numbers, by how much, and the noise there; shape (spikes,) each.
+
+    What counts is the distance of a reading from the median of it and its neighbours. For white noise
+    P(∣d∣ > h σ) ≈ 0.034 exp(-h²/3), d that distance; 7 is enough up to half a million readings. Correlated noise has
+    less of it.
+    """
+    count = channel.error.size
+    most = max(SPIKE, float(np.sqrt(3.0 * np.log(0.034 * 6.0 * count / FALSE))))
     s = channel.scales
     around = np.maximum(s, np.maximum(np.append(s[1:], 0.0), np.append(0.0, s[:-1])))
-    return off, quantisation.spread(np.maximum(around, np.median(s)), channel.width, e.size)
+    around = np.maximum(around, np.median(s))
+    found = []
+    for first in range(1, count - 1, _AT_ONCE):
+        last = min(first + _AT_ONCE, count - 1)
+        off = _off_neighbours(channel.error[first - 1 : last + 1])
+        sd = quantisation.spread(around, channel.width, np.arange(first, last))
+        rows = np.flatnonzero(off > np.maximum(most * sd, 2.5 * channel.lattice))
+        alone = np.array([_is_isolated(channel, first + k, float(off[k]) / most) for k in rows.tolist()], np.bool_)
+        found.append((first + rows[alone], off[rows][alone], sd[rows][alone]))
+    numbers, sizes, sds = (np.concatenate(own) for own in zip(*found, strict=True))
+    return numbers, sizes, sds
 
 
-def isolated(channel: ChannelReadings, off: Array, sd: Array) -> Flags:
-    """Whether each reading is off by itself, shape (N,).
-
-    For white noise P(∣d∣ > h σ) ≈ 0.034 exp(-h²/3), d the distance from the median of three; 7 is enough up to half a
-    million readings. Correlated noise has less of it.
-    """
-    most = max(SPIKE, float(np.sqrt(3.0 * np.log(0.034 * 6.0 * off.size / FALSE))))
-    spikes = np.abs(off) > np.maximum(most * sd, 2.5 * channel.lattice)
-    spikes[spikes] = [_is_isolated(channel, int(k), abs(off[k]) / most) for k in np.flatnonzero(spikes)]
-    return np.asarray(spikes)
+def _off_neighbours(e: Array) -> Array:
+    """Distance of each reading but the first and the last from the median of it and its neighbours."""
+    left, middle, right = e[:-2], e[1:-1], e[2:]
+    return np.abs(middle - np.clip(middle, np.minimum(left, right), np.maximum(left, right)))
 
 
 def faults(channel: ChannelReadings, spikes: Flags, sizes: Array, sd: Array) -> list[DataFault]:
@@ -64,7 +73,7 @@ def _is_isolated(channel: ChannelReadings, k: int, sd: float) -> bool:
         return True
     if not np.isnan(channel.perfect[k % channel.perfect.size]):
         return bool(np.median(near) / 0.6745 < np.sqrt(2.0) * sd)
-    return bool(_rms(near) < np.sqrt(2.0) * sd) and not any(_is_knocked(x, k) for x in channel.others.T)
+    return bool(_rms(near) < np.sqrt(2.0) * sd) and not any(_is_knocked(x, k) for x in channel.others)
 
 
 def _is_knocked(x: Array, k: int) -> bool:

@@ -24,6 +24,7 @@ _SHARE_FLAGGED = 0.15
 _AT_REST = np.deg2rad(0.01)
 _BURSTS = 0.02
 _CHUNK = 1 << 13
+_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +227,7 @@ def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = N
     per = max(1, round(block_s * run.rate_hz))
     period = per / run.rate_hz
     t = even_time(run)
-    number = np.floor((t - t[0]) / period + 1e-6).astype(np.int64)
-    edges = np.append(np.flatnonzero(np.diff(number, prepend=-1)), t.size)
+    edges = _edges(t, period)
     counts = np.diff(edges)
     y, good, rough, pairs = (np.empty((counts.size, 6)) for _ in range(4))
     for first in range(0, counts.size, max(1, _CHUNK // per)):
@@ -270,11 +270,24 @@ def average_all(runs: Sequence[Run], block_s: float = BLOCK_S) -> list[Blocks]:
     return [out[number] for number in range(len(runs))]
 
 
+def _edges(t: Array, period: float) -> NDArray[np.int_]:
+    """First sample of each block, and the end; samples are gone through in parts, for a day has millions."""
+    found, last = [], -1
+    for first in range(0, t.size, _AT_ONCE):
+        number = np.floor((t[first : first + _AT_ONCE] - t[0]) / period + 1e-6).astype(np.int64)
+        found.append(first + np.flatnonzero(np.diff(number, prepend=last)))
+        last = int(number[-1])
+    return np.append(np.concatenate(found), t.size)
+
+
 def even_time(run: Run) -> Array:
     """Time base: the stamps, unless they come in bursts, then the mean rate's."""
     T = 1.0 / run.rate_hz
-    off = np.abs(np.diff(run.t) - T) > 0.5 * T
-    return np.asarray(np.arange(run.t.size) * T, np.float64) if off.mean() > _BURSTS else run.t
+    off = 0
+    for first in range(0, run.t.size, _AT_ONCE):
+        off += int(np.count_nonzero(np.abs(np.diff(run.t[first : first + _AT_ONCE + 1]) - T) > 0.5 * T))
+    bursts = off > _BURSTS * (run.t.size - 1)
+    return np.asarray(np.arange(run.t.size) * T, np.float64) if bursts else run.t
 
 
 def _means(run: Run, edges: NDArray[np.int_]) -> tuple[Array, Array, Array, Array]:

@@ -10,7 +10,7 @@ Effects that several channels share sum their blocks over those channels. What i
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +20,13 @@ from filters.channels import CHANNELS
 from filters.effects.hypothesis import Hypothesis
 from filters.tracing.columns import Term, columns_of_all
 from filters.tracing.stack import Stack
-from filters.tracing.whitening import NONE, Drift, unbiased, whiten
+from filters.tracing.whitening import NONE, Drift, unbiased, unbiased_parts, whiten, whitened_parts
 from filters.types import Array
 
 VISIBLE = 1e-4
 """Share of a column's square beside which what is left of it is rounding, or a bias."""
 _VARIES = 1e-9
+_AT_ONCE = 3_000_000  # numbers that are whitened together
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ class Design:
             # columns are of the motion and the time, which are what they were
             self.lasting = like.lasting
             self.columns, self.terms = like.columns[:, : like.lasting], list(like.terms)
-        self.raw = np.sqrt(np.mean(self.columns**2, axis=0)) if self.columns.size else np.zeros(0)
+        squares = np.einsum("ij,ij->j", self.columns, self.columns)
+        self.raw = np.sqrt(squares / max(1, len(self.columns)))
         self._gram: dict[int, tuple[Array, Array, float]] = {}
 
     def variance(self, channel: int) -> Array:
@@ -121,10 +123,30 @@ class Design:
     def gram(self, channel: int) -> tuple[Array, Array, float]:
         """G, B and the squared norm of the whitened residual of a channel."""
         if channel not in self._gram:
-            W = self.whitened(channel, np.arange(self.columns.shape[1]))
-            y, X = W[:, 0], W[:, 1:]
-            self._gram[channel] = X.T @ X, X.T @ y, float(y @ y)
+            K = self.columns.shape[1]
+            G, B, yy = np.zeros((K, K)), np.zeros(K), 0.0
+            for W in self._whitened_parts(channel):
+                y, X = W[:, 0], W[:, 1:]
+                G += X.T @ X
+                B += X.T @ y
+                yy += float(y @ y)
+            self._gram[channel] = G, B, yy
         return self._gram[channel]
+
+    def _whitened_parts(self, channel: int) -> Iterator[Array]:
+        """Residual and all columns, whitened, some rows after the others: a day's are too many for two copies."""
+        stack, variance, drift = self.stack, self.variance(channel), self.drift[channel]
+        n, K = self.columns.shape
+        size = max(1, _AT_ONCE // (1 + K))
+
+        def parts() -> Iterator[tuple[slice, Array]]:
+            for first in range(0, n, size):
+                rows = slice(first, first + size)
+                yield rows, np.column_stack([stack.y[rows, channel], self.columns[rows]])
+
+        if drift.level == 0.0:
+            return unbiased_parts(parts, stack.power_on, variance)
+        return whitened_parts((part for _, part in parts()), stack.t, stack.begins, variance, drift)
 
     def set_drift(self, channel: int, drift: Drift) -> None:
         """Let a channel have another drift; its Gram matrix is computed anew."""
@@ -155,11 +177,14 @@ class Design:
     def _widen(self, c: int, first: int) -> None:
         """Add the columns from `first` on to a channel's Gram matrix."""
         G, B, yy = self._gram[c]
-        W = self.whitened(c, np.arange(self.columns.shape[1]))
-        new = W[:, 1 + first :]
-        cross = W[:, 1:].T @ new
+        more = self.columns.shape[1] - first
+        cross, right = np.zeros((first + more, more)), np.zeros(more)
+        for W in self._whitened_parts(c):
+            new = W[:, 1 + first :]
+            cross += W[:, 1:].T @ new
+            right += new.T @ W[:, 0]
         G = np.block([[G, cross[:first]], [cross[:first].T, cross[first:]]])
-        self._gram[c] = G, np.append(B, new.T @ W[:, 0]), yy
+        self._gram[c] = G, np.append(B, right), yy
 
     # ------------------------------------------------------------------------------------------------------- fits
 

@@ -63,7 +63,9 @@ def rms(errors: Array) -> float:
 
 def rms_interval(errors: Array, picks: NDArray[np.int_], scale: float) -> tuple[float, float]:
     """Interval of a root mean square by drawing the errors again, 95 %, times a scale."""
-    low, high = np.quantile(np.sqrt(np.mean(errors[picks] ** 2, axis=1)), [0.025, 0.975])
+    squares = errors**2
+    means = np.array([squares[drawn].mean() for drawn in picks])
+    low, high = np.quantile(np.sqrt(means), [0.025, 0.975])
     return float(low) * scale, float(high) * scale
 
 

@@ -15,7 +15,8 @@ from scipy.signal import windows
 from filters.channels import CHANNELS
 from filters.effects import lines, spectra
 from filters.effects.lines import SpectralLine
-from filters.tracing.residual import residual, sensed
+from filters.effects.spectra import Samples
+from filters.tracing.residual import residual, residual_of, sensed
 from filters.tracing.run import Run
 from filters.types import Array
 
@@ -41,7 +42,7 @@ def lines_of(runs: Sequence[Run], left: Sequence[Run]) -> list[SpectralLine]:
     left : sequence of Run
         The same less what effects say of them, in which lines are sought; of runs at rest the same again.
     """
-    series = [(run.rate_hz, residual(run)) for run in left]
+    series = [(run.rate_hz, residual_of(run)) for run in left]
     if all(run.still for run in runs) or not spectra.usable(series):
         return lines.find(series)
     barred = _barred(runs, series)
@@ -61,7 +62,7 @@ def without_lines(run: Run, found: Sequence[SpectralLine], said: Array | None = 
 # --------------------------------------------------------------------------------------------------- band of the motion
 
 
-def _barred(runs: Sequence[Run], series: Sequence[tuple[float, Array]]) -> NDArray[np.bool_]:
+def _barred(runs: Sequence[Run], series: Sequence[tuple[float, Samples]]) -> NDArray[np.bool_]:
     """Bins in which what the motion may leave exceeds what a residual stands on, in any run; shape (6, M)."""
     hz = spectra.spacing(spectra.usable(series))
     size = max(round(fs / hz) // 2 + 1 for fs, _ in series)
@@ -117,7 +118,7 @@ def _density(run: Run, signals: Sequence[Array], hz: float) -> Array:
 
 def _without_motion(
     runs: Sequence[Run],
-    series: Sequence[tuple[float, Array]],
+    series: Sequence[tuple[float, Samples]],
     barred: NDArray[np.bool_],
     found: Sequence[SpectralLine],
 ) -> list[SpectralLine]:
@@ -188,7 +189,9 @@ def _quiet(run: Run) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(ends, begins, strict=True) if b > a]
 
 
-def _refined(line: SpectralLine, series: tuple[float, Array], stretches: list[tuple[int, int]], within: float) -> float:
+def _refined(
+    line: SpectralLine, series: tuple[float, Samples], stretches: list[tuple[int, int]], within: float
+) -> float:
     """Frequency of a line from all stretches of a run together, sought near what one of them resolves."""
     if line.width_hz > 0.0:
         return line.hz

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.effects import noise
-from filters.tracing.residual import residual
+from filters.tracing.residual import residual_of
 from filters.tracing.run import Run
 
 _LEAST_CORRELATION = 0.03
@@ -48,7 +48,7 @@ def noise_findings(runs: Sequence[Run]) -> list[NoiseFinding]:
     runs : sequence of Run
         Without faults and lines; the first one's band limits are what is expected.
     """
-    series = [(run.rate_hz, residual(run)) for run in runs]
+    series = [(run.rate_hz, residual_of(run)) for run in runs]
     found = []
     for b in noise.bandwidth(series, runs[0].bandwidth):
         expected = "white" if not np.isfinite(b.spec_hz) else f"a band limit of {b.spec_hz:.3g} Hz"

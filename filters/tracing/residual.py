@@ -80,6 +80,34 @@ def _attitudes(angles: Array, rates: Array) -> tuple[Array, Array]:
     return C, np.stack([ci * cm * o + si * m, ci * m - si * cm * o, sm * o + i], axis=1)
 
 
+@dataclass(frozen=True)
+class ResidualOf:
+    """The residual of a run, made where it is looked at: of a day at rest all of it at once is half a gigabyte."""
+
+    run: Run
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(N, 6)."""
+        return self.run.reading.shape
+
+    def __getitem__(self, key: slice | tuple[slice, int]) -> Array:
+        if isinstance(key, slice):
+            return residual(self.run, key)
+        rows, c = key
+        if not self.run.still:
+            return residual(self.run, rows)[:, c]
+        r: Array = self.run.reading[rows, c] - perfect(self.run)[0, c]
+        if self.run.flagged is not None:
+            r[self.run.flagged[rows, c]] = np.nan
+        return r
+
+
+def residual_of(run: Run) -> "ResidualOf | Array":
+    """The residual of a run for looks at one channel or stretch after the other; of one that moves all of it, made."""
+    return ResidualOf(run) if run.still else residual(run)
+
+
 def residual(run: Run, rows: slice = slice(None)) -> Array:
     """Reading minus what a perfect unit would read, at full rate, NaN where flagged; shape (n, 6)."""
     t = run.t[rows]

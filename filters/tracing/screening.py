@@ -67,4 +67,4 @@ def without_faults(run: Run) -> tuple[Run, list[FaultOfRun]]:
     # a channel that the recording lacks has no fault
     lacking = {CHANNELS[c] for c in run.unread}
     kept = [f for f in kept if not f.channels or not set(f.channels) <= lacking]
-    return replace(run, flagged=flagged), [FaultOfRun(run.name, f) for f in kept]
+    return replace(run, flagged=flagged if flagged.any() else None), [FaultOfRun(run.name, f) for f in kept]

@@ -77,8 +77,9 @@ class Stack:
             offset += int(own[-1]) + 1
         begins = starts[first_runs]
         power_on = np.searchsorted(begins, np.arange(t.size), side="right") - 1
-        y = np.concatenate([b.y for b in blocks])
-        weight = np.concatenate([b.weight for b in blocks])
+        # of one run there is no need of copies
+        y = blocks[0].y if len(blocks) == 1 else np.concatenate([b.y for b in blocks])
+        weight = blocks[0].weight if len(blocks) == 1 else np.concatenate([b.weight for b in blocks])
         period = float(np.mean([b.period for b in blocks]))
         return cls(tuple(blocks), t, part_t, run, starts, power_on, begins, y, weight, cell, period)
 

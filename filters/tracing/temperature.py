@@ -8,9 +8,10 @@ the past alone is in `filters.effects.runtime`.
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
+from filters.effects.inputs import BANKS, LAGS, PLAY_HALF_WIDTHS, PLAYS_AT_START, SLOPE_S, SMOOTH_S
 from filters.first_order import first_order
 from filters.tracing.run import Run
 from filters.types import Array
@@ -86,8 +87,8 @@ def history(
     if run.temperature is None or not np.isfinite(run.temperature).any():
         return TemperatureHistory(nan, nan, np.full((n, len(LAGS)), np.nan), np.full((n, len(BANKS)), np.nan))
     known = np.isfinite(run.temperature)
-    sums = np.add.reduceat(np.where(known, run.temperature, 0.0), edges[:-1])
-    counts = np.add.reduceat(known.astype(np.float64), edges[:-1])
+    sums = np.add.reduceat(run.temperature if known.all() else np.where(known, run.temperature, 0.0), edges[:-1])
+    counts = np.add.reduceat(known, edges[:-1], dtype=np.float64)
     have = counts > 0
     raw = np.interp(t, t[have], sums[have] / counts[have])
     smooth, rate = smoothed(raw, period)
@@ -159,10 +160,21 @@ def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     Array
         Where each operator ends, K.
     """
-    widths, r = np.array([width for width, _ in BANKS]), PLAY_HALF_WIDTHS
-    out = np.empty((u.size, r.size))
-    at = PLAYS_AT_START if at is None else at
-    for k, value in enumerate(u.tolist()):
-        at = np.minimum(np.maximum(at, value - r), value + r)
-        out[k] = at
-    return np.asarray(out.reshape(u.size, widths.size, PLAYS).mean(axis=2) / widths), at
+    widths = np.array([width for width, _ in BANKS])
+    at = np.array(PLAYS_AT_START if at is None else at, np.float64)
+    means = np.empty((u.size, widths.size))
+    _play(np.ascontiguousarray(u), PLAY_HALF_WIDTHS, at, means)
+    return np.asarray(means / widths), at
+
+
+@njit(cache=True, nogil=True)
+def _play(u, r, at, means):  # type: ignore[no-untyped-def]
+    """Banks of play operators of half widths `r`; `at` becomes where they end, `means` (n, BANKS) those of a bank."""
+    each = r.size // means.shape[1]
+    for k in range(u.size):
+        for b in range(means.shape[1]):
+            total = 0.0
+            for j in range(b * each, (b + 1) * each):
+                at[j] = min(max(at[j], u[k] - r[j]), u[k] + r[j])
+                total += at[j]
+            means[k, b] = total / each

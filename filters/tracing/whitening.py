@@ -6,7 +6,7 @@ r and, with the same gains, over every column of φ; normalised innovations turn
 with the exact likelihood. Without g it is the paper's model of a constant bias.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,19 +48,21 @@ NONE = Drift(1.0, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-untyped-def]
-    """Normalised innovations of every column into `out`; returns the sum of log innovation variances."""
+def _whiten(columns, t, starts, variance, tau, level, out, at, b, g, state):  # type: ignore[no-untyped-def]
+    """Normalised innovations of every column into `out`; returns the sum of log innovation variances.
+
+    Of rows from number `at` on; b, g, shape (k,), and `state` (P00, P01, P11, 1 if any was seen, time) are those after
+    the row before, zeros at row 0, and become those after the last.
+    """
     n, k = columns.shape
-    b = np.zeros(k)
-    g = np.zeros(k)
     log_det = 0.0
-    P00 = P01 = P11 = 0.0
-    seen = False
-    last = 0.0
+    P00, P01, P11 = state[0], state[1], state[2]
+    seen = state[3] > 0.0
+    last = state[4]
     walk = np.isinf(tau)
-    s = 0
+    s = np.searchsorted(starts, at)
     for i in range(n):
-        if s < starts.size and i == starts[s]:
+        if s < starts.size and at + i == starts[s]:
             s += 1
             b[:] = 0.0
             g[:] = 0.0
@@ -102,6 +104,8 @@ def _whiten(columns, t, starts, variance, tau, level, out):  # type: ignore[no-u
         P00 -= K0 * h0
         P01 -= K0 * h1
         P11 -= K1 * h1
+    state[0], state[1], state[2] = P00, P01, P11
+    state[3], state[4] = 1.0 if seen else 0.0, last
     return log_det
 
 
@@ -129,8 +133,39 @@ def whiten(
         Normalised innovations, shape (n, k), zero where there is none; sum of the logarithms of their variances.
     """
     out = np.empty_like(columns)
-    log_det = _whiten(np.ascontiguousarray(columns), t, starts, variance, drift.tau, drift.level, out)
+    k = columns.shape[1]
+    first = 0, np.zeros(k), np.zeros(k), np.zeros(5)
+    log_det = _whiten(np.ascontiguousarray(columns), t, starts, variance, drift.tau, drift.level, out, *first)
     return out, float(log_det)
+
+
+def whitened_parts(
+    parts: Iterable[Array], t: Array, starts: NDArray[np.int_], variance: Array, drift: Drift
+) -> Iterator[Array]:
+    """Normalised innovations of columns that come in parts, row after row, as `whiten` gives them of all at once.
+
+    Parameters
+    ----------
+    parts : iterable of Array
+        Consecutive rows of the columns, shape (m, k) each.
+    t, starts, variance, drift
+        As in `whiten`, of all rows.
+
+    Yields
+    ------
+    Array
+        Shape (m, k).
+    """
+    at, state, b, g = 0, np.zeros(5), np.zeros(0), np.zeros(0)
+    for part in parts:
+        if at == 0:
+            b, g = np.zeros(part.shape[1]), np.zeros(part.shape[1])
+        rows = slice(at, at + len(part))
+        out = np.empty(part.shape)
+        whole = np.ascontiguousarray(part)
+        _whiten(whole, t[rows], starts, variance[rows], drift.tau, drift.level, out, at, b, g, state)
+        yield out
+        at = rows.stop
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -200,7 +235,7 @@ def _whiten_twice(columns, t, starts, variance, tau, level, out):  # type: ignor
 
 
 def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
-    """Columns over their standard deviations, less each power-on's weighted mean: `whiten` without drift, closed."""
+    """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
     precision = 1.0 / variance
     total = np.bincount(run, precision)
     out = np.empty_like(columns)
@@ -209,6 +244,24 @@ def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
         mean = np.bincount(run, precision * columns[:, j]) / np.maximum(total, 1e-300)
         out[:, j] = root * (columns[:, j] - mean[run])
     return out
+
+
+def unbiased_parts(
+    parts: Callable[[], Iterator[tuple[slice, Array]]], run: NDArray[np.int_], variance: Array
+) -> Iterator[Array]:
+    """The same of columns that come in parts, rows with their columns, and are gone through twice."""
+    precision = 1.0 / variance
+    total = np.maximum(np.bincount(run, precision), 1e-300)
+    mean: Array = np.zeros((total.size, 0))
+    for rows, part in parts():
+        sums = [np.bincount(run[rows], precision[rows] * column, total.size) for column in part.T]
+        mean = np.asarray(np.stack(sums, axis=1) + (mean if mean.size else 0.0))
+    mean = mean / total[:, None]
+    root = np.sqrt(precision)
+    for rows, part in parts():
+        part -= mean[run[rows]]
+        part *= root[rows, None]
+        yield part
 
 
 def profile(whitened: Array) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.imu import IMU400CD_200, LOOP_HZ
+from filters.imu import IMU400CD_200, LOOP_HZ, AxisMap
 from filters.tracing.run import Run
 from filters.types import Array
 from imutui.instrument.scaling import Scaling
@@ -20,6 +20,7 @@ from imutui.logbook.session_info import SessionInfo
 
 CROSSBOW = "IMU400CD"
 _SHORTEST_S = 60.0
+_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +87,16 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
     axes = info.axes()
     lsb, bandwidth, latency = _figures(info) if log.own else (None, None, np.zeros(6))
     motion = motion_of(log, info, options, float(latency[:3].mean()))
-    reading = np.empty((t.size, 6))
-    reading[:, :3] = axes.gyro_to_instrument(log.gyro)
-    reading[:, 3:] = axes.accel_to_instrument(log.accel)
+    reading = _reading(log, axes)
     lacks = np.isnan(reading).all(axis=0)
     reading[:, lacks] = 0.0
     bad = ~log.valid if motion.unknown is None else ~log.valid | motion.unknown
-    flagged = np.repeat(bad[:, None], 6, axis=1)
-    if motion.carried is not None:
-        flagged[:, 3:] |= motion.carried[:, None]
-    flagged[:, lacks] = True
+    flagged = None
+    if bad.any() or lacks.any() or motion.carried is not None:
+        flagged = np.repeat(bad[:, None], 6, axis=1)
+        if motion.carried is not None:
+            flagged[:, 3:] |= motion.carried[:, None]
+        flagged[:, lacks] = True
     run = Run(
         name,
         t,
@@ -109,12 +110,23 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
         lsb,
         bandwidth,
         latency,
-        flagged if flagged.any() else None,
+        flagged if flagged is not None and flagged.any() else None,
         averaged=info.sampling == "stream",
         attitude=motion.attitude,
         unread=tuple(np.flatnonzero(lacks).tolist()),
     )
     return LoggedRun(path, info, run, log.finished, log.damage, motion.how, int(log.stamp_ns[0]), reader.sha256(path))
+
+
+def _reading(log: Log, axes: AxisMap) -> Array:
+    """Readings in the instrument's axes, SI, shape (N, 6); the log's own are given up, of a day half a gigabyte."""
+    reading = np.empty((log.stamp_ns.size, 6))
+    for first in range(0, len(reading), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        reading[rows, :3] = axes.gyro_to_instrument(log.gyro[rows])
+        reading[rows, 3:] = axes.accel_to_instrument(log.accel[rows])
+    log.gyro, log.accel = np.empty((0, 3)), np.empty((0, 3))
+    return reading
 
 
 def _temperature(log: Log, t: Array) -> Array | None:

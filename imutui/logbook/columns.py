@@ -1,5 +1,7 @@
 """Samples, temperatures, packets and table angles as columns that grow, from batches of messages or one by one."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from mcap.records import Message
 
@@ -42,6 +44,20 @@ class Growing:
         """Columns from `first` up to `last` of all rows, shape (N, last - first)."""
         *whole, latest = self._blocks
         return np.concatenate([block[:, first:last] for block in (*whole, latest[: self._filled])])
+
+    def given_up(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Blocks with the rows that they are, each let go when the next is asked for: a day of samples is large."""
+        self._blocks[-1] = self._blocks[-1][: self._filled]
+        first = 0
+        self._blocks.reverse()
+        while self._blocks:
+            block = self._blocks.pop()
+            yield slice(first, first + len(block)), block
+            first += len(block)
+        self._blocks, self._filled = [block[:0]], 0
+
+    def __len__(self) -> int:
+        return sum(len(block) for block in self._blocks[:-1]) + self._filled
 
 
 class Columns:
@@ -122,11 +138,17 @@ class Columns:
     def imu(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Stamps (ns, int64, (N,)), angular rate (rad/s, (N, 3)), specific force (m/s², (N, 3)), validity (bool, (N,)).
 
-        A covariance that begins with -1 says, in sensor_msgs/Imu, that there is no estimate of its quantity.
+        A covariance that begins with -1 says, in sensor_msgs/Imu, that there is no estimate of its quantity. To be
+        asked once: what was collected is given up for it.
         """
-        stamps = self._imu.columns(0, 1)[:, 0].view(np.int64)
-        gyro, accel = (self._imu.columns(first, first + 3).view(np.float64) for first in (1, 4))
-        valid = (self._imu.columns(7, 9).view(np.float64) != schemas.NO_ESTIMATE).all(axis=1)
+        n = len(self._imu)
+        stamps, valid = np.empty(n, np.int64), np.empty(n, bool)
+        gyro, accel = np.empty((n, 3)), np.empty((n, 3))
+        for rows, block in self._imu.given_up():
+            values = block.view(np.float64)
+            stamps[rows] = block[:, 0].view(np.int64)
+            gyro[rows], accel[rows] = values[:, 1:4], values[:, 4:7]
+            valid[rows] = (values[:, 7:9] != schemas.NO_ESTIMATE).all(axis=1)
         return stamps, gyro, accel, valid
 
     def temperatures(self) -> tuple[np.ndarray, np.ndarray]:

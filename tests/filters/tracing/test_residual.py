@@ -16,7 +16,7 @@ from filters.simulation import Scenario, Temperature
 from filters.tracing import blocks
 from filters.tracing.blocks import average, even_time
 from filters.tracing.design_matrix import Design
-from filters.tracing.residual import perfect
+from filters.tracing.residual import perfect, residual, residual_of
 from filters.tracing.run import Run
 from filters.tracing.stack import Stack
 from filters.tracing.temperature import lag, plays, smoothed
@@ -238,3 +238,23 @@ def test_long_lags_and_wide_plays_are_tried_where_temperature_goes_far() -> None
     assert "{'tau_s': 640.0}" in wide(30.0)
     assert "{'tau_s': 1280.0}" not in wide(30.0)
     assert "{'width_k': 60.0, 'start': -1.0}" in wide(30.0)
+
+
+def test_a_residual_that_is_looked_at_in_parts_is_the_residual() -> None:
+    """One channel, some rows, or some rows of one channel: what the whole array has there, NaN where flagged."""
+    run = noisy(500)
+    flagged = np.zeros((500, 6), bool)
+    flagged[[3, 400], [2, 5]] = True
+    run = replace(run, flagged=flagged)
+    whole, part = residual(run), residual_of(run)
+    assert part.shape == whole.shape
+    for key in (slice(10, 450), (slice(None), 2), (slice(100, 450), 5)):
+        np.testing.assert_array_equal(part[key], whole[key])
+
+
+def test_blocks_of_many_samples_begin_where_those_of_few_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Edges that are found part by part are those found at once."""
+    run = noisy(4000)
+    edges = average(run).edges
+    monkeypatch.setattr(blocks, "_AT_ONCE", 333)
+    np.testing.assert_array_equal(average(run).edges, edges)

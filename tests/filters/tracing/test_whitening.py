@@ -1,5 +1,7 @@
 """The bias filter against dense Gaussians: innovations, likelihoods, profiles, drift."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from numpy.linalg import slogdet
@@ -12,7 +14,9 @@ from filters.tracing.whitening import (
     best_drift,
     profile,
     unbiased,
+    unbiased_parts,
     whiten,
+    whitened_parts,
 )
 
 DRIFTS = {"no drift": NONE, "random walk": Drift(np.inf, 0.3), "Gauss-Markov": Drift(3.0, 0.8)}
@@ -158,3 +162,22 @@ def test_white_noise_asks_for_no_drift() -> None:
     price = 2.0 * np.log(900.0) + 2.0 * np.log(20.0)
     assert max(gains) < price
     assert len(LEVELS) * len(TAUS) == 72
+
+
+@pytest.mark.parametrize("drift", DRIFTS.values(), ids=list(DRIFTS))
+def test_columns_in_parts_are_whitened_as_all_at_once(drift: Drift) -> None:
+    """A day of rows is whitened some after the others: wherever they are cut, to rounding the same comes out."""
+    columns, t, starts, variance = rows()
+    run = np.searchsorted(starts, np.arange(t.size), side="right") - 1
+    whole = unbiased(columns, run, variance) if drift.level == 0.0 else whiten(columns, t, starts, variance, drift)[0]
+    for size in (1, 7, 23, 40):
+        places = [slice(first, min(first + size, t.size)) for first in range(0, t.size, size)]
+
+        def parts(places: list[slice] = places) -> Iterator[tuple[slice, np.ndarray]]:
+            return ((place, columns[place].copy()) for place in places)
+
+        if drift.level == 0.0:
+            made = list(unbiased_parts(parts, run, variance))
+        else:
+            made = list(whitened_parts((part for _, part in parts()), t, starts, variance, drift))
+        assert np.concatenate(made) == pytest.approx(whole, rel=1e-12, abs=1e-12)
