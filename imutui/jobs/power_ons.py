@@ -42,13 +42,18 @@ def join(reads: Sequence[LoggedRun]) -> Joined:
         for number, read in enumerate(reads)
         if read.info.continues_id and number not in before
     ]
+    notes += [
+        f"{reads[earlier].run.name} is not the file that it was when {reads[number].run.name} was made to continue it"
+        for number, earlier in before.items()
+        if reads[earlier].sha256 != reads[number].info.continues_sha256
+    ]
     made = list(reads)
     for chain in _chains(len(reads), before):
-        parts = sorted(chain, key=lambda number: reads[number].first_ns)
+        parts = sorted(chain, key=lambda number: _after_power_on(reads[number]))
         _check_apart([reads[number] for number in parts])
         first = reads[parts[0]]
         for number in parts:
-            begins = (reads[number].first_ns - first.first_ns) / 1e9
+            begins = _after_power_on(reads[number]) - _after_power_on(first)
             run = replace(
                 reads[number].run,
                 power_on=power_on.log_id(first.info, first.sha256),
@@ -85,12 +90,17 @@ def _chains(count: int, before: dict[int, int]) -> Iterable[list[int]]:
     return [chain for chain in chains.values() if len(chain) > 1]
 
 
+def _after_power_on(read: LoggedRun) -> float:
+    """When a log begins, s after the first known sample of its power-on, by its own account."""
+    return (read.first_ns - (read.info.power_on_ns or read.first_ns)) / 1e9
+
+
 def _check_apart(parts: Sequence[LoggedRun]) -> None:
     for one, two in itertools.pairwise(parts):
-        end = one.first_ns + round(one.run.seconds * 1e9)
-        if two.first_ns <= end:
+        over = _after_power_on(one) + one.run.seconds - _after_power_on(two)
+        if over >= 0.0:
             raise ValueError(
-                f"{one.path} and {two.path} are of one power-on and overlap by {(end - two.first_ns) / 1e9:.3f} s: a"
+                f"{one.path} and {two.path} are of one power-on and overlap by {over:.3f} s: a"
                 " sample counts once. Leave one of them out, or import again with other --start and --end, each part"
                 " with --continues of the one right before it."
             )

@@ -226,7 +226,7 @@ def write(
     axes = info.axes()
     gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
     accel = axes.accel_to_body(recording.accel_g * info.g_unit)
-    own = power_on.content_id(stamp_ns, gyro, accel)
+    own = power_on.content_id(recording.t, gyro, accel)
     info = replace(info, log_id=own, power_on=info.power_on or own)
     angles, rates, changed = _table(recording, info)
     log = LogWriter(output, info, f"# imported from {source.name}\n", time.time_ns(), overwrite=overwrite)

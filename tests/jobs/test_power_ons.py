@@ -1,6 +1,7 @@
 """Logs of one power-on in a trace: joined in order, or said to lack what came before."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,18 @@ def test_without_the_log_before_it_history_is_unknown_and_said(tmp_path: Path) -
     whole = joined(a, b, c)
     assert len({told[0] for told in by_name(whole.reads).values()}) == 1
     assert by_name(whole.reads)["c"][1] == pytest.approx(200.0)
+
+
+def test_a_log_that_was_made_again_is_still_the_one_and_is_said_to_be_another_file(tmp_path: Path) -> None:
+    """The same samples have the same id; that the bytes differ is told."""
+    a = part(tmp_path, "a", 0.0)
+    b = part(tmp_path, "b", 100.0, "--continues", str(a))
+    part(tmp_path, "a", 0.0, "--force")
+    os.utime(tmp_path / "a.npz", (1.6e9, 1.6e9))
+    imutui("import", str(tmp_path / "a.npz"), "-o", str(a), "--reference", "gravity", "--force")
+    made = joined(a, b)
+    assert by_name(made.reads)["b"][1:] == (100.0, True)
+    assert any("not the file that it was" in note for note in made.notes)
 
 
 def test_two_logs_that_continue_the_same_one_and_overlap_are_refused(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Mode, Packet
+from imutui.jobs import power_ons, runs
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, reader, results
 from imutui.logbook.session_info import SessionInfo
@@ -25,6 +26,7 @@ from imutui.session.timebase import Timebase
 
 S = 1_000_000_000
 START = 1_795_257_000_000_000_000
+NOISE = np.random.default_rng(8).normal(size=(17_000, 6))
 REMEMBERING = """\
 version = 1
 [[effect]]
@@ -134,20 +136,21 @@ def test_the_rate_of_growth_is_told_through_all_files() -> None:
 def feed(pipeline: SamplePipeline, first: int, last: int) -> None:
     """Packets at 133 Hz of a unit that warms by 20 K in a minute, and cools."""
     for k in range(first, last):
-        rng = np.random.default_rng([8, k])
-        counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
+        counts = [int(x) for x in NOISE[k] * 40 + [0, 0, 0, 0, 0, 5461]]
         warmth = 350.0 * np.sin(k / 2500.0)
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
         stamp = Stamp(k * 7_518_797, 0, False)
         pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
 
 
-def recorded(folder: Path, *ends: int, effects: str = REMEMBERING) -> list[tuple[Path, dict[str, Any]]]:
+def recorded(
+    folder: Path, *ends: int, effects: str = REMEMBERING, filter_name: str = "spkf"
+) -> list[tuple[Path, dict[str, Any]]]:
     """A recording that goes on in another file at each end, as the acquisition has it: files and live results."""
     live_filter.PLAIN.begin()
     live_filter.WITH_EFFECTS.begin()
     plan = Plan("virtual", logs=str(folder), rotate_minutes=1.0, effects=effects)
-    info = SessionInfo(rate_hz=20.0, effects_sha256=effects_file.digest(effects.encode()))
+    info = SessionInfo(rate_hz=20.0, filter=filter_name, effects_sha256=effects_file.digest(effects.encode()))
     recording = Recording(plan, info, "", folder / "a.mcap")
     made, first = [], 0
     for number, end in enumerate(ends):
@@ -234,3 +237,14 @@ def test_without_effects_nothing_is_remembered(tmp_path: Path) -> None:
     assert info.memory == ""
     assert info.continues == "a.mcap"
     assert replace(info, memory="").part == 2
+
+
+def test_files_of_a_recording_are_one_power_on_in_a_trace(tmp_path: Path) -> None:
+    """One bias and one history over both, the second beginning where the first ends."""
+    made = recorded(tmp_path, 8300, 16_600, effects="", filter_name="none")
+    reads = [runs.read_run(path, path.stem, ReplayOptions()) for path, _ in reversed(made)]
+    second, first = power_ons.join(reads).reads
+    assert first.run.power_on == second.run.power_on != ""
+    assert (first.run.history_known, second.run.history_known) == (False, True)
+    # an average that is not full at a file's end is not written
+    assert 0.0 < second.run.begins - first.run.seconds < 0.15
