@@ -54,14 +54,16 @@ class Rest:
 
 def recorded(run: Run) -> NDArray[np.bool_]:
     """Channels that the recording has, shape (6,)."""
-    return np.asarray(np.isfinite(run.reading).any(axis=0))
+    have = np.asarray(np.isfinite(run.reading).any(axis=0))
+    have[list(run.unread)] = False
+    return have
 
 
 def unusable(run: Run) -> NDArray[np.bool_]:
     """Samples of which some channel is flagged or at its limit, shape (N,)."""
     bad = ~np.isfinite(run.reading[:, recorded(run)]).all(axis=1)
     if run.flagged is not None:
-        bad |= run.flagged.any(axis=1)
+        bad |= run.flagged[:, recorded(run)].any(axis=1)
     for c in np.flatnonzero(recorded(run)):
         column = run.reading[:, c]
         for extreme in (np.nanmin(column), np.nanmax(column)):
@@ -157,7 +159,7 @@ def _spread_of_blocks(run: Run, stretches: Sequence[tuple[int, int]]) -> Array:
 
 def _rest(run: Run, first: int, last: int, spread: Array) -> Rest:
     size = max(4, round(_BLOCK_S * run.rate_hz))
-    mean = run.reading[first:last].mean(axis=0)
+    mean = np.where(recorded(run), run.reading[first:last].mean(axis=0), np.nan)
     seconds = float(run.t[last - 1] - run.t[first]) + 1.0 / run.rate_hz
     return Rest(first, last, float(run.t[first]), seconds, mean, spread * size / (last - first))
 

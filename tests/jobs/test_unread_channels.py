@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.commands import imutui
+from helpers.paths import DATA
 from helpers.traces import arrays
 
 from filters.imu import AxisMap, parse_mount
@@ -157,3 +158,25 @@ def test_the_virtual_instrument_says_that_it_needs_six_channels(tmp_path: Path) 
     """A recording that lacks one cannot be played on the wire."""
     log, _ = log_of(tmp_path / "a.mcap", "gx")
     assert "sends six" in imutui("virtual", "--from", str(log), check=2).stderr
+
+
+@pytest.mark.parametrize(("array", "axis", "code"), [("gyro", 2, 0), ("accel", 0, 2)])
+def test_a_unit_turned_by_hand_needs_its_accelerometers_only(tmp_path: Path, array: str, axis: int, code: int) -> None:
+    """A measured one without a gyro is calibrated from gravity; without an accelerometer it is refused by name."""
+    source = DATA / "xsens_mti_multiposition.npz"
+    if not source.exists():
+        pytest.skip(f"{source} is not there")
+    given = dict(np.load(source))
+    given[array][:, axis] = np.nan
+    np.savez(tmp_path / "a.npz", **{k: given[k] for k in ("t", "gyro", "accel")})
+    flags = ("--accel-sign", "+1", "--gravity", "9.81744", "--reference", "turned")
+    imutui("import", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.mcap"), *flags)
+    done = imutui("trace", str(tmp_path / "a.mcap"), "--json", check=code)
+    if code:
+        assert "accelerometer x was not recorded" in done.stderr
+        return
+    told = json.loads(done.stdout)
+    (norm,) = [e for e in told["error"] if e["metric"] == "gravity_norm"]
+    assert norm["before"] > 50.0
+    assert norm["after"] < 0.3
+    assert "gz" not in told["status"]
