@@ -8,15 +8,18 @@ from numpy.typing import NDArray
 from filters.effects.run_specific import Tone
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.whitening import Drift, best_drift, best_pair, refined
+from filters.tracing.whitening import Drift, DriftPairs, best_drift, refined
 from filters.types import Array
 
 _DRIFT_GRID = 20.0
 _SECOND_S = 1.0
+_ROWS = 2000.0
+"""Rows at most of a channel, for what is slow."""
 _FAST_HZ = 0.2
 """Faster tones are lost in means of 1 s."""
 
 _Rows = tuple[Array, Array, NDArray[np.int_], Array, float]  # the arguments of `best_drift`
+_Best = tuple[float, Drift, float]  # what it returns
 
 
 def drift_price(design: Design, channel: int) -> float:
@@ -60,17 +63,31 @@ def guarded_score(
     (c,) = term.places
     own = made if made is not None else design.columns[:, term.places[c]]
     fast = isinstance(term.hypothesis, Tone) and term.hypothesis.hz > _FAST_HZ
-    seconds = design.stack.period if fast else _SECOND_S
+    slow = max(_SECOND_S, design.stack.seconds(c) / _ROWS)
+    seconds = design.stack.period if fast else slow
     rows = _rows(design, terms, c, np.zeros((own.shape[0], 0)), design.fit(terms), seconds)
     # columns of its own are not in the design: what is shared stays as it was then
     fit = design.fit(terms if made is not None else [*terms, term])
     with_it = _rows(design, terms, c, own, fit, seconds)
     before, after = (best_drift(*each) for each in (rows, with_it))
     single = min(before[0], before[2]) - min(after[0], after[2]) - price
-    if single <= accept:
+    if single <= accept or fast:
         return single
-    pairs = [min(one[0], one[2], best_pair(*each, one[1])) for each, one in ((rows, before), (with_it, after))]
-    return min(single, pairs[0] - pairs[1] - price)
+    return min(single, _beside_two(rows, with_it, before, after) - price)
+
+
+def _beside_two(rows: _Rows, with_it: _Rows, before: _Best, after: _Best) -> float:
+    """Gain of a term beside sums of two drifts; each side tries what the other found, so that neither lags behind."""
+    without_term, with_term = DriftPairs(*rows), DriftPairs(*with_it)
+    for drift in {before[1], after[1]}:
+        without_term.search(drift)
+        with_term.search(drift)
+    for drift in {*with_term.best[1]}:
+        without_term.search(drift)
+    for drift in {*without_term.best[1]}:
+        with_term.search(drift)
+    values = [min(one[0], one[2], pairs.best[0]) for one, pairs in ((before, without_term), (after, with_term))]
+    return values[0] - values[1]
 
 
 def _rows(

@@ -150,10 +150,10 @@ def select(
     """
     chosen = Selection(design)
     usable = [a for a in design.terms if any(c in channels for c in a.places)]
-    searched: _Searched = {}
+    memory: _Memory = {}
     for n in range(_ROUNDS):
         progress(n / _ROUNDS)
-        if not _round(chosen, usable, channels, searched):
+        if not _round(chosen, usable, channels, memory):
             gone = _drop_untransferred(chosen)
             if gone is None:
                 break
@@ -176,13 +176,30 @@ class _Candidate:
     drift: Drift | None = None
 
 
-_Searched = dict[int, tuple[object, list[_Candidate]]]  # by channel: the state it was searched in, and what was found
+@dataclass
+class _Searched:
+    """What is known of a channel in a state: candidates that were sought there, keys of those that failed a test."""
+
+    state: object
+    found: list[_Candidate] | None = None
+    failed: set[object] = field(default_factory=set)
 
 
-def _round(chosen: Selection, usable: list[Term], channels: Sequence[int], searched: _Searched) -> bool:
+_Memory = dict[int, _Searched]  # by channel
+
+
+def _known(chosen: Selection, channel: int, memory: _Memory) -> _Searched:
+    """What is known of a channel as it is now."""
+    state = tuple(a.key for a in chosen.on(channel)), chosen.design.drift[channel]
+    if channel not in memory or memory[channel].state != state:
+        memory[channel] = _Searched(state)
+    return memory[channel]
+
+
+def _round(chosen: Selection, usable: list[Term], channels: Sequence[int], memory: _Memory) -> bool:
     """Accept the best candidate that stands its tests; False if none does."""
     tries = dict.fromkeys((*channels, -1), 0)
-    for candidate in _candidates(chosen, usable, channels, searched):
+    for candidate in _candidates(chosen, usable, channels, memory):
         if candidate.score <= ACCEPT:
             return False
         if not candidate.terms:
@@ -193,9 +210,12 @@ def _round(chosen: Selection, usable: list[Term], channels: Sequence[int], searc
         if tries[candidate.channel] >= _TRIES:
             continue
         tries[candidate.channel] += 1
-        if _stands(chosen, candidate):
+        key = tuple(a.key for a in candidate.terms)
+        known = _known(chosen, candidate.channel, memory) if candidate.channel >= 0 else _Searched(None)
+        if key not in known.failed and _stands(chosen, candidate):
             _accept(chosen, candidate)
             return True
+        known.failed.add(key)
     return False
 
 
@@ -237,7 +257,7 @@ def _drop_untransferred(chosen: Selection) -> Term | None:
 
 
 def _candidates(
-    chosen: Selection, usable: list[Term], channels: Sequence[int], searched: _Searched
+    chosen: Selection, usable: list[Term], channels: Sequence[int], memory: _Memory
 ) -> Iterator[_Candidate]:
     """All candidates, the best score first."""
     taken = {a.key for a in chosen.terms}
@@ -257,7 +277,7 @@ def _candidates(
         if g > ACCEPT
     ]
     for c in channels:
-        found += _of_channel(chosen, free, c, searched)
+        found += _of_channel(chosen, free, c, memory)
     return iter(sorted(found, key=lambda candidate: -candidate.score))
 
 
@@ -266,13 +286,12 @@ def _judged_beside_drift(chosen: Selection, term: Term) -> bool:
     return is_judged(term) and chosen.design.drift[next(iter(term.places))].level > 0.0
 
 
-def _of_channel(chosen: Selection, free: list[Term], channel: int, searched: _Searched) -> list[_Candidate]:
+def _of_channel(chosen: Selection, free: list[Term], channel: int, memory: _Memory) -> list[_Candidate]:
     """Run-specific and slow effects and drift of a channel, sought again only when something has changed there."""
     design = chosen.design
-    state = tuple(a.key for a in chosen.on(channel)), design.drift[channel]
-    before, found = searched.get(channel, (None, []))
-    if before == state:
-        return found
+    known = _known(chosen, channel, memory)
+    if known.found is not None:
+        return known.found
     made = search(design, chosen.terms, channel)
     found = [_Candidate(gain - chosen.price(term), gain, (term,), channel) for term, gain in made]
     if design.drift[channel].level == 0.0:
@@ -280,7 +299,7 @@ def _of_channel(chosen: Selection, free: list[Term], channel: int, searched: _Se
         found.append(_Candidate(gain - drift_price(design, channel), gain, (), channel, drift))
     else:
         found += _slow(chosen, [a for a in free if channel in a.places and is_judged(a)], channel)
-    searched[channel] = state, found
+    known.found = found
     return found
 
 
@@ -344,7 +363,8 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
     if not isinstance(h, Step):
         unseen = _unseen(chosen, candidate, made)
         if unseen is None:
-            _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
+            if not isinstance(h, Telegraph):
+                _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
             return False
         chosen.unseen_gain.update(unseen)
     if len(terms[0].places) > 1:

@@ -18,6 +18,7 @@ from filters.types import Array
 
 _MEANS_S = (60.0, 180.0, 600.0)
 _TURNS = 3
+_SWITCHES = 3
 
 
 def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[Telegraph, float] | None:
@@ -41,7 +42,7 @@ def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[
     found = []
     for seconds in _MEANS_S:
         effect = _levels(rows, channel, seconds)
-        if effect is not None:
+        if effect is not None and _goes_on(effect.made[:, 0], rows.starts):
             made = _at_blocks(design, rows, effect.made)
             own = Telegraph(channel, made=made, penalty=effect.penalty, facts=effect.facts, switches=effect.switches)
             found.append((own, gain_beside(design, selection, channel, made)))
@@ -64,6 +65,12 @@ def _levels(rows: Rows, channel: int, seconds: float) -> Telegraph | None:
         size = float(np.mean((r - drift)[high & use]) - np.mean((r - drift)[~high & use]))
         drift = _moving_mean(r - size * s, use, rows.starts, half)
     return effect
+
+
+def _goes_on(s: Array, starts: NDArray[np.int_]) -> bool:
+    """Whether levels switch time and again, in two power-ons if there are two: else something happened once."""
+    counts = sorted(int(np.count_nonzero(np.diff(part))) for part in np.split(s, starts[1:]))
+    return counts[-1] >= 2 * _SWITCHES if len(counts) == 1 else counts[-2] >= _SWITCHES
 
 
 def _moving_mean(r: Array, use: NDArray[np.bool_], starts: NDArray[np.int_], half: int) -> Array:

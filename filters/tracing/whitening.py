@@ -22,6 +22,7 @@ LEVELS = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, 5.0)
 
 _DIFFUSE = 1e8
 _COARSE_TAUS, _COARSE_LEVELS, _STARTS = 3, 3, 2
+_WORTH = 0.1
 _WALK_S = 100.0
 
 
@@ -377,35 +378,50 @@ def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance:
     return profile(out) + log_det
 
 
-def best_pair(
-    columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float, first: Drift
-) -> float:
-    """Least -2 log likelihood of the sum of two drifts, found from the best single one: what is like 1/f needs more.
+class DriftPairs:
+    """Likelihood of sums of two drifts, each evaluated once: what is like 1/f needs more than one.
 
     Parameters
     ----------
     columns, t, starts, variance, period
         As in `best_drift`.
-    first : Drift
-        What `best_drift` found.
-
-    Returns
-    -------
-    float
     """
-    unit = np.sqrt(np.median(variance[np.isfinite(variance)]) * period)
-    out = np.empty_like(columns)
-    columns = np.ascontiguousarray(columns)
-    grid = drift_grid(float(unit))
 
-    def pair(a: Drift, b: Drift) -> float:
-        taus, sizes = np.array([a.tau, b.tau]), np.array([a.level, b.level])
-        log_det = float(_whiten_twice(columns, t, starts, variance, taus, sizes, out))
-        return profile(out) + log_det
+    def __init__(self, columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float) -> None:
+        self._columns = np.ascontiguousarray(columns)
+        self._rows = t, starts, variance
+        self._out = np.empty_like(self._columns)
+        self._grid = drift_grid(float(np.sqrt(np.median(variance[np.isfinite(variance)]) * period)))
+        self._known: dict[tuple[int, int], float] = {}
 
-    best, held = np.inf, first
-    for _ in range(2):
-        beside = held
-        value, k = _least(lambda k, beside=beside: pair(beside, grid[k]), len(TAUS))  # type: ignore[misc]
-        best, held = min(best, value), grid[k]
-    return best
+    @property
+    def best(self) -> tuple[float, tuple[Drift, Drift]]:
+        """Least -2 log likelihood of those that were tried, and the two drifts."""
+        i, j = min(self._known, key=lambda pair: self._known[pair])
+        return self._known[i, j], (self._grid[i], self._grid[j])
+
+    def search(self, held: Drift) -> None:
+        """Try the drifts beside one, then those beside the best of them, and so on while it gains."""
+        i = min(range(len(self._grid)), key=lambda k: _apart(self._grid[k], held))
+        best = np.inf
+        while True:
+            value, j = _least(lambda k, i=i: self._value(i, k), len(TAUS))  # type: ignore[misc]
+            if value >= best - _WORTH:
+                return
+            best, i = value, j
+
+    def _value(self, i: int, j: int) -> float:
+        key = min(i, j), max(i, j)
+        if key not in self._known:
+            a, b = (self._grid[k] for k in key)
+            taus, sizes = np.array([a.tau, b.tau]), np.array([a.level, b.level])
+            log_det = float(_whiten_twice(self._columns, *self._rows, taus, sizes, self._out))
+            self._known[key] = profile(self._out) + log_det
+        return self._known[key]
+
+
+def _apart(a: Drift, b: Drift) -> float:
+    if a.is_walk != b.is_walk:
+        return np.inf
+    apart = abs(np.log(a.level / b.level))
+    return float(apart if a.is_walk else apart + abs(np.log(a.tau / b.tau)))
