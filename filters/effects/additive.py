@@ -15,7 +15,7 @@ from filters.effects.hypothesis import ChannelEffect, Parameter
 from filters.effects.inputs import BANKS, LAGS, NARROW_PLAYS, REFERENCE_DEGC, SHORT_LAGS, Inputs
 from filters.types import Array
 
-WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0)
+WARMUP_TAUS = (40.0, 70.0, 120.0, 200.0, 300.0, 400.0, 600.0, 900.0, 1400.0, 2200.0, 3600.0)
 
 
 @dataclass(frozen=True)

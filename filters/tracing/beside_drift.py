@@ -60,6 +60,10 @@ class BesideDrift:
         """The best drift beside a term, what it costs counted."""
         return self.drifts[int(np.argmin(self.values - self.gains[:, number] + self.price))]
 
+    def likeliest_with(self, number: int) -> Drift:
+        """The likeliest drift beside a term, whatever it costs."""
+        return self.drifts[int(np.argmin(self.values - self.gains[:, number]))]
+
     @property
     def drift(self) -> tuple[float, Drift]:
         """What the best drift gains beside what is selected, and the drift."""

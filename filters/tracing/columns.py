@@ -128,6 +128,9 @@ def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]], seconds: float) 
         low, high = ranges.get("temperature", (0.0, 0.0))
         if high - low < WIDE_K or float(h.shape().get("tau_s", 0.0)) > seconds:
             return False
+    if isinstance(h, additive.Warmup):
+        # longer than the record it is a ramp
+        return h.tau <= ranges.get("time", (0.0, 0.0))[1]
     if h.effect == "thermal_scale":
         # of an input that never varies it is a bias that follows temperature
         return "temperature" in ranges and SENSED[h.channels[0]] in ranges

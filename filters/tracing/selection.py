@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
-from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged
+from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged, of_columns
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.drift_guard import drift_price, guarded_score, likeliest_drift
@@ -439,6 +439,9 @@ def weak_of(
     else:
         ((c, places),) = term.places.items()
         columns = h.made if isinstance(h, RunSpecific) else design.columns[:, places]
+        if drift is None and not isinstance(h, Tone):
+            # where drift would do as well its sd is that beside drift
+            drift = of_columns(design, rest, c, columns, [np.arange(columns.shape[1])]).likeliest_with(0)
         theta, covariance = fitted_beside(design, rest, c, columns, design.drift[c] if drift is None else drift)
     gain = min(score, guarded or score) + chosen.price(term)
     limit = None
