@@ -64,12 +64,6 @@ class BesideDrift:
         """The likeliest drift beside a term, whatever it costs."""
         return self.drifts[int(np.argmin(self.values - self.gains[:, number]))]
 
-    @property
-    def drift(self) -> tuple[float, Drift]:
-        """What the best drift gains beside what is selected, and the drift."""
-        k = 1 + int(np.argmin((self.values + self.price)[1:]))
-        return float(self.values[0] - self.values[k]), self.drifts[k]
-
 
 def is_judged(term: Term) -> bool:
     """Whether a term is slow enough, and on one channel."""
