@@ -36,6 +36,7 @@ from filters.state import Site
 from filters.types import Array
 
 _MEMORY = 5
+_STRETCH = 1 << 12
 _NOT_CAUSAL = ("driver:settling", "driver:direction", "driver:turns", "driver:since_motion", "driver:table_accel")
 
 _Bools = NDArray[np.bool_]
@@ -352,6 +353,11 @@ class _Thermal:
         return 2.0 * once - twice, (once - twice) / tau
 
     def _played(self, u: Array) -> Array:
+        """Means of the banks; in stretches, since there are many operators."""
+        stretches = [self._played_stretch(u[k : k + _STRETCH]) for k in range(0, u.size, _STRETCH)]
+        return np.concatenate(stretches) if stretches else np.zeros((0, len(BANKS)))
+
+    def _played_stretch(self, u: Array) -> Array:
         r = PLAY_HALF_WIDTHS
         out = np.empty((u.size, r.size))
         for k, value in enumerate(u.tolist()):

@@ -93,7 +93,7 @@ def _replace(chosen: Selection, c: int, own: list[Term], rows: Rows, found: Aver
     term = design.add(h, made)
     chosen.terms = [a for a in chosen.terms if not any(a is b for b in own)] + [term]
     theta = np.array([carried, *np.zeros(len(across))])
-    sd = np.array([max(1.0 - carried, _CERTAIN), *np.ones(len(across))])
+    sd = np.array([max(float(np.sqrt(1.0 - carried**2)), _CERTAIN), *np.ones(len(across))])
     chosen.averages[term.key] = JointChoice(found, theta, sd)
     chosen.weak = [w for w in chosen.weak if not (replaceable(w.term) and c in w.term.places)]
     design.set_drift(c, likeliest_drift(design, chosen.terms, c)[1])

@@ -3,7 +3,8 @@
 Where temperature went one way only, a curve in it and a memory of it are the same, and they part on the way back: the
 gap between the two ways may be twice as large as hysteresis of such units is. Of a curve with a span s, and with h for
 the catalogue's plausible hysteresis, 1 - (2 h / s)² is carried over, and nothing where that is negative: the bias is
-held there.
+held there. With a carried over, the standard deviation of the amplitude is √(1 - a²): if the part of a curve that is
+hysteresis has the variance q, the way back is the curve times 1 - 2 q, and the variance of that factor 4 q (1 - q).
 
 What forms that fit alike say of the way back differs more than what they say of the way there. The filter has a state
 for each of the directions in which they differ most.
