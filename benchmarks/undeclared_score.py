@@ -122,17 +122,17 @@ def judged(truth: Undeclared, d: dict[str, float], document: Document, control: 
     told = {c: _told(document, c) for c in CHANNELS}
     before = {c: set() if control is None else _told(control, c) for c in CHANNELS}
     explained = {c: document["status"][c] == "explained" for c in CHANNELS}
-    wrong = {
-        c: sorted(e for e in _deterministic(document, c) if not is_right(truth, e, c))
-        for c in CHANNELS if c in touched and explained[c]
-    }  # fmt: skip
+    # a line explains a channel too, unless the recording has it by itself
+    causes = {c: _deterministic(document, c) | (_lines(document, c) - before[c]) for c in touched}
+    wrong = {c: sorted(e for e in causes[c] if not is_right(truth, e, c)) for c in touched if explained[c]}
+    held = {c: told[c] - (_refuted(document, c) - _deterministic(document, c)) for c in touched}
     return {
         "visible": visible,
         "faint": [c for c in CHANNELS if FAINT_D <= d[c] < VISIBLE_D],
         "flagged": [c for c in visible if _flagged(document, control, c)],
         "found_beyond_control": {c: sorted(told[c] - before[c]) for c in touched},
-        "named_rightly": [c for c in touched if any(is_right(truth, e, c) for e in told[c])],
-        "right_or_rival": [c for c in touched if any(is_right(truth, e, c) for e in told[c] | _rivals(document, c))],
+        "named_rightly": [c for c in touched if any(is_right(truth, e, c) for e in held[c])],
+        "right_or_rival": [c for c in touched if any(is_right(truth, e, c) for e in held[c] | _rivals(document, c))],
         "explained_wrongly": {c: names for c, names in wrong.items() if names},
         "outside_log_explained": [
             c for c in touched if not truth.in_log and explained[c] and _deterministic(document, c)
@@ -146,10 +146,18 @@ def judged(truth: Undeclared, d: dict[str, float], document: Document, control: 
 
 def _told(document: Document, channel: str) -> set[str]:
     """Names of all that is reported of a channel, whether it was held or not, without what is only weak."""
-    names = {f["effect"] for key in ("findings", "refuted") for f in document.get(key, []) if channel in f["channels"]}
-    names |= {"tone" for line in document.get("lines", []) if channel in line["channels"]}
+    names = {f["effect"] for f in document["findings"] if channel in f["channels"]}
+    names |= _refuted(document, channel) | _lines(document, channel)
     names |= {entry["kind"] for entry in document.get("drift", []) if channel in entry["channels"]}
     return names | {f"common_{e['kind']}" for e in document.get("common", []) if channel in e["channels"]}
+
+
+def _lines(document: Document, channel: str) -> set[str]:
+    return {"tone" for line in document.get("lines", []) if channel in line["channels"]}
+
+
+def _refuted(document: Document, channel: str) -> set[str]:
+    return {f["effect"] for f in document.get("refuted", []) if channel in f["channels"]}
 
 
 def _rivals(document: Document, channel: str) -> set[str]:
@@ -195,6 +203,7 @@ def summary(results: Iterable[tuple[Undeclared, Document]]) -> dict[str, Any]:
     channels = [(c in judge["flagged"]) for judge in visible for c in judge["visible"]]
     untouched = sum(6 - len([c for c in CHANNELS if case["d"][c] > 0.0]) for _, case in cases)
     false = sum(len(case["judged"]["false_on_untouched"]) for _, case in cases)
+    alone = [case["without"] for _, case in cases if case.get("without") is not None]
     return {
         "visible_right_channel": _count(sum(bool(j["flagged"]) for j in visible), len(visible)),
         "visible_channels_flagged": _count(sum(channels), len(channels)),
@@ -203,6 +212,9 @@ def summary(results: Iterable[tuple[Undeclared, Document]]) -> dict[str, Any]:
         "explained_wrongly": _count(sum(bool(case["judged"]["explained_wrongly"]) for _, case in cases), len(cases)),
         "outside_log_explained": _count(sum(bool(j["outside_log_explained"]) for j in outside), len(outside)),
         "false_on_untouched_channels": _count(false, untouched),
+        "false_on_measured_noise_alone": _count(
+            sum(bool(_deterministic(document, c)) for document in alone for c in CHANNELS), 6 * len(alone)
+        ),
     }
 
 

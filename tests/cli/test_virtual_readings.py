@@ -193,6 +193,29 @@ def test_what_a_recording_knows_of_its_motion_drives_effects(home: Path) -> None
     assert difference[inside, 4] == pytest.approx(0.1 * np.sin(rate * at)[inside] * GAMMA_G, abs=1e-3)
 
 
+def test_what_a_log_knows_of_its_motion_drives_effects_alike(home: Path) -> None:
+    """A log of the same table angles gives the same errors as the arrays that it was made of."""
+    t = np.arange(1500) / 100.0
+    angles = np.stack([30.0 * np.sin(0.5 * t), np.zeros(t.size), 20.0 * t], axis=1)
+    rates = np.stack([15.0 * np.cos(0.5 * t), np.zeros(t.size), np.full(t.size, 20.0)], axis=1)
+    still(home / "table.npz", 15.0, ang=angles, rate=rates)
+    imutui("import", "table.npz", "-o", "table.mcap", "--reference", "trajectory")
+    errors = '[[effect]]\nname = "scale"\nchannel = ["gz", "ay"]\nrelative = 0.1\n'
+    (home / "scale.toml").write_text(errors)
+    array, log = (
+        played(home / f"table.{suffix}", home / "scale.toml") - played(home / f"table.{suffix}", None)
+        for suffix in ("npz", "mcap")
+    )
+    inside = slice(50, 1150)
+    at = np.arange(len(array)) / LOOP_HZ
+    expected = 2.0 + 0.0 * at
+    assert array[inside, 2] == pytest.approx(expected[inside], abs=0.01)
+    assert log[inside, 2] == pytest.approx(array[inside, 2], abs=0.01)
+    tilted = 0.1 * GAMMA_G * np.cos(np.deg2rad(20.0 * at)) * np.sin(np.deg2rad(30.0 * np.sin(0.5 * at)))
+    assert array[inside, 4] == pytest.approx(tilted[inside], abs=1e-3)
+    assert log[inside, 4] == pytest.approx(array[inside, 4], abs=1e-3)
+
+
 def test_a_recording_with_something_added_is_simulated_and_says_of_what(home: Path) -> None:
     """In the log's metadata, in `info`, at `trace`; without anything added it says nothing more than before."""
     still(home / "still.npz", 8.0)

@@ -164,6 +164,8 @@ def test_an_explanation_by_what_does_not_drive_it_counts_against_the_tracer() ->
     assert judged["outside_log_explained"] == ["gx"]
     assert judged["false_on_untouched"] == {"ay": ["scale"]}
     assert judged["flagged"] == ["gx"]
+    document["refuted"] = [{"effect": "ramp", "channels": ["gx"]}]
+    assert "ramp" in score.judged(truth, d, document, None)["found_beyond_control"]["gx"]
     document["status"]["gx"] = "partial"
     judged = score.judged(truth, d, document, None)
     assert not judged["explained_wrongly"]
