@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.paths import DATA
 
 from filters.channels import CHANNELS, DPS, MG
 from filters.imu import STANDARD_GRAVITY, AxisMap
@@ -165,3 +166,44 @@ def test_a_common_cause_explains_no_channel() -> None:
     """Whatever channels share, none of them is called explained by it."""
     assert {tilted()["status"][c] for c in ("ax", "ay")} & {"explained", "clean"} == set()
     assert {tilted()["status"][c] for c in CHANNELS if c not in ("ax", "ay")} <= {"clean", "explained"}
+
+
+@pytest.mark.skipif(not (DATA / "adis16405_static_a.npz").exists(), reason="the measured recordings are not here")
+def test_a_measured_event_is_found() -> None:
+    """A still unit of which all three accelerometers jump at 2154 s for half a minute; its drifts are shared too."""
+    with np.load(DATA / "adis16405_static_a.npz") as recording:
+        x = np.hstack([recording["gyro"], recording["accel"]])[:999_900].reshape(-1, 100, 6)
+    means = x.mean(axis=1)
+    white = 0.5 * np.median(np.diff(means, axis=0) ** 2, axis=0) / 0.4549
+    made = Rows(1.0, tuple(range(6)), (means,), white, (Stretch(0, 0, len(means)),))
+    steps, cut = common_steps(made)
+    events = [(start.row, back.row if back else None, set(start.channels)) for start, back in pairs(steps)]
+    (event,) = [e for e in events if abs(e[0] - 2154) <= 3]
+    assert event[1] == pytest.approx(2179, abs=3)
+    assert event[2] >= {3, 4, 5}
+    (drift,) = common_drifts(cut)
+    assert set(drift.channels) >= {3, 4, 5}
+
+
+def test_a_supply_over_two_runs_is_one_entry_with_a_course_in_each() -> None:
+    """Its course names the run of each point, the channels' drifts name it, and temperature is not asked for again."""
+    runs = []
+    for seed in (1, 2):
+        rng = np.random.default_rng(60_000 + seed)
+        t = np.arange(18_000) / 20.0
+        shared = np.interp(t, np.arange(901.0), 0.15 * walk(rng, 901))
+        reading = rng.standard_normal((t.size, 6)) * np.repeat([0.1 * DPS, 2.0 * MG], 3)
+        reading += shared[:, None] * np.repeat([0.02 * DPS, 0.4 * MG], 3) * LOADING
+        reading[:, 5] += PAPER_SITE.gravity
+        still = np.zeros((1, 3))
+        T = 25.0 + rng.standard_normal(t.size) * 0.01
+        runs.append(Run(f"run {seed}", t, reading, T, still, still, AxisMap(), PAPER_SITE))
+    document = trace(runs, None).document
+    (entry,) = document["common"]
+    assert (entry["kind"], "run" in entry) == ("drift", False)
+    assert set(entry["curve"]["run"]) == {"run 1", "run 2"}
+    assert len(entry["curve"]["run"]) == len(entry["curve"]["t_s"]) == len(entry["curve"]["y"])
+    assert entry["record"] == ["supply voltage", "pressure", "magnetic field"]
+    named = {d["channels"][0] for d in document["drift"] if d.get("common") == 0}
+    assert named == {d["channels"][0] for d in document["drift"]} & set(entry["channels"])
+    assert len(named) >= 2
