@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from filters.channels import CHANNELS
-from filters.effects import spectra
+from filters.effects import spectra, wandering
 from filters.effects.spectra import Samples, Spectrum
 from filters.types import Array
 
@@ -46,11 +46,13 @@ class SpectralLine:
     hz : float
         Its frequency, the centre of a narrow band, or the lowest of a periodic waveform.
     width_hz : float
-        Of a narrow band; 0 of a line that is no wider than its runs are short.
+        Of a narrow band, or what a line that wanders goes through; 0 of one that is no wider than its runs are short.
     rms : Array
         In each channel, of all harmonics, rad/s and m/s², shape (6,); 0 where it was not found.
     harmonics : tuple of int
         Multiples of `hz` that were found, 1 first.
+    wanders : bool
+        Whether it is one line whose frequency moves through the band, to be followed in each run.
     """
 
     channels: tuple[str, ...]
@@ -58,6 +60,7 @@ class SpectralLine:
     width_hz: float
     rms: Array
     harmonics: tuple[int, ...] = (1,)
+    wanders: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +97,10 @@ def find(series: Sequence[tuple[float, Samples]], barred: NDArray[np.bool_] | No
     if not runs:
         return []
     hz = spectra.spacing(runs)
+    wanderers = _wanderers(runs, barred, hz)
+    if wanderers:
+        short = wandering.MOST_SAMPLES
+        runs = [(fs, removed(wanderers, fs, _whole(x)) if x.shape[0] <= short else x) for fs, x in runs]
     by_channel = [
         [s for fs, x in runs if (s := spectra.spectrum(np.ascontiguousarray(x[:, c]), fs, hz)) is not None]
         for c in range(len(CHANNELS))
@@ -102,14 +109,14 @@ def find(series: Sequence[tuple[float, Samples]], barred: NDArray[np.bool_] | No
     shut = np.zeros((len(CHANNELS), 0), bool) if barred is None else barred
     peaks = [p for c, s in enumerate(by_channel) if s for p in _peaks(c, s, hz, shortest, shut[c])]
     found = [_line(group, by_channel, hz, shortest) for group in _grouped(peaks, hz)]
-    return _waveforms(found, hz)
+    return _waveforms([*wanderers, *found], hz)
 
 
 def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Array:
     """A run's residual without lines: minus what is fitted at their frequencies in this run.
 
-    A sine of any amplitude and phase for each 2^17 samples, or, of a narrow band, one whose amplitude and phase
-    follow within the band's width.
+    A sine of any amplitude and phase for each 2^17 samples; of a narrow band one whose amplitude and phase follow
+    within the band's width; of a line that wanders one along its way through this run, which is sought anew.
 
     Parameters
     ----------
@@ -126,7 +133,9 @@ def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Ar
         Shape (N, 6).
     """
     out = residual.copy()
-    for line in line_list:
+    for line in (line for line in line_list if line.wanders):
+        _follow(out, line, fs)
+    for line in (line for line in line_list if not line.wanders):
         for harmonic in line.harmonics:
             hz, width = harmonic * line.hz, harmonic * line.width_hz
             if not 0.0 < hz < 0.5 * fs:
@@ -136,6 +145,61 @@ def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Ar
                     part = out[first : first + _LONG, c]
                     part -= _fitted(part, hz / fs, width / fs)
     return out
+
+
+# -------------------------------------------------------------------------------------------------------- wanderers
+
+
+def _wanderers(
+    runs: Sequence[tuple[float, Samples]], barred: NDArray[np.bool_] | None, hz: float
+) -> list[SpectralLine]:
+    """Lines whose frequency wanders, of all runs together."""
+    out: list[SpectralLine] = []
+    for fs, lazy in runs:
+        if lazy.shape[0] > wandering.MOST_SAMPLES:
+            continue
+        x = _whole(lazy)
+        for track in wandering.find(fs, x, barred, hz):
+            rms = np.zeros(len(CHANNELS))
+            for c in track.channels:
+                rms[c] = float(np.std(wandering.wave(fs, x[:, c], track)))
+            names = tuple(CHANNELS[c] for c in track.channels)
+            line = SpectralLine(names, 0.5 * (track.low + track.high), track.high - track.low, rms, wanders=True)
+            same = next((k for k, other in enumerate(out) if _overlap(line, other)), None)
+            if same is None:
+                out.append(line)
+            else:
+                out[same] = _both(out[same], line)
+    return out
+
+
+def _whole(x: Samples) -> Array:
+    """All samples of all channels, shape (N, 6)."""
+    return np.column_stack([x[:, c] for c in range(len(CHANNELS))])
+
+
+def _overlap(a: SpectralLine, b: SpectralLine) -> bool:
+    return abs(a.hz - b.hz) < 0.5 * (a.width_hz + b.width_hz) + NARROW * a.hz
+
+
+def _both(a: SpectralLine, b: SpectralLine) -> SpectralLine:
+    """A line that wanders in two runs, or in two octaves of one."""
+    low, high = (pick(line.hz + sign * 0.5 * line.width_hz for line in (a, b)) for pick, sign in ((min, -1), (max, 1)))
+    channels = tuple(name for name in CHANNELS if name in a.channels or name in b.channels)
+    return SpectralLine(channels, 0.5 * (low + high), high - low, np.maximum(a.rms, b.rms), wanders=True)
+
+
+def _follow(out: Array, line: SpectralLine, fs: float) -> None:
+    """Take a line that wanders out of a run, in place."""
+    if out.shape[0] > wandering.MOST_SAMPLES:
+        return
+    columns = [CHANNELS.index(name) for name in line.channels]
+    reach = 0.5 * line.width_hz + NARROW * line.hz
+    track = wandering.follow(fs, out[:, columns], line.hz - reach, line.hz + reach)
+    if track is not None:
+        for harmonic in line.harmonics:
+            for c in columns:
+                out[:, c] -= wandering.wave(fs, out[:, c], track, harmonic)
 
 
 # ------------------------------------------------------------------------------------------------------------ peaks
@@ -290,8 +354,21 @@ def _waveforms(lines: list[SpectralLine], hz: float) -> list[SpectralLine]:
 def _multiple(line: SpectralLine, base: SpectralLine, hz: float) -> int:
     """How many times the frequency of another a line has; 0 if that is no whole number within what is resolved."""
     times = round(line.hz / base.hz)
+    if line.wanders or base.wanders:
+        # of the same frequency both ends are
+        alike = line.wanders and base.wanders and times > 1
+        off = [abs(end(line) - times * end(base)) for end in (_low, _high)]
+        return times if alike and times <= _MOST_HARMONIC and max(off) <= 2.0 * NARROW * line.hz else 0
     within = 0.5 * hz * (times + 1) + 0.25 * (times * base.width_hz + line.width_hz)
     return times if times <= _MOST_HARMONIC and abs(line.hz - times * base.hz) <= within else 0
+
+
+def _low(line: SpectralLine) -> float:
+    return line.hz - 0.5 * line.width_hz
+
+
+def _high(line: SpectralLine) -> float:
+    return line.hz + 0.5 * line.width_hz
 
 
 def _joined(base: SpectralLine, multiples: list[SpectralLine], hz: float) -> SpectralLine:
@@ -304,7 +381,8 @@ def _joined(base: SpectralLine, multiples: list[SpectralLine], hz: float) -> Spe
     centre = base.hz if base.width_hz else together[-1].hz / orders[-1]
     rms = np.sqrt(np.sum([line.rms**2 for line in together], axis=0))
     width = max(line.width_hz / n for line, n in zip(together, orders, strict=True))
-    return SpectralLine(channels, centre, width, rms, tuple(sorted(set(orders))))
+    wanders = any(line.wanders for line in together)
+    return SpectralLine(channels, centre, width, rms, tuple(sorted(set(orders))), wanders)
 
 
 # ---------------------------------------------------------------------------------------------------------- removal

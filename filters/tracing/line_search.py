@@ -46,7 +46,13 @@ def lines_of(runs: Sequence[Run], left: Sequence[Run]) -> list[SpectralLine]:
     if all(run.still for run in runs) or not spectra.usable(series):
         return lines.find(series)
     barred = _barred(runs, series)
-    found = lines.find(series, barred)
+    measured = any(run.attitude is not None for run in runs)
+    # the noise of a measured attitude comes and goes with the motion: a way through it is no line of a gyro
+    found = [
+        line
+        for line in lines.find(series, barred)
+        if not (measured and line.wanders and all(name.startswith("g") for name in line.channels))
+    ]
     return found + _without_motion(runs, series, barred, found) if barred.any() else found
 
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from helpers.runs import WHITE, run_of
 
+from filters.attitude import exp
 from filters.effects.lines import SpectralLine
+from filters.motion import attitude_rows
+from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Sine
 from filters.simulation import Effect, Scenario
@@ -83,3 +86,46 @@ def test_a_line_in_the_band_is_one_if_it_stays_at_rest() -> None:
     assert line.channels == ("gy",)
     assert line.hz == pytest.approx(IN_BAND, abs=0.01)
     assert sought(with_tone(run, IN_BAND, 0.4, (1,), moves)) == []
+
+
+def test_a_line_that_wanders_is_one_beside_a_motion() -> None:
+    """From 21 to 23 Hz in the run: one entry with both channels, its range, and the delay is what it was."""
+    run = shaken(Effect("delay", (), {"tau_s": 0.004}))
+    reading, u = run.reading.copy(), run.t / run.t[-1]
+    phase = 2.0 * np.pi * np.cumsum(22.0 + 2.0 * (u - 0.5)) / run.rate_hz
+    for c in (0, 2):
+        reading[:, c] += 0.3 * DEG * np.sin(phase)
+    result = compared(replace(run, reading=reading))
+    (line,) = result.lines
+    assert line.wanders
+    assert set(line.channels) == {"gx", "gz"}
+    assert line.hz == pytest.approx(22.0, abs=0.2)
+    assert line.width_hz == pytest.approx(1.8, abs=0.3)
+    assert delays(result)[0] == [pytest.approx(0.004, rel=0.01)]
+
+
+def optical(run: Run, seed: int) -> Run:
+    """A run whose attitude comes from rows with noise of 0.02 degrees, and a gap of 3 s in the motion."""
+    rng = np.random.default_rng(seed)
+    turned = attitudes(run.angles) @ np.stack([exp(v) for v in 3e-4 * rng.standard_normal((run.t.size, 3))])
+    kept = (run.t < 40.0) | (run.t > 43.0)
+    known = attitude_rows.at_samples(run.t, run.t[kept], turned[kept])
+    rests = attitude_rows.rests(run.t, run.reading[:, :3], run.reading[:, 3:], known)
+    known = attitude_rows.at_rest(known, rests)
+    return replace(
+        run,
+        angles=np.zeros((run.t.size, 3)),
+        rates=known.rate,
+        attitude=known.quaternion,
+        flagged=np.repeat(known.unknown[:, None], 6, axis=1),
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_attitude_with_noise_and_a_gap_gives_the_delay(seed: int) -> None:
+    """Within 3 sd and the second order in time; neither its noise nor its gap makes a line or an effect of a gyro."""
+    result = compared(optical(shaken(Effect("delay", (), {"tau_s": 0.004}), seed=seed), seed))
+    (tau,), (sd,) = delays(result)
+    assert abs(tau - 0.004) < 3.0 * sd + 0.01 * 0.004
+    assert result.lines == []
+    assert [term.hypothesis.effect for term in result.chosen.terms if min(term.places) < 3] == ["delay"]
