@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from filters.effects import run_specific
 from filters.effects.run_specific import Telegraph
-from filters.tracing.beside_drift import Rows, gain_beside, rows_of
+from filters.tracing.beside_drift import Rows, gain_beside, of_columns, rows_of
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
 from filters.types import Array
 
 _MEANS_S = (60.0, 180.0, 600.0)
 _TURNS = 3
-_SWITCHES = 3
+_SWITCHES = 6
+"""In each of two power-ons, twice as many in a single one: drift has a few sudden turns of its own."""
+_SURE = 4.0
 
 
 def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[Telegraph, float] | None:
@@ -45,7 +47,9 @@ def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[
         if effect is not None and _goes_on(effect.made[:, 0], rows.starts):
             made = _at_blocks(design, rows, effect.made)
             own = Telegraph(channel, made=made, penalty=effect.penalty, facts=effect.facts, switches=effect.switches)
-            found.append((own, gain_beside(design, selection, channel, made)))
+            gain = gain_beside(design, selection, channel, made)
+            if gain > own.penalty and _is_one_size(design, selection, channel, made[:, 0]):
+                found.append((own, gain))
     return max(found, key=lambda pair: pair[1] - pair[0].penalty, default=None)
 
 
@@ -71,6 +75,22 @@ def _goes_on(s: Array, starts: NDArray[np.int_]) -> bool:
     """Whether levels switch time and again, in two power-ons if there are two: else something happened once."""
     counts = sorted(int(np.count_nonzero(np.diff(part))) for part in np.split(s, starts[1:]))
     return counts[-1] >= 2 * _SWITCHES if len(counts) == 1 else counts[-2] >= _SWITCHES
+
+
+def _is_one_size(design: Design, selection: Sequence[Term], channel: int, s: Array) -> bool:
+    """Whether switches that are each fitted alone are no better than one size for all, beyond chance."""
+    begins = design.stack.begins
+    ends = np.append(begins[1:], s.size)
+    switches = np.setdiff1d(np.flatnonzero(np.diff(s)) + 1, begins)
+    each = np.zeros((s.size, switches.size))
+    for j, row in enumerate(switches.tolist()):
+        each[row : ends[np.searchsorted(begins, row, side="right") - 1], j] = s[row] - s[row - 1]
+    columns = np.column_stack([s, each])
+    judged = of_columns(design, selection, channel, columns, [np.array([0]), np.arange(1, columns.shape[1])])
+    k = int(np.argmin(judged.values - judged.gains[:, 0]))
+    more = float(judged.gains[k, 1] - judged.gains[k, 0])
+    free = max(1, switches.size - 1)
+    return more < free + _SURE * float(np.sqrt(2.0 * free))
 
 
 def _moving_mean(r: Array, use: NDArray[np.bool_], starts: NDArray[np.int_], half: int) -> Array:
