@@ -9,7 +9,7 @@ and does not join is weak, with its size and the size that would have joined (`w
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,6 +33,8 @@ _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _EVENT_CELLS = 4
+_ACCEPT_STEP = 30.0
+"""Of a step beside drift: real drift has sudden turns that no Gaussian process has."""
 _ORDER = (
     "thermal_lin",
     "scale",
@@ -278,7 +280,23 @@ def _candidates(
     ]
     for c in channels:
         found += _of_channel(chosen, free, c, memory)
-    return iter(sorted(found, key=lambda candidate: -candidate.score))
+    return iter(sorted(_laws_first(found), key=lambda candidate: -candidate.score))
+
+
+def _laws_first(found: list[_Candidate]) -> list[_Candidate]:
+    """Steps after what follows temperature and gains nearly as much: its rate steps where heating is turned on."""
+    best: dict[int, _Candidate] = {}
+    for x in found:
+        known = x.terms and x.terms[0].hypothesis.source == "temperature"
+        if known and (x.channel not in best or x.gain > best[x.channel].gain):
+            best[x.channel] = x
+    out = []
+    for x in found:
+        law = best.get(x.channel)
+        if law and x.terms and isinstance(x.terms[0].hypothesis, Step) and law.gain > _TEMPERATURE_SHARE * x.gain:
+            x = replace(x, score=min(x.score, law.score - _RANK))
+        out.append(x)
+    return out
 
 
 def _judged_beside_drift(chosen: Selection, term: Term) -> bool:
@@ -373,7 +391,8 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
         made = np.hstack([design.columns[:, a.places[candidate.channel]] for a in terms])
     price = sum(chosen.price(a) for a in terms)
     guarded = guarded_score(design, chosen.terms, terms[0], made, price, ACCEPT)
-    if guarded <= ACCEPT:
+    drifts = design.drift[candidate.channel].level > 0.0
+    if guarded <= (_ACCEPT_STEP if isinstance(h, Step) and drifts else ACCEPT):
         _note(chosen, candidate, guarded, "not told from drift")
         return False
     return True
