@@ -228,15 +228,20 @@ def _amount(params: list[ParameterEntry]) -> str:
     shape = [p for p in params if p.get("sd") is None and p["name"] not in _IN_LABEL]
     if not fitted and not shape:
         return ""
-    if len(params := fitted + shape) <= _FEW:
-        named = len(params) > 1
-        told = [
-            ", ".join((f"{p['name']} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in some)
-            for some in (fitted, shape)
-        ]
-        return ", ".join(text + (_ONE_SD if n == 0 else "") for n, text in enumerate(told) if text)
-    largest = max(params, key=lambda p: abs(p["value"]))
-    return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(params)} points".replace("  ", " ")
+    if len(fitted) > _FEW and len({p["unit"] for p in fitted}) == 1:
+        largest = max(fitted, key=lambda p: abs(p["value"]))
+        return f"up to {abs(largest['value']):.3g} {_unit(largest)} at {len(fitted)} points".replace("  ", " ")
+    named = len(fitted) + len(shape) > 1
+    told = [
+        ", ".join((f"{_name(p)} " if named else "") + plus_minus(p["value"], p.get("sd"), _unit(p)) for p in some)
+        for some in (fitted, shape)
+    ]
+    return ", ".join(text + (_ONE_SD if n == 0 else "") for n, text in enumerate(told) if text)
+
+
+def _name(p: ParameterEntry) -> str:
+    """A parameter's name without underscores."""
+    return p["name"].replace("_", " ")
 
 
 def _unit(entry: ParameterEntry | ErrorEntry) -> str:

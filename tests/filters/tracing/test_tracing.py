@@ -132,6 +132,48 @@ def test_one_cold_start_is_never_better_than_confounded() -> None:
         assert {e["heldout"] for e in document["error"]} == {"folds"}
 
 
+def test_the_separating_experiment_is_of_a_finding_and_its_rivals() -> None:
+    """What it tells apart, and what it leaves, are one finding and what would do in its place; it is asked for."""
+    runs = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.05}), seed=2, count=1, histories=(None,))
+    t = trace(runs, None)
+    made = t.experiment
+    assert made is not None
+    families = [{f["effect"], *(r["effect"] for r in f["rivals"])} for f in t.document["findings"]]
+    assert any({made.a, made.b, *made.leaves} <= family for family in families)
+    if made.d_expected >= 5.0:
+        assert "Next: to tell" in t.document["sentence"]
+
+
+def test_the_result_ends_with_what_to_do_next() -> None:
+    """Use what holds; show transfer where one run cannot; record more where the held-out run contradicts."""
+    assert many(1).document["sentence"].endswith("with --effects of replay and record.")
+    with_it = power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}))
+    contradicted = trace(with_it[:2], power_ons()[2]).document["sentence"]
+    assert "Next: record more power-ons" in contradicted
+
+
+def test_a_tone_has_amplitude_and_frequency() -> None:
+    """Not sine and cosine; within three standard deviations of what was put in."""
+    runs = power_ons(Effect("tone", ("gx",), {"dps": 0.05, "hz": 0.4}), hz=8.0)
+    (tone,) = trace(runs[:2], runs[2]).document["findings"]
+    amplitude, frequency = tone["params"]
+    assert (amplitude["name"], frequency["name"]) == ("amplitude", "frequency")
+    assert amplitude["value"] == pytest.approx(0.05, abs=3.0 * amplitude["sd"])
+    assert amplitude["sd"] < 0.01
+    assert frequency["value"] == pytest.approx(0.4, abs=1e-3)
+    assert tone["share_of_excess"] is None
+
+
+def test_a_channel_with_only_faults_is_clean() -> None:
+    """Readings that were lost explain nothing; they are told."""
+    runs = power_ons(count=2)
+    reading = runs[0].reading.copy()
+    reading[[4000, 9000], 1] += 2.0
+    document = trace([replace(runs[0], reading=reading)], runs[1]).document
+    assert [(f["effect"], f["channels"]) for f in document["integrity"]] == [("spikes", ["gy"])]
+    assert document["status"]["gy"] == "clean"
+
+
 def test_one_run_does_not_explain_by_temperature_even_without_a_rival() -> None:
     """Heating and cooling within one power-on: the term stands alone, and transfer is still not shown."""
     t = trace(power_ons(Effect("thermal_lin", ("gy",), {"dps_per_k": 0.02}), count=1), None)
