@@ -14,6 +14,7 @@ from filters.imu import STANDARD_GRAVITY
 from filters.kalman import alarms, augmentation, layout
 from filters.kalman.consistency import ConvergenceMonitor, nis_gates
 from filters.kalman.filter_input import InputBuilder, Readings
+from filters.kalman.first_rest import FirstRest
 from filters.kalman.rows import Estimate, Moments, estimate_of
 from filters.kalman.sample_times import SampleTimes
 from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings, alignment_of, reference_of
@@ -55,6 +56,7 @@ class Estimator:
         self.effects = settings.effects() if settings.effects is not None else None
         if self.effects is not None:
             augmentation.check(self.effects)
+        self.first_rest = FirstRest(settings.period, settings.spec) if settings.reference == "turned" else None
         self._times = SampleTimes(settings.period)
         self._engine: FilterEngine | None = None
         self._inputs: InputBuilder | None = None
@@ -223,6 +225,20 @@ class Estimator:
 
     def take(self, readings: Readings) -> Iterator[Array]:
         """Feed readings and yield rows of estimates, `filters.kalman.layout.OUT_*`, shape (K, OUT); see `rows`."""
+        if self.first_rest is not None:
+            yield from self._take_at_rest(readings, self.first_rest)
+        else:
+            yield from self._take(readings)
+
+    def _take_at_rest(self, readings: Readings, first_rest: FirstRest) -> Iterator[Array]:
+        """Feed those readings that are known to be of the first rest; at its end, use what there is of it."""
+        at_rest = first_rest.take(readings)
+        if at_rest.t.size:
+            yield from self._take(at_rest)
+        if first_rest.over:
+            yield from self.use_waiting()
+
+    def _take(self, readings: Readings) -> Iterator[Array]:
         self._times.check(readings.t, readings.gyro, self._waiting_count + self.samples)
         if self.aligning is None:
             yield from self._filter(readings)

@@ -113,6 +113,8 @@ def alignment_of(settings: Settings) -> alignment.Alignment | None:
     """What finds the reference in the first samples, where it has to be found; raises ValueError if it cannot be."""
     if settings.reference == "gravity":
         return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD)
+    if settings.reference == "turned":
+        return alignment.LevellingAtRest(settings.site, P0_ACCEL_BIAS_SD)
     if settings.reference == "trajectory":
         if not isinstance(settings.motion, Trajectory):
             raise ValueError('`motion` is missing: the reference "trajectory" needs one')

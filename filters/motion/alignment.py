@@ -69,6 +69,35 @@ class Levelling:
         return level_by_gravity(self.site, accel.mean(axis=0), self.accel_bias_sd)
 
 
+@dataclass(slots=True)
+class LevellingAtRest:
+    """As `Levelling`, at a rest that need not begin with the first sample.
+
+    Attributes
+    ----------
+    site : Site
+        Where the unit stands.
+    accel_bias_sd : float
+        At the start, m/s².
+    begun : float
+        Time of the rest's first sample, s; set by the first question.
+    """
+
+    site: Site
+    accel_bias_sd: float
+    begun: float = 0.0
+
+    def enough(self, t: float, count: int) -> bool:
+        """10 s and 10 samples."""
+        if count == 1:
+            self.begun = t
+        return t - self.begun >= SECONDS and count >= SAMPLES
+
+    def found(self, t: Array, gyro: Array, accel: Array) -> Reference:
+        """Roll and pitch of the mean specific force."""
+        return level_by_gravity(self.site, accel.mean(axis=0), self.accel_bias_sd)
+
+
 def level_by_gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> Still:
     """Still at unknown attitude: roll and pitch from the mean specific force, heading called zero.
 

@@ -166,7 +166,7 @@ def replay(
             if sink is not None:
                 sink.take(rows, estimator)
         if estimator.latest is None:
-            raise ValueError(f"{path}: the effects leave no sample to filter. --effects none leaves effects out")
+            raise ValueError(f"{path}: {_nothing_used(info)}")
     except BaseException:
         if sink is not None:
             sink.abandon()
@@ -186,6 +186,15 @@ def replay(
     if sink is not None:
         sink.finish(result)
     return result
+
+
+def _nothing_used(info: SessionInfo) -> str:
+    if info.reference == "turned":
+        return (
+            "no rest was found: nowhere is the unit quiet and steady for a second. Reference turned is for a unit that"
+            " is put down between turns; name another: --reference level|gravity|FILE"
+        )
+    return "the effects leave no sample to filter. --effects none leaves effects out"
 
 
 def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, Settings]:

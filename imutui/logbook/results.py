@@ -286,7 +286,9 @@ def document(
     axes, g_unit = info.axes(), info.g_unit
     seen = seen_axes(estimator, axes)
     nav, P = latest.belief.nav, latest.belief.P
-    duration = latest.t
+    rest = estimator.first_rest
+    begun, duration = (0.0, latest.t) if rest is None else (rest.begun or 0.0, rest.last_t or latest.t)
+    used = latest.t - begun
     unplaced = () if _placed(estimator) else PLACE
     return {
         "version": VERSION,
@@ -295,7 +297,7 @@ def document(
         "filter": info.filter,
         "samples": estimator.samples,
         "duration_s": duration,
-        "rate_hz": (estimator.samples - 1) / duration if duration > 0.0 else None,
+        "rate_hz": (estimator.samples - 1) / used if used > 0.0 else None,
         "reference": info.reference,
         "accel_sign": info.accel_sign,
         "mount": info.mount,

@@ -96,7 +96,7 @@ class Setup:
 
 
 _CSV = (reference_file.ATTACHMENTS[1], "text/csv")
-_WITHOUT_FILE = ("level", "gravity")
+_WITHOUT_FILE = ("level", "gravity", "turned")
 
 
 def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup:

@@ -16,7 +16,7 @@ from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.snapshot import FilterSnapshot, RecordingSnapshot, SessionState, Snapshot
 
-_FOUND_FROM_SAMPLES = ("gravity", "trajectory")
+_FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0
 
 

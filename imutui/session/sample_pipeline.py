@@ -193,7 +193,8 @@ class SamplePipeline:
             return
         utc = self._timebase.utc_ns(now_ns)
         angles = np.zeros(3) if self.info.reference == "level" else np.full(3, np.nan)
-        reference = schemas.table_reference(utc, self.info.reference, angles, np.zeros(3))
+        rates = np.full(3, np.nan) if self.info.reference == "turned" else np.zeros(3)
+        reference = schemas.table_reference(utc, self.info.reference, angles, rates)
         self._writer.message(schemas.REFERENCE, reference, utc, utc)
         level = 1 if self.counters.lost_packets or self.counters.bad_checksums else 0
         text = "packets were lost or damaged" if level else "ok"
