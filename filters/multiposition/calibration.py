@@ -169,12 +169,12 @@ def _judged(
 ) -> tuple[Array, Array, tuple[ErrorFigure, ...]]:
     """Errors after and their figures: on the log held out, else on rests and turns left out in turn."""
     angles = np.zeros(0)
+    how = _how(runs, apart)
     if apart is not None:
         runs, found, observed, turned = [apart.run], [apart.rests], apart.observed, apart.turned
         norms = observed.errors(accelerometers.triad, accelerometers.fit.theta)
     else:
         norms = errors.norms_left_out(observed, accelerometers)
-    how: Judge = "folds" if apart is None else "run"
     figures = [errors.norm_figure(observed, norms, seed, how)]
     if turned is not None and gyros is not None and turned.turns:
         if apart is None:
@@ -183,6 +183,14 @@ def _judged(
             angles = turned.angles(gyros.triad, own_biases(gyros, turned))
         figures.append(errors.direction_figure(runs, found, turned, angles, seed, how))
     return norms, angles, tuple(figure for figure in figures if figure is not None)
+
+
+def _how(runs: Sequence[Run], apart: HeldOut | None) -> "Judge":
+    """What judges: rests left out in turn, another power-on, or another part of one that was fitted to."""
+    if apart is None:
+        return "folds"
+    known = apart.run.power_on
+    return "part" if known and any(run.power_on == known for run in runs) else "run"
 
 
 def own_biases(gyros: Choice, turned: Turns) -> Array:

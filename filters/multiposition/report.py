@@ -120,12 +120,13 @@ def _finding(found: Calibration, chosen: Choice, effect: ChannelEffect, verdict:
 
 
 def _parameters(found: Calibration, chosen: Choice, effect: ChannelEffect) -> list[ParameterEntry]:
-    """Values with their standard deviations; of a gyro's bias one a log."""
+    """Values with their standard deviations; of a gyro's bias one a power-on."""
     at = chosen.places(effect)
     parameters = effect.parameters() * (at.size // len(effect.parameters()))
     names = [p.name for p in parameters]
     if at.size > len(effect.parameters()):
-        names = [f"{p.name} {run.name}" for p, run in zip(parameters, found.runs, strict=True)]
+        power_ons = found.turned.power_ons if found.turned is not None else ()
+        names = [f"{p.name} {run}" for p, run in zip(parameters, power_ons, strict=True)]
     return [
         {
             "name": name,

@@ -61,7 +61,7 @@ class Turns:
     Parameters
     ----------
     runs : sequence of Run
-        Its logs, each a power-on with gyro biases of its own.
+        Its logs. Each power-on has gyro biases of its own; parts of one share theirs.
     rests : sequence of sequences of Rest
         Of each log.
     """
@@ -71,6 +71,7 @@ class Turns:
         self.rests = [rest for own in rests for rest in own]
         self.log = np.repeat(np.arange(len(runs)), [len(own) for own in rests])
         self.turns = _turns(runs, rests)
+        self.power_ons, self._power_on = _power_ons(runs)
         self._axes = runs[0].axes
         self._to_body = self._axes.mount * self._axes.gyro_sign
         self._spin = earth.EARTH_RATE * float(np.cos(runs[0].site.latitude))
@@ -105,17 +106,19 @@ class Turns:
 
     @property
     def logs(self) -> int:
-        """How many logs there are."""
-        return len(self.runs)
+        """How many power-ons there are."""
+        return len(self.power_ons)
 
     def own(self, theta: Array, log: int) -> Array:
-        """Parameters of one log, its biases first: of all, biases come log by log, what the logs share last."""
-        return np.concatenate([theta[3 * log : 3 * log + 3], theta[3 * self.logs :]])
+        """Parameters of one log, its biases first: of all, those of each power-on come first, what they share last."""
+        first = 3 * self._power_on[log]
+        return np.concatenate([theta[first : first + 3], theta[3 * self.logs :]])
 
     def _spread(self, columns: Array, log: int) -> Array:
-        """Derivatives by the parameters of one log (…, 3 + p) among those of all (…, 3 logs + p)."""
+        """Derivatives by the parameters of one log (…, 3 + p) among those of all (…, 3 power-ons + p)."""
         out = np.zeros((*columns.shape[:-1], 3 * self.logs + columns.shape[-1] - 3))
-        out[..., 3 * log : 3 * log + 3] = columns[..., :3]
+        first = 3 * self._power_on[log]
+        out[..., first : first + 3] = columns[..., :3]
         out[..., 3 * self.logs :] = columns[..., 3:]
         return out
 
@@ -226,10 +229,10 @@ class Turns:
         return least_squares.fit(lambda theta: self.residuals(triad, theta), begin, noise, group, prior, excess)
 
     def still_biases(self) -> Array:
-        """Mean reading of each log's rests, one log after the other, rad/s, shape (3 logs,)."""
+        """Mean reading of the rests of each power-on, one after the other, rad/s, shape (3 power-ons,)."""
         out = np.zeros((self.logs, 3))
         for log in range(self.logs):
-            own = [rest for rest, number in zip(self.rests, self.log, strict=True) if number == log]
+            own = [rest for rest, n in zip(self.rests, self.log, strict=True) if self._power_on[int(n)] == log]
             weight = np.array([rest.seconds for rest in own])
             if own:
                 out[log] = weight @ np.array([rest.mean[list(GYROS)] for rest in own]) / weight.sum()
@@ -255,6 +258,13 @@ def _turns(runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> list[Turn]:
                 out.append(Turn(log, number + k, number + k + 1, part, seconds))
         number += len(own)
     return out
+
+
+def _power_ons(runs: Sequence[Run]) -> tuple[tuple[str, ...], list[int]]:
+    """Name of the first run of each power-on, and the number of each run's."""
+    keys = [run.power_on or f"run {number}" for number, run in enumerate(runs)]
+    first = list(dict.fromkeys(keys))
+    return tuple(runs[keys.index(key)].name for key in first), [first.index(key) for key in keys]
 
 
 def _across(direction: Array) -> Array:
