@@ -105,3 +105,15 @@ def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
     assert "moves" not in done.stderr
     assert "turned" in done.stdout + done.stderr
     assert json.loads(imutui("info", str(tmp_path / "a.mcap"), "--json").stdout)["reference"] == "turned"
+
+
+def test_a_recording_of_accelerometers_alone_is_calibrated(tmp_path: Path) -> None:
+    """Gyros that are NaN throughout: the accelerometers are done, the gyros have no status, and a note says so."""
+    run = turned_run(*ACCELEROMETERS, seed=68)
+    given = {"t": run.t, "gyro": np.full((run.t.size, 3), np.nan), "accel": run.reading[:, 3:] / STANDARD_GRAVITY}
+    turned = imported(tmp_path / "a.mcap", given, accel_sign=1, reference="turned")
+    document = json.loads(imutui("trace", str(turned), "--json").stdout)
+    assert set(document["status"]) == {"ax", "ay", "az"}
+    assert [e["metric"] for e in document["error"]] == ["gravity_norm"]
+    assert document["error"][0]["after"] < 0.1
+    assert any("only of the accelerometers" in note for note in document["notes"])

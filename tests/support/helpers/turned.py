@@ -83,9 +83,10 @@ def turned_run(
 
 def lacking(run: Run, *channels: str) -> Run:
     """A run whose recording lacks channels."""
-    reading = run.reading.copy()
-    reading[:, [CHANNELS.index(channel) for channel in channels]] = np.nan
-    return replace(run, reading=reading)
+    lacks = [CHANNELS.index(channel) for channel in channels]
+    reading, flagged = run.reading.copy(), np.zeros(run.reading.shape, bool)
+    reading[:, lacks], flagged[:, lacks] = 0.0, True
+    return replace(run, reading=reading, flagged=flagged, unread=tuple(lacks))
 
 
 def shaken(run: Run, first: float, last: float, size: float) -> Run:
