@@ -30,4 +30,4 @@ def test_two_minutes_of_the_demo_are_traced_to_its_effect() -> None:
     found = trace.trace([run_of(replace(scenario, seed=0), seconds=120.0)], None).document["findings"]
     assert [(finding["effect"], finding["channels"]) for finding in found] == [("tone", ["gy"])]
     values = {param["name"]: param["value"] for param in found[0]["params"]}
-    assert abs(values["hz"] - 0.7) < 0.002
+    assert abs(values["frequency"] - 0.7) < 0.002
