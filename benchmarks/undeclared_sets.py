@@ -6,7 +6,7 @@ what is found (`undeclared_score`).
 
 import runpy
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -228,8 +228,13 @@ def unit_of(effect: Undeclared, folder: Path, power_on: int) -> Unit:
 
 
 def without(effect: Undeclared, folder: Path, power_on: int) -> dict[str, NDArray[np.float64]]:
-    """The power-on without the error, means over a few readings, as the arrays of a recording to import."""
-    unit = unit_of(effect, folder, power_on)
+    """The power-on without the error, means over a few readings, as the arrays of a recording to import.
+
+    Without the unit's band limit on its motion: of an imported recording a trace does not know it, and would find it.
+    """
+    limited = unit_of(effect, folder, power_on)
+    spec = replace(limited.scenario.spec, gyro_bandwidth=0.0, accel_bandwidth=0.0)
+    unit = Unit(replace(limited.scenario, spec=spec), power_on, LOOP_HZ, limited.background)
     axes = unit.scenario.axes
     made = unit.record(int(seconds_of(power_on) * LOOP_HZ) // _AVERAGED * _AVERAGED)
     gyro = np.rad2deg(axes.gyro_to_instrument(made.samples.gyro))

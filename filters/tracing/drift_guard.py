@@ -17,6 +17,7 @@ _ROWS = 2000.0
 """Rows at most of a channel, for what is slow."""
 _FAST_HZ = 0.2
 """Faster tones are lost in means of 1 s."""
+_OF_RATES = ("delay", "lever_arm", "mounting")
 
 _Rows = tuple[Array, Array, NDArray[np.int_], Array, float]  # the arguments of `best_drift`
 _Best = tuple[float, Drift, float]  # what it returns
@@ -74,6 +75,32 @@ def guarded_score(
     if single <= accept or fast:
         return single
     return min(single, _beside_two(rows, with_it, before, after) - price)
+
+
+def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: float) -> float:
+    """Score of a term that several channels share, each with its own best drift on both sides.
+
+    Parameters
+    ----------
+    design : Design
+        Data and columns.
+    terms : sequence of Term
+        What is selected already.
+    term : Term
+        The new one; its parameters are those of the joint fit.
+    price : float
+        What they cost.
+    """
+    fits = design.fit(terms), design.fit([*terms, term])
+    # what depends on the attitude is as slow as drift; what depends on rates would be lost in means of a second
+    attitude = term.hypothesis.effect not in _OF_RATES
+    seconds = max(_SECOND_S, design.stack.period) if attitude else design.stack.period
+    none = np.zeros((design.stack.t.size, 0))
+    gain = 0.0
+    for c in term.places:
+        without, with_it = (best_drift(*_rows(design, terms, c, none, fit, seconds)) for fit in fits)
+        gain += min(without[0], without[2]) - min(with_it[0], with_it[2])
+    return gain - price
 
 
 def _beside_two(rows: _Rows, with_it: _Rows, before: _Best, after: _Best) -> float:

@@ -17,7 +17,7 @@ from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
 from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged, of_columns
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
-from filters.tracing.drift_guard import drift_price, guarded_score, likeliest_drift
+from filters.tracing.drift_guard import drift_price, guarded_score, guarded_shared, likeliest_drift
 from filters.tracing.left_out_runs import transfer_gains
 from filters.tracing.run_specific_search import search
 from filters.tracing.thermal_transfer import JointChoice
@@ -33,8 +33,8 @@ _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
 _EVENT_CELLS = 4
-_ACCEPT_STEP = 30.0
-"""Of a step beside drift: real drift has sudden turns that no Gaussian process has."""
+_ACCEPT_ON_DRIFT = 30.0
+"""Of a step, or of what channels share, beside drift: real drift has sudden turns that no Gaussian process has."""
 _ORDER = (
     "thermal_lin",
     "scale",
@@ -385,14 +385,19 @@ def _stands(chosen: Selection, candidate: _Candidate) -> bool:
                 _note(chosen, candidate, 0.0, "does not hold on cells that were left out")
             return False
         chosen.unseen_gain.update(unseen)
+    price = sum(chosen.price(a) for a in terms)
     if len(terms[0].places) > 1:
+        guarded = guarded_shared(design, chosen.terms, terms[0], price)
+        drift = any(design.drift[c].level > 0.0 for c in terms[0].places)
+        if guarded <= (_ACCEPT_ON_DRIFT if drift else ACCEPT):
+            _note(chosen, candidate, guarded, "not told from drift")
+            return False
         return True
     if len(terms) > 1:
         made = np.hstack([design.columns[:, a.places[candidate.channel]] for a in terms])
-    price = sum(chosen.price(a) for a in terms)
     guarded = guarded_score(design, chosen.terms, terms[0], made, price, ACCEPT)
     drifts = design.drift[candidate.channel].level > 0.0
-    if guarded <= (_ACCEPT_STEP if isinstance(h, Step) and drifts else ACCEPT):
+    if guarded <= (_ACCEPT_ON_DRIFT if isinstance(h, Step) and drifts else ACCEPT):
         _note(chosen, candidate, guarded, "not told from drift")
         return False
     return True
