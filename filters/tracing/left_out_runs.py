@@ -23,6 +23,9 @@ _UNKNOWN = 2.0
 _TELLS = 16.0
 """Chi-square that a true term must have on what is left out, so that a loss there is hardly chance."""
 
+_ROUNDING = 1e-9
+"""Share of all that is said of a parameter which is left of it by rounding."""
+
 _Normal = tuple[Array, Array]  # A and b of normal equations A θ = b
 
 
@@ -51,7 +54,7 @@ def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]
     everything = inverse_of(whole[0]) @ whole[1]
     gains: dict[object, list[tuple[float, float]]] = {a.key: [] for a in lasting}
     for A, b in parts:
-        others = whole[0] - A, whole[1] - b
+        others = _difference(whole, (A, b))
         inverse = inverse_of(others[0])
         left = _loss((A, b), inverse @ others[1])
         for a, mine in zip(lasting, rows, strict=True):
@@ -84,6 +87,14 @@ def _without(part: _Normal, first: int) -> _Normal:
     A, b = part
     cross = A[:first, first:] @ inverse_of(A[first:, first:])
     return A[:first, :first] - cross @ A[first:, :first], b[:first] - cross @ b[first:]
+
+
+def _difference(whole: _Normal, part: _Normal) -> _Normal:
+    """Normal equations of the other power-ons; nothing of a parameter of which they say nothing but rounding."""
+    A, b = whole[0] - part[0], whole[1] - part[1]
+    silent = np.diag(A) <= _ROUNDING * np.diag(whole[0])
+    A[silent], A[:, silent], b[silent] = 0.0, 0.0, 0.0
+    return A, b
 
 
 def _own(A: Array, mine: NDArray[np.int_], rest: NDArray[np.int_]) -> Array:
