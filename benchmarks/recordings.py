@@ -5,7 +5,8 @@
 Each row is made by the two commands that are printed above it, which anyone with the file can run; flags of the import
 are those of the JSON beside the recording. Error is E10 over its white-noise floor (for units turned by hand the norm
 of gravity, mg), on what the row names as held out. For the thermal chamber two columns stand beside: the bias held,
-which is "before", and a plain cubic in temperature, fitted by least squares to the same training legs.
+which is "before", and a plain cubic in temperature, fitted by least squares to the same training legs. At the end comes
+all of it as rows of Markdown.
 """
 
 import argparse
@@ -172,8 +173,31 @@ def geometric_mean(values: Sequence[float]) -> float:
     return float(np.exp(np.mean(np.log(values)))) if len(values) else float("nan")
 
 
-def told(row: Row, document: dict[str, Any], folder: Path) -> None:
-    """Print a row."""
+def markdown(row: Row, document: dict[str, Any], beside: dict[str, float]) -> list[str]:
+    """A row of the table of errors, two where a cubic stands beside; of units turned by hand none."""
+    e10 = errors(document, "e10")
+    if not e10:
+        return []
+    heldout = next(iter(e10.values()))["heldout"]
+    cells = []
+    for c in CHANNELS:
+        e = e10.get(c)
+        if e is None:
+            cells.append("–")
+            continue
+        low, high = (x / e["floor"] for x in e["ci95"])
+        cells.append(f"{e['before_x_floor']:.3g} → {e['after_x_floor']:.3g} ({low:.3g}–{high:.3g})")
+    lines = [f"| {row.name} | {heldout} | {' | '.join(cells)} |"]
+    if beside:
+        lines.append(f"| – a plain cubic | | {' | '.join(f'{beside[c]:.3g}' for c in CHANNELS)} |")
+    lines.append("| – status | | " + " | ".join(document["status"].get(c, "–") for c in CHANNELS) + " |")
+    floors = (f"{e10[c]['floor']:.2g} {e10[c]['unit']}" if c in e10 else "–" for c in CHANNELS)
+    lines.append("| – floor | | " + " | ".join(floors) + " |")
+    return lines
+
+
+def told(row: Row, document: dict[str, Any], folder: Path) -> list[str]:
+    """Print a row; the same for the table."""
     print(f"    {document['sentence']}")
     norm = errors(document, "gravity_norm").get(None)
     for metric, e in (("gravity_norm", norm), ("gravity_direction", errors(document, "gravity_direction").get(None))):
@@ -207,6 +231,7 @@ def told(row: Row, document: dict[str, Any], folder: Path) -> None:
         print(f"    after / before, geometric mean over channels: {geometric_mean(ratios):.3f}")
     for x in document.get("common", []):
         print(f"    common {x['kind']} on {', '.join(x['channels'])}, coherence {x['coherence']:.2f}")
+    return markdown(row, document, beside)
 
 
 def main() -> None:
@@ -217,6 +242,7 @@ def main() -> None:
     chosen = parser.parse_args()
     if not DATA.is_dir():
         raise SystemExit("the measured recordings are not beside the repository: ../shared/data is absent")
+    table = ["| recording | held out | gx | gy | gz | ax | ay | az |", "|---|---|---|---|---|---|---|---|"]
     with tempfile.TemporaryDirectory() as temporary:
         folder = chosen.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -236,7 +262,8 @@ def main() -> None:
                 continue
             document = json.loads(done.stdout)
             (folder / f"trace{number}.json").write_text(json.dumps(document))
-            told(row, document, folder)
+            table += told(row, document, folder)
+    print("", *table, sep="\n")
 
 
 if __name__ == "__main__":

@@ -30,6 +30,12 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: every other test waits for a process, a port or a terminal."""
+    return min(4, 1 + (os.cpu_count() or 1))
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile once, before processes under test would all do so at the same time and miss their deadlines."""
     if not hasattr(session.config, "workerinput"):

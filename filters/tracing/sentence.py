@@ -66,7 +66,7 @@ def _finding(f: FindingEntry, more: int) -> str:
     text = f"{', '.join(f['channels'])}: {plain_names.named(f['label'], f['effect'])}"
     fitted = [p for p in f["params"] if p["sd"] is not None]
     if len(fitted) == 1 or (fitted and f["effect"] == "tone"):
-        text += f", {amount(fitted[0])}"
+        text += f", {'amplitude ' if f['effect'] == 'tone' else ''}{amount(fitted[0])}"
     if f["confirmed"] is False:
         text += ", which the held-out run neither confirms nor contradicts"
     elif f["share_of_excess"] is not None:

@@ -38,7 +38,8 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
         except BaseException as error:
             for process in multiprocessing.active_children():
                 process.terminate()
-            pool.shutdown(wait=False, cancel_futures=True)
+            # waits for the pool's own thread: the interpreter's end would wake it while it closes what it is woken by
+            pool.shutdown(wait=True, cancel_futures=True)
             if isinstance(error, BrokenProcessPool):
                 raise MemoryError("one of the processes was killed, as happens when memory runs out") from error
             raise
