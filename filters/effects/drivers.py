@@ -12,12 +12,17 @@ import numpy as np
 from filters.channels import DPS, G
 from filters.effects import plain_names
 from filters.effects.hypothesis import ChannelEffect, Parameter
-from filters.effects.inputs import Inputs
+from filters.effects.inputs import TRAILED, TRAILS, Inputs
 from filters.motion.segments import AXES
 from filters.types import Array
 
+RELAY_LEVELS = 9
+"""Temperatures between which a state may flip up and down."""
+_RELAY_K = 5.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)
 THRESHOLDS = 9
+PAST_MOTION = ("settling", "direction", "turns", "since_motion", "table_accel")
+"""Drivers that follow the table's past motion, which the filter does not have, as their names begin."""
 _KNOTS = {"time": 9, "temperature": 8, "temperature_rate": 6, "since_motion": 6, "rate_norm": 6, "table_accel": 5}
 _KNOTS_INPUT = 7
 _FOURIER = (3, 6)
@@ -76,7 +81,7 @@ class Driver(ChannelEffect):
     count : int
         k.
     kind : str
-        Of the basis: hat, fourier, line, threshold, settling.
+        Of the basis: hat, fourier, line, threshold, relay, settling, trail.
     parts : dict
         Knots and the like.
     choices : int
@@ -112,7 +117,16 @@ class Driver(ChannelEffect):
 
     @property
     def label(self) -> str:
-        return plain_names.effect(self.effect)
+        words = plain_names.effect(self.effect)
+        if self.kind == "relay":
+            low, high = (float(self.parts[key]) for key in ("down_degc", "up_degc"))
+            return f"{words}, flipping up above {high:.3g} and back below {low:.3g} degC"
+        return f"{words}, which it follows in some {self.parts['tau_s']:g} s" if self.kind == "trail" else words
+
+    @property
+    def in_filter(self) -> bool:
+        """Whether the filter can have it from what it knows: not what remembers the table's motion, or a flip."""
+        return self.kind not in ("relay", "trail") and not self.name.startswith(PAST_MOTION)
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return self.columns_of(inputs)
@@ -180,11 +194,11 @@ def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
     """
     made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
     if "temperature" in ranges:
-        made += _thresholds(*ranges["temperature"])
+        made += _thresholds(*ranges["temperature"]) + _relays(*ranges["temperature"])
     for k, axis in enumerate(AXES):
         if axis in ranges:
             made += _of_axis(k, axis, ranges[axis])
-    return made + _products(ranges)
+    return made + _trails(ranges) + _products(ranges)
 
 
 def _hat(name: str, low: float, high: float) -> Basis:
@@ -213,6 +227,50 @@ def threshold(limit: float) -> Basis:
     parts: dict[str, float | str] = {"threshold_degc": limit}
     name = "temperature_threshold"
     return Basis(name, above, 1, "threshold", "temperature", parts, unit="degC", choices=THRESHOLDS)
+
+
+def _relays(low: float, high: float) -> list[Basis]:
+    if high - low < _RELAY_K:
+        return []
+    at = np.linspace(low, high, RELAY_LEVELS + 2)[1:-1].tolist()
+    return [relay(down, up) for down, up in itertools.combinations(at, 2)]
+
+
+def relay(down: float, up: float) -> Basis:
+    """e = k s, s being 1 since temperature was last above `up`, 0 since it was last below `down`."""
+
+    def state(inputs: Inputs) -> Array:
+        T = inputs.temperature
+        known = np.where(up < T, 1.0, np.where(down > T, 0.0, np.nan))
+        last = np.maximum.accumulate(np.where(np.isnan(known), -1, np.arange(T.size)))
+        # nothing is known of what was before: as if it came from the middle
+        first = float(T[0] > 0.5 * (down + up)) if T.size else 0.0
+        return np.where(last >= 0, known[np.maximum(last, 0)], first)[:, None]
+
+    parts: dict[str, float | str] = {"down_degc": down, "up_degc": up}
+    name = "temperature_threshold"
+    choices = THRESHOLDS + RELAY_LEVELS * (RELAY_LEVELS - 1) // 2
+    return Basis(name, state, 1, "relay", "temperature", parts, unit="degC", choices=choices)
+
+
+def _trails(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
+    """What follows the inputs from behind, and how much the unit was turned of late."""
+    made = []
+    for k, name in enumerate(TRAILED):
+        if name not in ranges or "since_motion" not in ranges:
+            continue
+        for j, tau in enumerate(TRAILS):
+            own = "since_motion" if name == "rate_norm" else name
+            unit = DPS if k < 3 or name == "rate_norm" else G
+            made.append(_trail(own, k, j, tau, unit))
+    return made
+
+
+def _trail(name: str, k: int, j: int, tau: float, unit: float) -> Basis:
+    return Basis(
+        name, lambda inputs: inputs.trail[:, k, j, None] / unit, 1, "trail", "motion", {"tau_s": tau},
+        choices=len(TRAILS),
+    )  # fmt: skip
 
 
 def _of_axis(k: int, axis: str, span: tuple[float, float]) -> list[Basis]:

@@ -8,6 +8,7 @@ its neighbours, against the differences seen in the 2 s around it and in the who
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from filters.channels import CHANNELS
@@ -30,6 +31,8 @@ COARSE = 3.5
 2.6 times and to 6 % at 3.5 times: quantisation is then no noise any more."""
 
 _SATURATED = 0.2  # share of the readings around that is
+_LONGEST = 10_000  # readings; longer runs of equal ones are counted as this long
+_AT_ONCE = 1 << 18
 _LEAST_RUN = 5  # readings alike
 _RUN_MARGIN = 2.0
 _OVER_USUAL = 3.0  # times the length that all but one in a hundred repetitions have
@@ -134,10 +137,11 @@ def _stuck(channel: ChannelReadings, saturated: Flags) -> tuple[Flags, list[Data
     Whatever came before, normal noise of innovation σ falls into one step of the lattice with at most
     q = erf(lattice / (2 √2 σ)). N q^L < 1e-3 gives L; twice that, and three times the usual, are stuck.
     """
+    # first, since of a day of samples each of what follows is large
+    q = _held(channel)
     edges = edges_of_equal(channel.reading)
     length = np.subtract(edges[1:], edges[:-1], dtype=np.int32, casting="unsafe")
-    usual = float(np.quantile(length, 0.99))
-    q = _held(channel)
+    usual = _usual_length(length)
     chance = np.log(channel.t.size / FALSE) / -np.log(q)
     least = max(float(_LEAST_RUN), _RUN_MARGIN * chance, _OVER_USUAL * usual)
     long = np.flatnonzero(length > least)
@@ -150,6 +154,14 @@ def _stuck(channel: ChannelReadings, saturated: Flags) -> tuple[Flags, list[Data
         return out, []
     longest = float(np.max(channel.t[runs[:, 1] - 1] - channel.t[runs[:, 0]]))
     return out, [DataFault("stuck", (channel.name,), len(runs), stretches_in_words(channel.t, runs), longest)]
+
+
+def _usual_length(length: NDArray[np.int32]) -> float:
+    """What 99 % of the runs of equal readings do not exceed; counted in parts, since a day has millions."""
+    counts = np.zeros(_LONGEST + 1, np.int64)
+    for first in range(0, length.size, _AT_ONCE):
+        counts += np.bincount(np.minimum(length[first : first + _AT_ONCE], _LONGEST), minlength=counts.size)
+    return float(np.searchsorted(np.cumsum(counts), 0.99 * (length.size - 1), side="right"))
 
 
 def _held(channel: ChannelReadings) -> float:

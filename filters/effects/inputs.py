@@ -38,6 +38,11 @@ PLAY_HALF_WIDTHS: Array = np.array([width * k / PLAYS for width, _ in BANKS for 
 PLAYS_AT_START: Array = np.repeat([start for _, start in BANKS], PLAYS) * PLAY_HALF_WIDTHS
 """Where every operator is before anything is known of it, K from the start's temperature, shape (BANKS · PLAYS,)."""
 
+TRAILS = (10.0, 40.0, 160.0)
+"""Time constants of what follows motion from behind, s."""
+TRAILED = (*SENSED, "rate_norm")
+"""What is followed so: the inputs, and the size of the rate."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
@@ -72,6 +77,9 @@ class Inputs:
         s since the table last moved (since the start if it never did), shape (n,).
     direction : Array
         Sign of the last motion of each axis, 0 before the first, shape (n, 3).
+    trail : Array
+        `TRAILED` behind by each of `TRAILS`, from equality at the start, rad/s and m/s², shape (n, TRAILED, TRAILS);
+        NaN where the past motion is not known.
     """
 
     t: Array
@@ -89,3 +97,4 @@ class Inputs:
     table_accel: Array
     since_motion: Array
     direction: Array
+    trail: Array

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from filters import attitude, earth
 from filters.channels import CHANNELS, error_unit
 from filters.effects import catalogue
-from filters.effects.drivers import SCALARS
+from filters.effects.drivers import PAST_MOTION, SCALARS, Driver
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import (
     BANKS,
@@ -25,6 +25,8 @@ from filters.effects.inputs import (
     PLAYS_AT_START,
     SLOPE_S,
     SMOOTH_S,
+    TRAILED,
+    TRAILS,
     Inputs,
 )
 from filters.effects.records import Included
@@ -37,7 +39,7 @@ from filters.types import Array
 
 _MEMORY = 5
 _STRETCH = 1 << 12
-_NOT_CAUSAL = ("driver:settling", "driver:direction", "driver:turns", "driver:since_motion", "driver:table_accel")
+_NOT_CAUSAL = tuple(f"driver:{name}" for name in PAST_MOTION)
 
 _Bools = NDArray[np.bool_]
 
@@ -184,6 +186,7 @@ class CausalEffects:
             table_accel=np.zeros(n),
             since_motion=np.zeros(n),
             direction=zero,
+            trail=np.full((n, len(TRAILED), len(TRAILS)), np.nan),
         )
 
     def _attitudes(self, known: Array) -> Array:
@@ -241,12 +244,13 @@ def _part(effect: Included) -> _Part:
     if effect.effect in ("random_walk", "gauss_markov", "tone"):
         scale = np.full(len(effect.states), error_unit(channels[0])[1])
         return _Part(channels, None, scale, effect.number("hz", 0.0))
-    if effect.effect.startswith(_NOT_CAUSAL):
+    past = effect.effect.startswith(_NOT_CAUSAL)
+    h = None if past else catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
+    if h is None or (isinstance(h, Driver) and not h.in_filter):
         raise ValueError(
-            f'"{effect.effect}" follows the table\'s past motion, which the filter does not have: take it out of the'
-            " file"
+            f'"{effect.effect}" follows past motion, or what temperature has crossed, which the filter does'
+            " not keep: take it out of the file"
         )
-    h = catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
     parameters = h.parameters()
     if len(parameters) != len(effect.states):
         raise ValueError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')

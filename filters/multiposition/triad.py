@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.effects.hypothesis import ChannelEffect
-from filters.effects.inputs import LAGS, PLAY_WIDTHS, Inputs
+from filters.effects.inputs import LAGS, PLAY_WIDTHS, TRAILED, TRAILS, Inputs
 from filters.types import Array
 
 _ROUNDS = 40
@@ -133,4 +133,5 @@ def _inputs(x: Array) -> Inputs:
         table_accel=np.zeros(n),
         since_motion=none,
         direction=zero,
+        trail=np.full((n, len(TRAILED), len(TRAILS)), np.nan),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters.effects import noise
+from filters.effects.drivers import Driver
 from filters.tracing import detectability, experiment
 from filters.tracing.common_causes import CommonCause, common_causes
 from filters.tracing.design_matrix import Design
@@ -91,13 +92,18 @@ class Assessment:
 
     @property
     def joining(self) -> tuple[Finding, ...]:
-        """Findings that the held-out run confirms, or cannot: what the effects file has."""
-        return tuple(f for f in self.findings if f.confirmed is not False)
+        """Findings that the held-out run confirms, or cannot, of those that the filter can have: the effects file's."""
+        return tuple(f for f in self.findings if f.confirmed is not False and _in_filter(f))
 
     @property
     def drifting(self) -> tuple[int, ...]:
         """Channels with drift that nothing logged explains."""
         return tuple(c for c in self.channels if self.design.drift[c].level > 0.0)
+
+
+def _in_filter(finding: Finding) -> bool:
+    h = finding.term.hypothesis
+    return not isinstance(h, Driver) or h.in_filter
 
 
 def assess(

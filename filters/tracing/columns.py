@@ -17,6 +17,7 @@ from filters.types import Array
 
 WIDE_K = 20.0
 """Range of temperature from which long lags and wide plays are tried, K."""
+_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,8 @@ def columns_on(stack: Stack, terms: Sequence[Term]) -> ColumnsByTerm:
 
 def is_slow(h: Hypothesis) -> bool:
     """Whether a hypothesis is a function of what `Blocks.slow` has: time, temperature, what follows motion."""
+    if isinstance(h, drivers.Driver) and h.kind == "trail":
+        return True
     return h.source != "motion" or h.effect.startswith(("driver:since", "driver:settling", "driver:direction"))
 
 
@@ -119,7 +122,10 @@ def _filled(stack: Stack, makers: list[tuple[bool, Callable[[Inputs], Array], in
             if slow:
                 out[rows, places[i] : places[i + 1]] = f(at_rest)
         blocks.mean(fast, out[rows])
-    return np.nan_to_num(out, copy=False)
+    # in parts: what it makes by the way is as large as what it is given
+    for first in range(0, len(out), _AT_ONCE):
+        np.nan_to_num(out[first : first + _AT_ONCE], copy=False)
+    return out
 
 
 def _has(h: Hypothesis, ranges: dict[str, tuple[float, float]], seconds: float) -> bool:

@@ -52,7 +52,8 @@ def noise_findings(runs: Sequence[Run]) -> list[NoiseFinding]:
     found = []
     for b in noise.bandwidth(series, runs[0].bandwidth):
         expected = "white" if not np.isfinite(b.spec_hz) else f"a band limit of {b.spec_hz:.3g} Hz"
-        label = f"noise is band-limited at {b.hz:.3g} Hz, where {expected} is expected"
+        limit = f"is band-limited at {b.hz:.3g} Hz" if np.isfinite(b.hz) else "has no band limit that shows"
+        label = f"noise {limit}, where {expected} is expected"
         found.append(
             NoiseFinding(
                 effect="bandwidth",

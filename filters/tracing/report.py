@@ -225,11 +225,17 @@ def _merge(tone: Tone, entry: FindingEntry, into: FindingEntry, frequencies: lis
 
 
 def _noise_finding(x: NoiseFinding) -> FindingEntry:
+    # no band limit at all has no value
+    value: list[ParameterEntry] = (
+        [{"name": x.name, "value": x.value, "sd": x.sd, "unit": x.unit, "plausible": True}]
+        if np.isfinite(x.value)
+        else []
+    )
     return {
         "effect": x.effect,
         "label": x.label,
         "channels": list(x.channels),
-        "params": [{"name": x.name, "value": x.value, "sd": x.sd, "unit": x.unit, "plausible": True}],
+        "params": value,
         "shape": {},
         "score": x.score,
         "gain": x.score,

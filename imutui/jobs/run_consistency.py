@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.imu import STANDARD_GRAVITY, format_mount
-from filters.tracing.blocks import average
+from filters.tracing.blocks import BLOCK_S, average
 from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 
@@ -147,7 +147,8 @@ def check_reference(read: LoggedRun) -> None:
 
 def _seen(read: LoggedRun) -> _GriddedRun:
     run = read.run
-    made = average(run, _STEP)
+    # at rest nothing is faster than a block, and a day of samples is large
+    made = average(run, BLOCK_S if run.still else _STEP)
     # where only the attitude is known the accelerometers are used at rest, and the gyros say whether it fits
     used = made.weight > 0.0
     used[:, list(run.unread)] = True

@@ -119,26 +119,43 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
 
 
 def _reading(log: Log, axes: AxisMap) -> Array:
-    """Readings in the instrument's axes, SI, shape (N, 6); the log's own are given up, of a day half a gigabyte."""
+    """Readings in the instrument's axes, SI, shape (N, 6); the log's own are given up, of a day half a gigabyte.
+
+    From the end on, each part as soon as it is copied: both at once would be what a trace needs most.
+    """
     reading = np.empty((log.stamp_ns.size, 6))
-    for first in range(0, len(reading), _AT_ONCE):
-        rows = slice(first, first + _AT_ONCE)
-        reading[rows, :3] = axes.gyro_to_instrument(log.gyro[rows])
-        reading[rows, 3:] = axes.accel_to_instrument(log.accel[rows])
+    gyro, accel = (x if x.flags.owndata else x.copy() for x in (log.gyro, log.accel))
     log.gyro, log.accel = np.empty((0, 3)), np.empty((0, 3))
+    for first in reversed(range(0, len(reading), _AT_ONCE)):
+        reading[first : first + _AT_ONCE, :3] = axes.gyro_to_instrument(gyro[first:])
+        reading[first : first + _AT_ONCE, 3:] = axes.accel_to_instrument(accel[first:])
+        gyro.resize((first, 3), refcheck=False)
+        accel.resize((first, 3), refcheck=False)
     return reading
 
 
 def _temperature(log: Log, t: Array) -> Array | None:
-    """Temperature at the samples by straight lines between the messages, degC; None if the log has none."""
-    known = np.isfinite(log.temperature_degc)
+    """Temperature at the samples by straight lines between the messages, degC; None if the log has none.
+
+    In parts: a day has as many messages as samples.
+    """
+    stamps, values = log.temperature_stamp_ns, log.temperature_degc
+    known = np.isfinite(values)
     if not known.any():
         return None
-    at = reader.seconds_since(log.temperature_stamp_ns[known], int(log.stamp_ns[0]))
-    if (np.diff(at) < 0.0).any():
-        order = np.argsort(at, kind="stable")
-        return np.asarray(np.interp(t, at[order], log.temperature_degc[known][order]))
-    return np.asarray(np.interp(t, at, log.temperature_degc[known]))
+    if not known.all():
+        stamps, values = stamps[known], values[known]
+    if (stamps[1:] < stamps[:-1]).any():
+        order = np.argsort(stamps, kind="stable")
+        stamps, values = stamps[order], values[order]
+    out, origin = np.empty(t.size), int(log.stamp_ns[0])
+    for first in range(0, t.size, _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        ends = np.array([t[rows].min(), t[rows].max()]) * 1e9 + origin
+        low, high = np.searchsorted(stamps, ends)
+        near = slice(max(0, int(low) - 2), int(high) + 2)
+        out[rows] = np.interp(t[rows], reader.seconds_since(stamps[near], origin), values[near])
+    return out
 
 
 def _figures(info: SessionInfo) -> tuple[Array | None, Array | None, Array]:

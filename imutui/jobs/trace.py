@@ -13,6 +13,7 @@ import numpy as np
 
 import imutui
 from filters.channels import CHANNELS
+from filters.effects import plain_names
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
 from imutui.jobs import power_ons, replay, run_consistency, runs, turned
@@ -137,7 +138,19 @@ def _trace_known(
 
     notes = run_consistency.expectations(fitted, held)
     heldout = None if held is None else held.run
-    return trace_runs([read.run for read in fitted], heldout, asked=asked, seed=seed, progress=progress), notes
+    found = trace_runs([read.run for read in fitted], heldout, asked=asked, seed=seed, progress=progress)
+    return found, notes + _not_in_the_file(found)
+
+
+def _not_in_the_file(found: Trace) -> list[str]:
+    """Findings that hold, and that the filter cannot have."""
+    has = {(effect.effect, effect.channels) for effect in found.included}
+    return [
+        f"{', '.join(f['channels'])}: {plain_names.named(f['label'], f['effect'])} is not in the effects file: the"
+        " filter does not keep what it depends on, the past of the motion or a temperature that was crossed"
+        for f in found.document["findings"]
+        if f["include_as"] == "A" and f["confirmed"] is not False and (f["effect"], tuple(f["channels"])) not in has
+    ]
 
 
 def _document(found: Trace, runs_read: list[RunEntry], notes: list[str]) -> TraceDocument:
