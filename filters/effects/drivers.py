@@ -16,7 +16,7 @@ from filters.effects.inputs import TRAILED, TRAILS, Inputs
 from filters.motion.segments import AXES
 from filters.types import Array
 
-RELAY_LEVELS = 9
+RELAY_LEVELS = 25
 """Temperatures between which a state may flip up and down."""
 _RELAY_K = 5.0
 SETTLING_TAUS = (2.0, 10.0, 40.0)

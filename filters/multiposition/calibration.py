@@ -113,6 +113,11 @@ def calibrate(
     every = [rest for own in found for rest in own]
     gravity = runs[0].site.gravity
     observed, directions = Rests(every, gravity), rests.distinct_directions(every)
+    if directions < 2:
+        raise ValueError(
+            f"{', '.join(run.name for run in runs)}: the unit was never turned: {len(every)} rests, all in one"
+            " direction. Lay it down in at least nine; or trace it at rest: --reference gravity."
+        )
     progress(0.1, "fitting accelerometers")
     accelerometers = choice.accelerometers(observed, directions)
     turned = _turned(runs, found, accelerometers)

@@ -18,6 +18,8 @@ from filters.types import Array
 WIDE_K = 20.0
 """Range of temperature from which long lags and wide plays are tried, K."""
 _AT_ONCE = 1 << 14
+_RELAY_ROWS = 1 << 16
+"""Rows up to which flips between two temperatures are tried: there are hundreds of pairs, each with a column."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ def columns_of_all(stack: Stack) -> tuple[Array, list[Term]]:
                 kept[key] = put(is_slow(h), _bound(h, c), len(h.parameters()))
             terms.append(Term(h, {c: kept[key]}))
     for basis in drivers.bases(ranges):
+        if basis.kind == "relay" and stack.t.size > _RELAY_ROWS:
+            continue
         places = put(is_slow(basis.on(0)), basis.columns_of, basis.count)
         terms += [Term(basis.on(c), {c: places}) for c in range(len(CHANNELS)) if not _twin(basis.name, c)]
     if any(not b.run.still for b in stack.blocks) or len(stack.blocks) > 1:

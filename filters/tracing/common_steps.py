@@ -25,6 +25,7 @@ _PER_SCALE = 6.0  # independent places, over rows, of all scales together
 _MOST_STEPS = 16
 _MOST_TRIES = 40
 _MAD = 1.482602218505602
+_EDGE_S = 10.0  # of a run: what one sample does there would pass for a step of all that follows
 _OPPOSITE = -0.8  # cosine of two steps that are one event's ends
 _ALIKE = (0.5, 2.0)
 _NEARLY, _COMPANY = 0.7, 0.4  # of a step: what is a step like it, and what is beside one
@@ -135,7 +136,10 @@ def _strongest(rows: Rows, whole: dict[int, _Differences]) -> CommonStep | None:
     """The common step that stands out most and is not by chance, or None; `whole` is of the rows before any cut."""
     total = sum(s.end - s.first for s in rows.stretches)
     scales = [d for m, uncut in whole.items() if (d := _differences(rows, m, uncut.sd)) is not None]
+    edge = _EDGE_S / rows.period
     for d, at in _by_second(scales, rows):
+        if not edge <= d.row[at] <= len(rows.residual[d.run[at]]) - edge:
+            continue
         p = _chance(d, at, whole[d.scale], rows.channels)
         second = float(np.sort(p)[1])
         # the second least of all channels' probabilities, at the best of all places

@@ -4,8 +4,9 @@ import numpy as np
 
 from filters.channels import CHANNELS, error_unit
 from filters.effects.drivers import Driver
+from filters.effects.hypothesis import Hypothesis
 from filters.effects.lines import SpectralLine
-from filters.effects.run_specific import RunSpecific, Tone
+from filters.effects.run_specific import RunSpecific, Step, Tone
 from filters.tracing import common_document, driver_curve, sentence
 from filters.tracing.assessment import Assessment, Remainder
 from filters.tracing.averaged_findings import parameters_of
@@ -71,7 +72,7 @@ def _document(assessment: Assessment) -> TraceFindings:
         "findings": [*_findings(assessment), *(_noise_finding(x) for x in screening.noise_findings)],
         "refuted": [_refuted(x) for x in assessment.refuted],
         "common": common_document.entries(assessment.common, [run.name for run in logged], has_temperature),
-        "weak": [_weak(w) for w in assessment.selection.weak],
+        "weak": [_weak(w, assessment.design.stack) for w in assessment.selection.weak],
         "drift": [_drift(c, drift[c], assessment) for c in assessment.drifting],
         "remainder": [_remainder(x, assessment) for x in assessment.remainder],
         "status": statuses(assessment),
@@ -110,7 +111,7 @@ def _findings(assessment: Assessment) -> list[FindingEntry]:
     bands: list[tuple[Tone, FindingEntry, list[float]]] = []
     for f in assessment.findings:
         h = f.term.hypothesis
-        entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key))
+        entry = _finding(f, assessment.selection.unseen_gain.get(f.term.key), assessment.design.stack)
         if (number := common_document.number_of_step(assessment.common, h)) is not None:
             entry["common"] = number
         if isinstance(h, Tone):
@@ -123,12 +124,23 @@ def _findings(assessment: Assessment) -> list[FindingEntry]:
     return out
 
 
-def _finding(f: Finding, unseen_gain: float | None) -> FindingEntry:
+def _label(h: Hypothesis, stack: Stack) -> str:
+    """In words; of a step the run by its name, with the time since that run's start."""
+    if not isinstance(h, Step) or h.run < 0:
+        return h.label
+    after = np.flatnonzero((stack.power_on == h.run) & (stack.t >= h.at))
+    if not after.size:
+        return h.label
+    run = stack.blocks[int(np.searchsorted(stack.starts, after[0], side="right")) - 1].run
+    return f"bias steps at {h.at - run.begins:.1f} s of {run.name}"
+
+
+def _finding(f: Finding, unseen_gain: float | None, stack: Stack) -> FindingEntry:
     h = f.term.hypothesis
     curve = driver_curve.curve(h, f.theta, f.covariance) if isinstance(h, Driver) else None
     return {
         "effect": h.effect,
-        "label": h.label,
+        "label": _label(h, stack),
         "channels": [CHANNELS[c] for c in f.channels],
         "params": _parameters(f),
         "shape": dict(h.shape()),
@@ -296,11 +308,11 @@ def _refuted(x: Refuted) -> RefutedEntry:
     }
 
 
-def _weak(w: Weak) -> WeakEntry:
+def _weak(w: Weak, stack: Stack) -> WeakEntry:
     h = w.term.hypothesis
     return {
         "effect": h.effect,
-        "label": h.label,
+        "label": _label(h, stack),
         "channels": [CHANNELS[c] for c in h.channels],
         "params": _parameters(w),
         "score": w.score,

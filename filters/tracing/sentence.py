@@ -14,6 +14,8 @@ _HOW = {
     "folds": "within the run, which does not show transfer",
 }
 _RIVALS = 3
+OF_ONE_RUN = ("step", "telegraph")
+"""Effects of which nothing can be foretold: how much of the error they explain is said of no other run."""
 
 
 def sentence(d: TraceFindings, *, next_run: str, joins: bool) -> str:
@@ -42,6 +44,8 @@ def amount(p: ParameterEntry) -> str:
 
 def _found(d: TraceFindings) -> str:
     lasting = [f for f in d["findings"] if f["include_as"] != "N"]
+    # what the held-out run confirms comes first, what it does not last
+    lasting.sort(key=lambda f: {True: 0, None: 1, False: 2}[f["confirmed"]])
     if lasting:
         return _finding(lasting[0], len(d["findings"]) - 1) + _error(d, lasting[0])
     if d["drift"]:
@@ -69,7 +73,7 @@ def _finding(f: FindingEntry, more: int) -> str:
         text += f", {'amplitude ' if f['effect'] == 'tone' else ''}{amount(fitted[0])}"
     if f["confirmed"] is False:
         text += ", which the held-out run neither confirms nor contradicts"
-    elif f["share_of_excess"] is not None:
+    elif f["share_of_excess"] is not None and f["effect"] not in OF_ONE_RUN:
         text += f", explains {_share(f['share_of_excess'])} of the error that the constant bias leaves"
     if f["rivals"]:
         names = " or ".join(plain_names.named(r["label"], r["effect"]) for r in f["rivals"][:_RIVALS])
@@ -120,7 +124,7 @@ def _common(d: TraceFindings) -> str:
     if not entries:
         return ""
     parts = [f"{' '.join(entry['channels'])} {entry['label']}" for entry in entries[:2]]
-    more = f" ({len(entries) - 2} more such)" if len(entries) > 2 else ""
+    more = f" ({len(entries) - 2} more)" if len(entries) > 2 else ""
     wanted = list(dict.fromkeys(x for entry in entries for x in entry["record"]))
     return f"{'; '.join(parts)}{more}; the cause is not in this log: record {', '.join(wanted)}."
 

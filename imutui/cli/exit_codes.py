@@ -26,12 +26,12 @@ def fail(code: int, message: str) -> typer.Exit:
     return typer.Exit(code)
 
 
-def refuse_existing(path: Path, force: bool) -> None:
-    """Raise the exit for a file that exists and may not be replaced."""
+def refuse_existing(path: Path, force: bool, other: str = "name another file with -o") -> None:
+    """Raise the exit for a file that exists and may not be replaced; `other` is what else the user can do."""
     if path.is_dir():
         raise fail(USAGE, f"{path} is a folder; -o names a file.")
     if path.exists() and not force:
-        raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or name another file with -o.")
+        raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or {other}.")
 
 
 def handled(command: Callable[P, R]) -> Callable[P, R]:

@@ -61,7 +61,7 @@ def _lines(d: "ResultDocument") -> list[str]:
             if nis["is_test"]
             else f"no test: {nis['why']}"
         )
-        out.append(f"NIS {nis['mean']:.4f} of {nis['dof']} ({meaning})")
+        out.append(f"NIS {nis['mean']:.4f} of {nis['dof']:.4g} ({meaning})")
     arw, vrw = d["noise"]["gyro_arw_deg_sqrt_h"], d["noise"]["accel_vrw_mps_sqrt_h"]
     if arw[0] is not None:
         out.append(

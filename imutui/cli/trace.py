@@ -93,7 +93,7 @@ def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], f
         raise fail(USAGE, "--report draws figures with matplotlib, which is not here: pip install 'imutui[report]'.")
     if report.exists() and not report.is_dir():
         raise fail(USAGE, f"{report} is a file; --report names a folder.")
-    refuse_existing(report / "index.html", force)
+    refuse_existing(report / "index.html", force, "name another folder with --report")
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
@@ -114,7 +114,10 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
             atomic_file.write(beside, experiment["profile"], overwrite=force)
             say(f"imutui: {beside}: the motion that would separate the causes")
         except FileExistsError:
-            say(f"imutui: {beside} exists and is left as it is; --force replaces it")
+            say(
+                f"imutui: {beside} exists and is left as it is: it is another trace's motion, and this one's is not"
+                " saved; --force replaces it, or name -o in another folder"
+            )
 
 
 def _progress() -> Callable[[float, str], Any]:

@@ -304,8 +304,8 @@ def expectations(training: Sequence[LoggedRun], heldout: LoggedRun | None) -> li
     said = []
     if heldout is not None and heldout.run.seconds < _JUDGED_S:
         said.append(
-            f"the held-out run lasts {heldout.run.seconds:.0f} s: under {_JUDGED_S:.0f} s the error after says little,"
-            " and there is no verdict on it"
+            f"the held-out run lasts {heldout.run.seconds:.0f} s: under {_JUDGED_S:.0f} s the error after is uncertain,"
+            " and nothing is called explained by it alone"
         )
     spans = _temperature_spans(training)
     if not spans:

@@ -24,6 +24,10 @@ PLACE = ("position", "velocity")
 _NAMES = tuple(f"{bias}_{axis}" for bias in _BIASES for axis in "xyz")
 
 EXACT = "the reference is fed exact, not drawn from R: NIS is far below its degrees of freedom by construction"
+EXACT_BUT_LARGE = (
+    "the reference is fed exact, not drawn from R, which makes NIS small by construction: above its degrees of freedom,"
+    " as here, the readings do more than the filter's noise and drift allow for"
+)
 DRAWN = "measurements are drawn with covariance R"
 MOVING = "the trajectory is fed as it is: NIS compares its own errors with R, which was not made for it"
 
@@ -342,14 +346,24 @@ def nis_fields(estimator: "Estimator") -> NisFields:
     is_test = estimator.settings.measurements == "drawn" and not followed
     dof = estimator.dof
     band = consistency.nis_band(dof, estimator.nis_count) if dof else (None, None)
+    mean = estimator.nis_sum / estimator.nis_count if estimator.nis_count else None
     return {
-        "mean": estimator.nis_sum / estimator.nis_count if estimator.nis_count else None,
+        "mean": mean,
         "first": estimator.first_nis,
         "dof": int(dof) if dof == int(dof) else dof,
         "band95": list(band),
         "is_test": is_test,
-        "why": DRAWN if is_test else MOVING if followed else EXACT,
+        "why": _why(mean, dof, is_test=is_test, followed=followed),
     }
+
+
+def _why(mean: float | None, dof: float, *, is_test: bool, followed: bool) -> str:
+    """Why NIS is a test or none."""
+    if is_test:
+        return DRAWN
+    if followed:
+        return MOVING
+    return EXACT if mean is None or mean <= dof else EXACT_BUT_LARGE
 
 
 def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFields:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from filters.channels import CHANNELS as CHANNELS
 from filters.effects import plain_names
+from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import (
     SEPARATES,
     DriftEntry,
@@ -208,7 +209,8 @@ def _finding(f: FindingEntry, d: TraceDocument, *, names: bool = False) -> str:
     if names:
         text = f"{' '.join(f['channels'])}: {text}"
     told = []
-    if (explained := f.get("share_of_excess")) is not None and f.get("confirmed") is not False:
+    of_one_run = f["effect"] in OF_ONE_RUN
+    if (explained := f.get("share_of_excess")) is not None and f.get("confirmed") is not False and not of_one_run:
         told.append(f"explains {share(explained)}")
     if f.get("proposed_form"):
         told.append(f"form: {f['proposed_form']}")
