@@ -188,31 +188,31 @@ class _Solver:
         self._single, self._double, self._wide = (np.flatnonzero(x) for x in (sizes == 1, sizes == 2, sizes > 2))
         self._one = np.array([groups[k][0] for k in self._single.tolist()], int)
         self._two = np.array([groups[k] for k in self._double.tolist()], int).reshape(-1, 2).T
-        self._many = [groups[k] for k in self._wide.tolist()]
+        many = [groups[k] for k in self._wide.tolist()]
+        # products of columns are formed of those that come together only: hundreds come alone
+        self._joint = np.unique(np.concatenate([self._two.ravel(), *many]).astype(int))
+        self._pair = np.searchsorted(self._joint, self._two)
+        self._many = [np.searchsorted(self._joint, g) for g in many]
 
     def __call__(self, W: Array, selected: int, seen: Array, least: float) -> tuple[float, Array]:
         """Squared norm left by what is selected, and what each group takes of it."""
-        left, G, d = reduced(W, selected)
-        own = np.diag(G)
+        y, S, X = W[:, 0], W[:, 1 : 1 + selected], W[:, 1 + selected :]
+        SX, inverse = S.T @ X, inverse_of(S.T @ S)
+        fitted = inverse @ (S.T @ y)
+        left = float(y @ y - (S.T @ y) @ fitted)
+        own = np.einsum("ij,ij->j", X, X) - np.einsum("ij,ij->j", SX, inverse @ SX)
+        d = X.T @ y - SX.T @ fitted
         # what varies by rounding only beside the bias and what is selected says nothing
         visible = own > np.maximum(VISIBLE * VISIBLE * seen, 1e-9 * len(W) / least)
         alone = np.where(visible, d**2 / np.maximum(own, 1e-300), 0.0)
         gains = np.empty(self._single.size + self._double.size + self._wide.size)
         gains[self._single] = alone[self._one]
-        gains[self._double] = _of_two(G, d, own, alone, visible, *self._two)
-        gains[self._wide] = [_gain(G[np.ix_(g, g)], d[g], visible[g]) for g in self._many]
+        j = self._joint
+        Xj, Sj = X[:, j], SX[:, j]
+        G = Xj.T @ Xj - Sj.T @ inverse @ Sj
+        gains[self._double] = _of_two(G, d[j], own[j], alone[j], visible[j], *self._pair)
+        gains[self._wide] = [_gain(G[np.ix_(g, g)], d[j[g]], visible[j[g]]) for g in self._many]
         return left, gains
-
-
-def reduced(W: Array, selected: int) -> tuple[float, Array, Array]:
-    """Squared norm of column 0, Gram matrix and products with it of the last ones, all beside `selected` columns."""
-    gram = W.T @ W
-    here = np.r_[0, 1 + selected : gram.shape[0]]
-    if selected:
-        cross = gram[1 : 1 + selected]
-        gram = gram - cross.T @ inverse_of(cross[:, 1 : 1 + selected]) @ cross
-    own = gram[np.ix_(here, here)]
-    return float(own[0, 0]), own[1:, 1:], own[1:, 0]
 
 
 def _of_two(
