@@ -190,7 +190,7 @@ def clouds_on_chip(seed):
 
     def error(t, temp, ang, rate, w, f):
         light = 0.0
-        for speed, phase in zip(speeds, phases):
+        for speed, phase in zip(speeds, phases, strict=True):
             light += math.sin(speed * t + phase)
         # behind a cloud there is hardly any light
         return depth * max(0.0, light), 0.0, 0.0, 0.0, 0.0, 0.0
