@@ -51,6 +51,7 @@ Where things are
     `effects`     the catalogue of what may be wrong with a unit
     `simulation`  units with known truth
     `tracing`     from residual to effect; its docstring has the steps in order
+    `multiposition`  a unit turned by hand between rests: calibrated from gravity alone
 
 Residual and effects
     residual = reading - what a perfect unit would read there, in the instrument's own axes and sign: an effect e is an

@@ -1,0 +1,75 @@
+"""Kept outputs of the tracer on sets of undeclared effects: of the set beside them, and judged as they say."""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.paths import ROOT
+
+HERE = Path(__file__).parent
+SETS = ("first", "second")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _benchmarks() -> Iterator[None]:
+    """Modules of benchmarks/ can be imported."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "benchmarks"))
+        yield
+    for name in ("undeclared_sets", "undeclared_score", "tracing_wire"):
+        sys.modules.pop(name, None)
+
+
+def kept(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((HERE / f"{name}_run.json").read_text())
+    return found
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_kept_output_is_of_the_set_beside_it(name: str) -> None:
+    """A set that is changed after its run would be another set."""
+    content = (HERE / f"{name}.py").read_bytes()
+    assert kept(name)["set_sha256"] == hashlib.sha256(content).hexdigest()
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_kept_output_is_judged_as_it_says(name: str) -> None:
+    """From its own traces, by the rules as they are now: neither may change alone."""
+    import undeclared_score as score
+    import undeclared_sets as sets
+
+    document = kept(name)
+    pairs = []
+    for effect in sets.load_set(HERE / f"{name}.py"):
+        case = document["effects"][effect.name]
+        again = score.judged(effect, case["d"], case["trace"], case["without"])
+        assert json.loads(json.dumps(again)) == case["judged"], effect.name
+        pairs.append((effect, case))
+    assert json.loads(json.dumps(score.summary(pairs))) == document["summary"]
+
+
+def test_sets_have_what_was_asked_of_them() -> None:
+    """Twelve each: three or more with a cause outside the log, memory, several channels, two that nobody could see."""
+    import undeclared_sets as sets
+
+    for name in SETS:
+        effects = sets.load_set(HERE / f"{name}.py")
+        assert len(effects) == 12
+        assert sum(not e.in_log for e in effects) >= 3
+        assert sum(e.memory for e in effects) >= 2
+        assert sum(len(e.channels) > 1 for e in effects) >= 2
+        assert sum(e.wanted_d is None for e in effects) == 2
+        assert sum(e.measured for e in effects) == 6
+
+
+def test_no_kept_output_explains_what_the_log_does_not_hold() -> None:
+    """What the documents say of both: seen on its channel, and no cause outside the log explained."""
+    for name in SETS:
+        counts = kept(name)["summary"]
+        assert counts["visible_right_channel"]["count"] >= 0.9 * counts["visible_right_channel"]["of"]
+        assert counts["explained_wrongly"]["count"] <= 1
+        assert counts["outside_log_explained"]["count"] == 0
