@@ -81,8 +81,18 @@ def _lines(d: "ResultDocument") -> list[str]:
         out.append(f"{len(d['gaps'])} gaps, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
     if d["lost_packets"] or d["bad_checksums"]:
         out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
+    if d.get("history_known") is False and _remembers(d):
+        out.append(
+            "effects of this filter remember temperature, and what came before this log is not known: they begin as if"
+            " it had rested, and biases do not compare with those of another log"
+        )
     out += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d["confounded"]]
     return out + [f"ALARM: {alarm}" for alarm in d["alarms"]]
+
+
+def _remembers(d: "ResultDocument") -> bool:
+    """Whether an effect of the filter has a memory of temperature: names are channels, effect, parameter, unit."""
+    return any(word in effect["name"].split() for effect in d["effects"] for word in ("hysteresis", "thermal_lag"))
 
 
 def _triple(values: list[float | None], digits: int = 2) -> str:
