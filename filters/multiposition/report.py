@@ -11,10 +11,8 @@ from filters.multiposition.calibration import Calibration
 from filters.multiposition.choice import KEEP, Choice, unseen_residuals
 from filters.multiposition.rests import has_gyros, recorded
 from filters.multiposition.verdicts import Verdict, verdicts
-from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.result import Trace
 from filters.tracing.trace_document import (
-    ErrorEntry,
     FindingEntry,
     LimitEntry,
     ParameterEntry,
@@ -69,7 +67,7 @@ def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
         "drift": [],
         "remainder": [],
         "status": _status(found, findings, judged),
-        "error": [_error(figure) for figure in found.figures],
+        "error": [figure.entry() for figure in found.figures],
         "limits": [entry for effect in asked for entry in _limits(found, effect)],
         "seed": seed,
         "sentence": _sentence(found, findings),
@@ -226,24 +224,6 @@ def _status(
         else:
             out[CHANNELS[c]] = "clean" if at_floor and not contradicted else "unexplained"
     return out
-
-
-def _error(figure: ErrorFigure) -> ErrorEntry:
-    return {
-        "metric": figure.metric,
-        "channel": figure.channel,
-        "unit": figure.unit,
-        "before": figure.before,
-        "after": figure.after,
-        "floor": figure.floor,
-        "before_x_floor": figure.before / figure.floor,
-        "after_x_floor": figure.after / figure.floor,
-        "ci95": list(figure.ci95),
-        "before_ci95": list(figure.before_ci95),
-        "floor_band95": list(figure.floor_band95),
-        "n": figure.n,
-        "heldout": figure.heldout,
-    }
 
 
 def _limits(found: Calibration, name: str) -> list[LimitEntry]:

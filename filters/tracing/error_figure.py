@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from filters.tracing.trace_document import HeldOut
+from filters.tracing.trace_document import ErrorEntry, HeldOut
 from filters.types import Array
 
 DRAWS = 1000
@@ -48,6 +48,24 @@ class ErrorFigure:
     floor_band95: tuple[float, float]
     n: int
     heldout: HeldOut
+
+    def entry(self) -> ErrorEntry:
+        """As the document of a trace has it."""
+        return {
+            "metric": self.metric,
+            "channel": self.channel,
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "floor": self.floor,
+            "before_x_floor": self.before / self.floor,
+            "after_x_floor": self.after / self.floor,
+            "ci95": list(self.ci95),
+            "before_ci95": list(self.before_ci95),
+            "floor_band95": list(self.floor_band95),
+            "n": self.n,
+            "heldout": self.heldout,
+        }
 
 
 def chi2_quantiles(freedom: int) -> tuple[float, float]:

@@ -12,7 +12,6 @@ from filters.tracing.assessment import Assessment, Remainder
 from filters.tracing.averaged_findings import parameters_of
 from filters.tracing.channel_status import statuses
 from filters.tracing.driver_curve import Curve
-from filters.tracing.error_figure import ErrorFigure
 from filters.tracing.findings import Finding
 from filters.tracing.held_out_run import correction
 from filters.tracing.identifiability import UntestableEffect
@@ -27,7 +26,6 @@ from filters.tracing.stack import Stack
 from filters.tracing.trace_document import (
     DriftEntry,
     DriverCurveEntry,
-    ErrorEntry,
     FindingEntry,
     IntegrityEntry,
     LineEntry,
@@ -76,7 +74,7 @@ def _document(assessment: Assessment) -> TraceFindings:
         "drift": [_drift(c, drift[c], assessment) for c in assessment.drifting],
         "remainder": [_remainder(x, assessment) for x in assessment.remainder],
         "status": statuses(assessment),
-        "error": [_error(figure) for figure in assessment.errors],
+        "error": [figure.entry() for figure in assessment.errors],
         "limits": list(assessment.limits),
         "seed": assessment.seed,
         "sentence": "",
@@ -341,21 +339,3 @@ def _remainder(x: Remainder, assessment: Assessment) -> RemainderEntry:
     if (number := common_document.number_of_drift(assessment.common, x.channel)) is not None:
         entry["common"] = number
     return entry
-
-
-def _error(figure: ErrorFigure) -> ErrorEntry:
-    return {
-        "metric": figure.metric,
-        "channel": figure.channel,
-        "unit": figure.unit,
-        "before": figure.before,
-        "after": figure.after,
-        "floor": figure.floor,
-        "before_x_floor": figure.before / figure.floor,
-        "after_x_floor": figure.after / figure.floor,
-        "ci95": list(figure.ci95),
-        "before_ci95": list(figure.before_ci95),
-        "floor_band95": list(figure.floor_band95),
-        "n": figure.n,
-        "heldout": figure.heldout,
-    }
