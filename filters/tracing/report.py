@@ -50,7 +50,9 @@ def report(assessment: Assessment) -> Trace:
     document = _document(assessment)
     made = assessment.experiment
     next_run = "" if made is None else sentence.next_run(made.motion, made.d_expected, (made.a, made.b))
-    document["sentence"] = sentence.sentence(document, next_run=next_run, joins=bool(included))
+    document["sentence"] = sentence.sentence(
+        document, next_run=next_run, joining=[(x.effect, x.channels) for x in included]
+    )
     return Trace(document, included, correlation, _series(assessment), made)
 
 

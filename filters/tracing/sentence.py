@@ -18,7 +18,10 @@ OF_ONE_RUN = ("step", "telegraph")
 """Effects of which nothing can be foretold: how much of the error they explain is said of no other run."""
 
 
-def sentence(d: TraceFindings, *, next_run: str, joins: bool) -> str:
+Joining = Sequence[tuple[str, tuple[str, ...]]]
+
+
+def sentence(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
     """The result in a few sentences, the last of which says what to do next.
 
     Parameters
@@ -27,10 +30,10 @@ def sentence(d: TraceFindings, *, next_run: str, joins: bool) -> str:
         All but its sentence.
     next_run : str
         What an operator does to tell rivals apart; empty where nothing would, or nothing is to be told apart.
-    joins : bool
-        Whether anything joins the filter.
+    joining : sequence of (str, tuple of str)
+        Effects that join the filter, with their channels.
     """
-    told = [_found(d), *_refuted(d), _common(d), _next(d, next_run=next_run, joins=joins)]
+    told = [_found(d), *_refuted(d), _common(d), _next(d, next_run=next_run, joining=joining)]
     return " ".join(text for text in told if text)
 
 
@@ -129,7 +132,7 @@ def _common(d: TraceFindings) -> str:
     return f"{'; '.join(parts)}{more}; the cause is not in this log: record {', '.join(wanted)}."
 
 
-def _next(d: TraceFindings, *, next_run: str, joins: bool) -> str:
+def _next(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
     """What to do next: tell rivals apart, show transfer, warm up, use what was found, or move the unit."""
     heldout = {x["heldout"] for x in d["error"]}
     effects = [f for f in d["findings"] if f["include_as"] in ("A", "S")]
@@ -137,11 +140,13 @@ def _next(d: TraceFindings, *, next_run: str, joins: bool) -> str:
         return f"Next: {next_run}."
     if (effects or d["drift"]) and not heldout & {"run"}:
         return "Next: record another power-on, with another temperature history, and name it last: it will judge."
-    if any(f["include_as"] == "A" and f["confirmed"] for f in effects):
+    if any(
+        f["include_as"] == "A" and f["confirmed"] and (f["effect"], tuple(f["channels"])) in joining for f in effects
+    ):
         return "Next: use the effects file that -o writes, with --effects of replay and record."
     if d["refuted"] or any(f["confirmed"] is False for f in effects):
         return "Next: record more power-ons that differ, so that what does not carry over shows before it is judged."
-    if joins:
+    if joining:
         return "Next: use the effects file that -o writes: the filter's covariance then allows for what is there."
     hidden = {u["effect"] for u in d["untestable"] if u["reason"] != "collinear_with"}
     if "thermal_lin" in hidden:
