@@ -5,7 +5,7 @@
 A candidate joins if its score is above 9, if it also gains on cells that its fit has not seen (`unseen_cells`), and if
 it still does so when both models have their own best drift process (`drift_guard`). Where a channel drifts, slow
 effects are scored with drift fitted anew on both sides to begin with (`beside_drift`), alone and in pairs. What scores
-and does not join is weak, with its size and the size that would have joined (`weak_effects`).
+and does not join is weak, with its size and the size that would have joined.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -212,6 +212,18 @@ def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 
+def test_a_log_read_in_parts_is_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A day is gone through in parts: where they end changes no reading and no temperature."""
+    path = imported(tmp_path / "log.mcap", arrays(seed=1))
+    whole = read(path).run
+    monkeypatch.setattr(runs, "_AT_ONCE", 137)
+    parts = read(path).run
+    assert np.array_equal(parts.reading, whole.reading)
+    assert whole.temperature is not None
+    assert np.ptp(whole.temperature) > 0.0
+    assert np.array_equal(np.asarray(parts.temperature), whole.temperature)
+
+
 def wrong_sign(path: Path) -> LoggedRun:
     return read(imported(path, arrays(90.0, sign=1, seed=1), accel_sign=-1))
 

@@ -9,6 +9,7 @@ from helpers.runs import TUMBLE, power_ons
 from filters.simulation import Effect, Temperature
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
+from filters.tracing.drift_guard import guarded_shared
 from filters.tracing.rivals import rivals
 from filters.tracing.selection import ACCEPT, KEEP, Selection, select
 from filters.tracing.stack import Stack
@@ -152,3 +153,21 @@ def test_events_are_found_where_they_are() -> None:
                 assert np.hypot(*theta[:2]) == pytest.approx(3.0 * 9.80665e-3, rel=0.1)
             case "telegraph":
                 assert theta[0] == pytest.approx(5.0 * 9.80665e-3, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_channels_share_is_not_found_in_their_drift(seed: int) -> None:
+    """Gravity that is off shows with the attitude, as drift may by chance: it takes what a step takes."""
+    walks = [Effect("random_walk", (channel,), {"mg_per_sqrt_s": 0.15}) for channel in ("ax", "ay", "az")]
+    made = design(*walks, seed=seed, profile=TUMBLE, seconds=TUMBLE.duration)
+    shared = ("gravity", "tilt", "mounting", "lever_arm", "delay")
+    assert not [name for name, _ in names(select(made, list(range(6)))) if name in shared]
+
+
+def test_what_channels_share_scores_beside_drift_as_it_does_alone() -> None:
+    """Where nothing drifts, the guard takes nothing from a true effect; where a walk is fitted beside it, not all."""
+    chosen = select(tumbled(), [3, 4, 5])
+    (term,) = [a for a in chosen.terms if a.hypothesis.effect == "gravity"]
+    alone = chosen.own_gain(term) - chosen.price(term)
+    guarded = guarded_shared(chosen.design, [a for a in chosen.terms if a is not term], term, chosen.price(term))
+    assert 0.3 * alone < guarded < 1.05 * alone
