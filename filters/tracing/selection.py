@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from filters.effects.drivers import Driver
 from filters.effects.run_specific import RunSpecific, Step, Telegraph, Tone
 from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged, of_columns
 from filters.tracing.columns import Term
@@ -32,6 +33,7 @@ _TRIES = 6
 _TEMPERATURE_SHARE = 0.9
 _RANK = 0.01
 _MOST_WEAK = 4  # of a channel
+_MOST_FLIPS = 24  # between two temperatures, that are judged beside drift
 _EVENT_CELLS = 4
 _ACCEPT_ON_DRIFT = 30.0
 """Of a step, or of what channels share, beside drift: real drift has sudden turns that no Gaussian process has."""
@@ -323,6 +325,7 @@ def _of_channel(chosen: Selection, free: list[Term], channel: int, memory: _Memo
 
 def _slow(chosen: Selection, terms: list[Term], channel: int) -> list[_Candidate]:
     """Slow effects of a channel that drifts, and pairs of them, drift fitted anew beside each."""
+    terms = _foremost(chosen, terms)
     pairs = _pairs(terms)
     judged = beside_drift(chosen.design, chosen.terms, channel, [*((a,) for a in terms), *pairs])
     gains = judged.gain
@@ -343,6 +346,15 @@ def _slow(chosen: Selection, terms: list[Term], channel: int) -> list[_Candidate
             if kind not in best or score > best[kind].score:
                 best[kind] = _Candidate(score, gain, (a, b), channel, judged.drift_with(k))
     return found + list(best.values())
+
+
+def _foremost(chosen: Selection, terms: list[Term]) -> list[Term]:
+    """Without the flips between temperatures that gain least beside drift as it is: there are hundreds of them."""
+    flips = [a for a in terms if isinstance(a.hypothesis, Driver) and a.hypothesis.kind == "relay"]
+    gains = chosen.design.gains(chosen.terms, flips)
+    kept = {flips[k].key for k in np.argsort(-gains)[:_MOST_FLIPS].tolist()}
+    dropped = {a.key for a in flips} - kept
+    return [a for a in terms if a.key not in dropped]
 
 
 def _pairs(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
