@@ -30,10 +30,13 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: every other test waits for a process, a port or a terminal."""
-    return min(4, 1 + (os.cpu_count() or 1))
+LONG = ("undeclared", "test_trace_wire.py", "test_tmux.py", "remote")
+"""Folders and modules whose tests take longest."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first: at the end one worker would be at them alone."""
+    items.sort(key=lambda item: not any(part in LONG for part in item.path.parts))
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
