@@ -17,6 +17,7 @@ from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, Snapshot
+from imutui.tui.messages import silence
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -48,12 +49,12 @@ def follow(
     """
     connection = client.start(plan)
     say(f"acquisition {plan.name}, pid {connection.pid}, {_where(connection)}")
-    interrupted = False
+    asked: type[BaseException] | None = None
     with _leave_on_hangup():
         try:
             result = _watch(connection)
         except (KeyboardInterrupt, TerminatedError) as why:
-            interrupted = isinstance(why, KeyboardInterrupt)
+            asked = type(why)
             result = connection.stop()
         except HungUpError:
             raise typer.Exit(FINE) from None
@@ -71,11 +72,30 @@ def follow(
     parts = result.get("parts", [])
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
+    if asked is KeyboardInterrupt:
+        say_findings(connection)
+        raise typer.Exit(INTERRUPTED)
+    code = verdict(result, connection)
+    # an end that was asked for is `imutui stop` in another guise; whoever follows to the end learns how that was
+    worst = 0 if asked else max((finding["exit_code"] for finding in connection.findings), default=FINE)
+    raise typer.Exit(max(code, worst))
+
+
+def verdict(result: "ResultDocument | None", connection: Client) -> int:
+    """Exit code of an acquisition that was stopped, 0 or 1; says on stderr what it is for."""
+    say_findings(connection)
+    parts = [] if result is None else result.get("parts", [])
     # the last of several files is as short as chance has it
-    fine = all(part["converged"] for part in parts[:-1]) if parts else result.get("converged", True)
-    if not fine and not interrupted:
+    fine = all(part["converged"] for part in parts[:-1]) if parts else result is None or result.get("converged", True)
+    if not fine:
         say("not every bias has converged yet, hence exit code 1; the recording itself is complete")
-    raise typer.Exit(INTERRUPTED if interrupted else FINE if fine else FINDINGS)
+    return FINDINGS if connection.findings or not fine else FINE
+
+
+def say_findings(connection: Client) -> None:
+    """Say on stderr what must be said of an acquisition that has ended."""
+    for finding in connection.findings:
+        say(finding["text"])
 
 
 def _watch(connection: Client) -> "ResultDocument | None":
@@ -96,7 +116,7 @@ def _line(s: Snapshot) -> str:
         part = f"part {rec['part']}, " if rec["part"] > 1 else ""
         parts.append(f"{part}{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
     parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
-    if (s["silent_s"] or 0.0) > 1.5:
+    if silence(s) is not None:
         parts.append(f"SILENT for {s['silent_s']:.0f} s")
     if fit is not None:
         done = sum(b["converged_s"] is not None for b in fit["biases"])

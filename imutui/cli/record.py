@@ -41,7 +41,9 @@ def command(
         ),
     ] = None,
     baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
-    duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="End after so much data.")] = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="End so many seconds after the first packet.")
+    ] = None,
     filter_name: Annotated[
         str | None, typer.Option("--filter", metavar="spkf|spkf-paper|ekf|none", help="Filter to run.")
     ] = None,
@@ -66,7 +68,8 @@ def command(
     """Acquire and record; this terminal follows it.
 
     The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
-    Ctrl+C finishes the file. A recording in several files loses no packet between them; the filter begins anew with
+    Ctrl+C finishes the file. A unit that falls silent is waited for; one that is silent at the end is told, with exit
+    code 4. A recording in several files loses no packet between them; the filter begins anew with
     each, so that each replays by itself.
 
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"

@@ -50,7 +50,9 @@ def _line(s: "Snapshot") -> str:
 
 
 def _more(s: "Snapshot") -> list[str]:
-    return [line for line in (_room(s), _filter(s), _guide(s["guide"])) if line]
+    from imutui.tui.messages import silence
+
+    return [line for line in (silence(s), _room(s), _filter(s), _guide(s["guide"])) if line]
 
 
 def _room(s: "Snapshot") -> str:

@@ -1,10 +1,14 @@
 """`imutui stop`."""
 
+import typer
+
 from imutui.cli.options import Json, Name
 
 
 def command(name: Name = None, json: Json = False) -> None:
     """End the running acquisition and finish its file.
+
+    Exit code 0, or 1 if something must be said of the recording: not every bias has converged, or the unit was silent.
 
     Example: imutui stop
     """
@@ -12,7 +16,8 @@ def command(name: Name = None, json: Json = False) -> None:
     from imutui.logbook.json_text import dumps
     from imutui.session import client
 
-    result = client.attach(name).stop()
+    connection = client.attach(name)
+    result = connection.stop()
     if json:
         print(dumps(result))
     elif result is None:
@@ -21,3 +26,7 @@ def command(name: Name = None, json: Json = False) -> None:
         from imutui.cli.result_table import print_result
 
         print_result(result)
+    # whoever finds nothing to stop need not wait for what follows an acquisition
+    from imutui.cli.follow_acquisition import verdict
+
+    raise typer.Exit(verdict(result, connection))

@@ -81,7 +81,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     ipc.socket_path(plan.name).unlink(missing_ok=True)
     if engine.lifecycle.error is not None:
         print(engine.lifecycle.error, file=sys.stderr)
-    return engine.lifecycle.exit_code
+    return engine.exit_code
 
 
 def _answer(engine: Engine, request: Request) -> Reply:
@@ -121,7 +121,13 @@ def _answer(engine: Engine, request: Request) -> Reply:
 
 def _ending(engine: Engine) -> Reply:
     engine.lifecycle.ended.wait()
-    return {"result": engine.result, "error": engine.lifecycle.error, "exit_code": engine.lifecycle.exit_code}
+    stands = engine.lifecycle
+    return {
+        "result": engine.result,
+        "error": stands.error,
+        "exit_code": stands.exit_code,
+        "findings": stands.findings,
+    }
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import observe, operator_guide, zeroing
+from imutui.session import exit_codes, observe, operator_guide, silence, zeroing
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import EventLog
 from imutui.session.lifecycle import Lifecycle
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 INFORMATION, WARNING, ERROR = 20, 30, 40
 """Levels of events, as /rosout has them."""
+
+_LEEWAY_NS = 250_000_000
 
 
 class Acquisition:
@@ -87,12 +89,13 @@ class Acquisition:
         self._line_errors = (0, 0)
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
         self._duration_from_ns: int | None = None
+        self._data_until_ns = 0
         self._has_recorded = False
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
-    def packet(self, arrival: PacketArrival) -> bool:
-        """Use a packet; returns whether the plan's duration is over with it. Raises OSError if the disk is full."""
+    def packet(self, arrival: PacketArrival) -> None:
+        """Use a packet. Raises OSError if the disk is full."""
         packet = arrival.packet
         if self._begins_recording:
             # not before: a unit that sends nothing must not cost the file that --force would replace
@@ -111,7 +114,10 @@ class Acquisition:
             self.event("acquisition", f"connected to {self._info.port}, first packet")
         if stamp.lost:
             self.event("acquisition", f"{stamp.lost} packets lost")
-        return self._is_over(stamp.monotonic_ns)
+        if self._duration_from_ns is None:
+            self._duration_from_ns = self._pipeline.started_ns
+        # a stamp that is ahead of its packet's arrival ends nothing
+        self._data_until_ns = min(stamp.monotonic_ns, arrival.host_ns)
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
@@ -143,15 +149,41 @@ class Acquisition:
             self._recording.measure_growth(now)
         if self._guide is not None:
             self._guide.advance(now)
-        silence = (now - self._reader.last_packet_ns) / 1e9
+        silent_s = (now - self._reader.last_packet_ns) / 1e9
         expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
-        silent = self._silence.check(silence, expected=expected)
+        silent = self._silence.check(silent_s, expected=expected)
         if silent is not None:
-            text = f"no packets for {silence:.1f} s: power, cable?" if silent else "packets again"
+            text = f"no packets for {silent_s:.1f} s: power, cable?" if silent else "packets again"
             self.event("acquisition", text, WARNING if silent else INFORMATION)
         step = self._clock_steps.check()
         if step is not None:
             self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING)
+
+    def is_over(self, now_ns: int) -> bool:
+        """Whether the plan's duration is over: seconds by the clock from the first packet on, whatever came since.
+
+        Counted through all files of a recording. The packet that completes the last period may be on its way, hence
+        the leeway.
+        """
+        duration, since = self._plan.duration_s, self._duration_from_ns
+        if duration is None or since is None:
+            return False
+        end_ns = since + round(duration * 1e9)
+        return self._data_until_ns >= end_ns or now_ns >= end_ns + _LEEWAY_NS
+
+    def look_back(self) -> None:
+        """Take note, before the file is finished, of what must be said at the end; raises OSError."""
+        asked_ns = self._lifecycle.stopping_since_ns
+        if asked_ns is None or not self._lifecycle.streaming.is_set() or self._zeroing is not None:
+            return
+        # as it was when the end was asked for: since then the unit was told to be quiet
+        silent_s = (asked_ns - self._reader.last_packet_ns) / 1e9
+        if self._silence.is_silent(silent_s):
+            self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s))
+
+    def _find(self, exit_code: int, text: str) -> None:
+        self._lifecycle.findings.append({"exit_code": exit_code, "text": text})
+        self.event("acquisition", text, WARNING)
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
@@ -370,10 +402,3 @@ class Acquisition:
         self.result = recording.finish_file(self._pipeline, time.monotonic_ns())
         self._recording = None
         return self.result
-
-    def _is_over(self, now_ns: int) -> bool:
-        """Whether the plan's duration is over, counted through all files of a recording."""
-        if self._duration_from_ns is None:
-            self._duration_from_ns = self._pipeline.started_ns
-        duration, since = self._plan.duration_s, self._duration_from_ns
-        return duration is not None and since is not None and now_ns - since >= duration * 1e9

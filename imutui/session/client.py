@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Unpack, cast
 
 from imutui.session import exit_codes, ipc
 from imutui.session.plan import Plan, RecordingWish
-from imutui.session.requests import FilterChanges, RecordingWishFields, Reply, Request, StartReport
+from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot
 
 if TYPE_CHECKING:
@@ -55,10 +55,16 @@ class Client:
     ----------
     name : str
         Of the acquisition.
+
+    Attributes
+    ----------
+    findings : list of EndFinding
+        What must be said of the acquisition, once `stop` or `wait` has returned its result.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.findings: list[EndFinding] = []
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
         self.pid = int(self.snapshot(since=NO_SERIES)["pid"])
@@ -170,6 +176,7 @@ class Client:
         self._await_exit()
         if reply["error"] is not None:
             raise SessionError(reply["error"], reply["exit_code"])
+        self.findings = reply["findings"]
         return reply["result"]
 
     def _await_exit(self) -> None:

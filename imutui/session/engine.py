@@ -76,12 +76,23 @@ class Engine:
         info = session_info(plan, port, identity)
         self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle)
         self._disk_error: OSError | None = None
+        self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)
 
     @property
     def result(self) -> "ResultDocument | None":
         """Result of the last recording; to be asked for after the end."""
         return self._acquisition.result
+
+    @property
+    def exit_code(self) -> int:
+        """Of the process; to be asked for after the end.
+
+        Whoever asks for an end (`imutui stop`, SIGTERM) gets it, hence 0 however the unit was then; nobody was there to
+        be told when the duration was over, so that the findings of such an end are in the code.
+        """
+        codes = [finding["exit_code"] for finding in self.lifecycle.findings] if self._duration_over else []
+        return self.lifecycle.exit_code or max(codes, default=0)
 
     def start(self) -> None:
         """Begin; raises OSError or InstrumentError if there is no disk, or no packet, to begin with."""
@@ -163,6 +174,7 @@ class Engine:
             )
         try:
             if self.lifecycle.exit_code != exit_codes.DISK:
+                self._acquisition.look_back()
                 self._acquisition.finish()
         except OSError as error:
             self._fail_for_disk(error)
@@ -181,12 +193,14 @@ class Engine:
             if time.monotonic() >= next_second:
                 self._acquisition.every_second()
                 next_second = max(next_second + 1.0, time.monotonic())
+            if not self._duration_over and self._acquisition.is_over(time.monotonic_ns()):
+                self._duration_over = self.lifecycle.stopping_since_ns is None
+                self.request_stop()
 
     def _handle(self, item: ReaderEvent | QueuedCall) -> None:
         match item:
             case PacketArrival():
-                if self._acquisition.packet(item):
-                    self.request_stop()
+                self._acquisition.packet(item)
             case PollUnanswered():
                 self._acquisition.poll_unanswered()
             case ZeroingFinished():

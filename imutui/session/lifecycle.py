@@ -1,9 +1,11 @@
 """Where an acquisition stands, from connecting to its end; asked and told by every thread of its process."""
 
 import threading
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from imutui.session.requests import EndFinding
     from imutui.session.snapshot import SessionState
 
 
@@ -19,6 +21,10 @@ class Lifecycle:
         Why it failed, for the user; the first reason counts.
     exit_code : int
         Of the process; 0 unless it failed.
+    findings : list of EndFinding
+        What must be said at the end of one that did not fail.
+    stopping_since_ns : int or None
+        When the end was first asked for, monotonic.
     streaming, ended : threading.Event
         Set with the first packet, and when nothing more will happen.
     """
@@ -27,6 +33,8 @@ class Lifecycle:
         self.state: SessionState = "connecting"
         self.error: str | None = None
         self.exit_code = 0
+        self.findings: list[EndFinding] = []
+        self.stopping_since_ns: int | None = None
         self.streaming = threading.Event()
         self.ended = threading.Event()
 
@@ -37,6 +45,8 @@ class Lifecycle:
 
     def stop(self) -> None:
         """Take note that the end is asked for; what failed or ended before stays so."""
+        if self.stopping_since_ns is None:
+            self.stopping_since_ns = time.monotonic_ns()
         self.state = "stopping" if self.state in ("connecting", "running") else self.state
 
     def fail(self, exit_code: int, error: str) -> None:

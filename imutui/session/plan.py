@@ -58,7 +58,7 @@ class Plan:
     baud : int
         Line speed.
     duration_s : float or None
-        Ends by itself after so much data.
+        Ends by itself so many seconds after the first packet, gaps included.
     record : bool
         Whether recording starts with the first packet, or when a viewer asks.
     filter, reference : str

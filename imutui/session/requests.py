@@ -57,6 +57,13 @@ class Request(TypedDict):
     """wait: how long at most; None for ever."""
 
 
+class EndFinding(TypedDict):
+    """What must be said of an acquisition that has ended without failing; `exit_code` is of a `record` that saw it."""
+
+    exit_code: int
+    text: str
+
+
 class Reply(TypedDict, total=False):
     """What is replied; which fields there are besides `ok` depends on the request."""
 
@@ -75,8 +82,10 @@ class Reply(TypedDict, total=False):
     """stop, wait: why the acquisition failed, if it did."""
     exit_code: int
     """stop, wait: of the acquisition's process."""
+    findings: list[EndFinding]
+    """stop, wait: what must be said of one that did not fail."""
     runs: bool
-    """wait: true if it runs still; `result`, `error` and `exit_code` are not there then."""
+    """wait: true if it runs still; the other fields of an end are not there then."""
 
 
 class Refusal(TypedDict):

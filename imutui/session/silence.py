@@ -17,6 +17,10 @@ class SilenceMonitor:
         self._limit_s = max(_LEAST_S, _PERIODS * period_s)
         self._silent = False
 
+    def is_silent(self, silence_s: float) -> bool:
+        """Whether so many seconds without a packet are a silence, and no pause between two packets."""
+        return silence_s > self._limit_s
+
     def check(self, silence_s: float, *, expected: bool) -> bool | None:
         """Look at how long there was no packet.
 
@@ -32,8 +36,16 @@ class SilenceMonitor:
         bool or None
             True if the unit has fallen silent since the last look, False if it speaks again, None if nothing changed.
         """
-        silent = silence_s > self._limit_s and not expected
+        silent = self.is_silent(silence_s) and not expected
         if silent == self._silent:
             return None
         self._silent = silent
         return silent
+
+
+def at_the_end(silence_s: float) -> str:
+    """What to say of a unit that was silent when its acquisition ended, `silence_s` s after its last packet."""
+    return (
+        f"the unit was silent at the end: its last packet came {silence_s:.1f} s before. What came is recorded and the"
+        " file is finished. Check power and cable before the next recording."
+    )

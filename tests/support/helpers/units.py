@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
-from imutui.instrument.virtual import Reading, UnitOptions, VirtualUnit, serve
+from imutui.instrument.virtual import FaultyLine, Reading, UnitOptions, VirtualUnit, serve
 
 
 class Still:
@@ -19,8 +19,8 @@ class Still:
 
 
 @contextmanager
-def served(made: VirtualUnit, tap: BinaryIO | None = None) -> Iterator[str]:
-    """Port of a virtual unit on a pseudo-terminal; what it sends goes into the file `tap` as well."""
+def served(made: VirtualUnit, tap: BinaryIO | None = None, line: FaultyLine | None = None) -> Iterator[str]:
+    """Port of a virtual unit on a pseudo-terminal, over a faulty line if one is given; `tap` gets what arrives too."""
     ready: list[str] = []
     up, stop = threading.Event(), threading.Event()
 
@@ -31,7 +31,7 @@ def served(made: VirtualUnit, tap: BinaryIO | None = None) -> Iterator[str]:
     def log(text: str) -> None:
         del text
 
-    options: dict[str, Any] = {"link": None, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop}
+    options: dict[str, Any] = {"link": None, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop, "line": line}
     thread = threading.Thread(target=serve, args=(made,), kwargs=options, daemon=True)
     thread.start()
     try:
