@@ -116,7 +116,10 @@ def _line(s: Snapshot) -> str:
         part = f"part {rec['part']}, " if rec["part"] > 1 else ""
         parts.append(f"{part}{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
     parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
-    if silence(s) is not None:
+    away = s["reconnecting"]
+    if away is not None:
+        parts.append(f"RECONNECTING for {away['seconds']:.0f} s, waits for {away['waits_for']}")
+    elif silence(s) is not None:
         parts.append(f"SILENT for {s['silent_s']:.0f} s")
     if fit is not None:
         done = sum(b["converged_s"] is not None for b in fit["biases"])

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import socket
 import termios
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ import serial
 from serial.tools import list_ports
 
 READ_TIMEOUT = 0.05
+_DEAD_PEER_MS = 10_000
+_BY_ID = Path("/dev/serial/by-id")
 # what pyserial raises when a device goes away in the middle: bare OSError, termios.error (no OSError), TypeError
 _HANGUP = (OSError, termios.error, TypeError)
 
@@ -42,7 +45,7 @@ class PortInfo:
 
 def available() -> list[PortInfo]:
     """Serial ports of this machine, those with a stable id first."""
-    by_id = {str(link.resolve()): str(link) for link in sorted(Path("/dev/serial/by-id").glob("*"))}
+    by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.glob("*"))}
     ports = [PortInfo(p.device, by_id.get(p.device, p.device), p.description or "") for p in list_ports.comports()]
     return sorted(ports, key=lambda p: (p.stable_id == p.device, p.device))
 
@@ -57,6 +60,11 @@ class Port:
     baud : int
         Line speed.
 
+    Attributes
+    ----------
+    lasting_name : str
+        Where the same adapter is found again, whatever device it is by then: see `lasting_name`.
+
     Raises
     ------
     PortError
@@ -65,21 +73,47 @@ class Port:
 
     def __init__(self, name: str, baud: int) -> None:
         self.name = name
-        device = resolve(name)
-        try:
-            self._serial = serial.serial_for_url(
-                device,
-                baudrate=baud,
-                timeout=READ_TIMEOUT,
-                write_timeout=1.0,
-                exclusive=None if "://" in device else True,
-            )
-        except (serial.SerialException, ValueError, OSError, termios.error) as error:
-            raise PortError(_explain(name, device, error)) from error
+        self._serial = _open(name, resolve(name), baud)
+        self.lasting_name = lasting_name(name)
         self._claim()
 
+    def reopen(self, baud: int) -> None:
+        """Open the line again, after it was lost: the same adapter's, which may be another device by now.
+
+        Raises
+        ------
+        PortError
+            If it is not there or cannot be opened.
+        """
+        self.close()
+        device = self.lasting_name
+        if "://" not in device and not Path(device).exists():
+            raise PortError(f"{device} is not there")
+        if is_terminal(device):
+            raise PortError(f"{device} is somebody's terminal by now")
+        self._serial = _open(self.name, device, baud)
+        self._claim()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is open still; a line that hung up is, until it is closed."""
+        return bool(self._serial.is_open)
+
+    def has_moved(self) -> bool:
+        """Whether its name leads to another device by now than the one that is open."""
+        descriptor = getattr(self._serial, "fd", None)
+        try:
+            return descriptor is not None and os.fstat(descriptor).st_rdev != Path(self.lasting_name).stat().st_rdev
+        except OSError:  # it leads to nothing: whether the line is gone is for its reader to find out
+            return False
+
     def _claim(self) -> None:
-        """Keep programs out that do not ask for a lock, and ask an FTDI adapter not to hold bytes back for 16 ms."""
+        """Keep programs out that ask for no lock, and have neither an FTDI adapter nor a network hold bytes back."""
+        network = getattr(self._serial, "_socket", None)
+        if isinstance(network, socket.socket):
+            # what is sent are single letters; and a peer that acknowledges nothing is gone, though nobody hangs up
+            network.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            network.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAD_PEER_MS)
         descriptor = getattr(self._serial, "fd", None)
         if descriptor is None:
             return
@@ -153,13 +187,61 @@ class Port:
         self.close()
 
     def _gone(self, error: BaseException) -> str:
-        return f"{self.name} went away ({error}). Check the cable and the adapter, then connect again."
+        # what pyserial says of an end of file is a guess of two lines
+        why = "it hung up" if "returned no data" in str(error) else error
+        return f"{self.name} went away ({why}). Check the cable and the adapter."
 
 
 def resolve(name: str) -> str:
     """Path of a device that is named by its stable id; any other name as it is."""
-    stable = Path("/dev/serial/by-id") / name
+    stable = _BY_ID / name
     return str(stable) if "/" not in name and stable.exists() else name
+
+
+def lasting_name(name: str) -> str:
+    """Name that leads to the same adapter after it was unplugged and plugged in again, perhaps as another device.
+
+    A symbolic link and a URL are such names; for a bare device path it is its link in /dev/serial/by-id, where it has
+    one, and else the path itself.
+    """
+    device = resolve(name)
+    if "://" in device or Path(device).is_symlink():
+        return device
+    links = sorted(_BY_ID.glob("*")) if _BY_ID.is_dir() else []
+    return next((str(link) for link in links if os.path.realpath(link) == os.path.realpath(device)), device)
+
+
+def is_terminal(device: str) -> bool:
+    """Whether the device is a terminal that processes run in: the number of a pseudo-terminal is soon another's."""
+    try:
+        number = Path(device).stat().st_rdev if os.path.realpath(device).startswith("/dev/pts/") else 0
+    except OSError:
+        return False
+    return number != 0 and any(_terminal_of(process) == number for process in Path("/proc").glob("[0-9]*"))
+
+
+def _terminal_of(process: Path) -> int:
+    """Device number of the terminal that a process is controlled by; 0 for none."""
+    try:
+        # pid (comm) state ppid pgrp session tty_nr: the name may hold blanks and parentheses
+        return int((process / "stat").read_text().rpartition(")")[2].split()[4])
+    except (OSError, ValueError, IndexError):  # it has just ended
+        return 0
+
+
+def _open(name: str, device: str, baud: int) -> serial.SerialBase:
+    network = "://" in device
+    try:
+        return serial.serial_for_url(
+            device,
+            baudrate=baud,
+            timeout=READ_TIMEOUT,
+            # pyserial knows no such limit for a terminal server of RFC 2217, and refuses one
+            write_timeout=None if device.startswith("rfc2217:") else 1.0,
+            exclusive=None if network else True,
+        )
+    except (serial.SerialException, ValueError, OSError, termios.error) as error:
+        raise PortError(_explain(name, device, error)) from error
 
 
 def _explain(name: str, device: str, error: BaseException) -> str:

@@ -13,7 +13,8 @@ from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import exit_codes, observe, operator_guide, silence, zeroing
+from imutui.session import exit_codes, observe, operator_guide, reconnection, silence, zeroing
+from imutui.session.absence import Absence, line_rate_hz
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import EventLog
 from imutui.session.lifecycle import Lifecycle
@@ -22,6 +23,7 @@ from imutui.session.observe import AcquisitionView
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
+from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recording import Recording
 from imutui.session.requests import FilterChanges
 from imutui.session.sample_pipeline import SamplePipeline
@@ -87,6 +89,9 @@ class Acquisition:
         self._zeroing: Future[str] | None = None
         self._begins_recording = plan.record
         self._line_errors = (0, 0)
+        self._last_stamp_ns = self._started_ns
+        self._absence = Absence(self._timebase, line_rate_hz(plan.sampling, plan.rate_hz))
+        self._ask_again_s = reconnection.ask_again_after_s(plan.rate_hz if plan.sampling == "polled" else None)
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
         self._duration_from_ns: int | None = None
         self._data_until_ns = 0
@@ -108,6 +113,7 @@ class Acquisition:
         self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
         self._pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
         self._pipeline.packet(packet, stamp, arrival.host_ns)
+        self._last_stamp_ns = stamp.monotonic_ns
         self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
         if not self._lifecycle.streaming.is_set():
             self._lifecycle.first_packet()
@@ -118,6 +124,9 @@ class Acquisition:
             self._duration_from_ns = self._pipeline.started_ns
         # a stamp that is ahead of its packet's arrival ends nothing
         self._data_until_ns = min(stamp.monotonic_ns, arrival.host_ns)
+        back = self._absence.over(stamp.monotonic_ns)
+        if back is not None:
+            self.event("acquisition", back, WARNING)
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
@@ -141,6 +150,25 @@ class Acquisition:
         if pending is not None:
             pending.set_result(said)
 
+    def line_changed(self, event: LineLost | StillAway | LineReturned) -> None:
+        """The line is lost, something else is waited for, or the unit is back: packets on either side stand apart."""
+        match event:
+            case LineLost():
+                said: str | None = self._absence.lost(event)
+                if self._zeroing is not None:
+                    self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
+                    self._zeroing = None
+                    self._begin_run(None)  # whether they are zeroed is not known
+            case StillAway():
+                said = self._absence.still(event)
+            case LineReturned():
+                said = None  # with the first packet, which is next
+                self._absence.returned(event, self._last_stamp_ns)
+                self._clock.interrupt()
+                self._recent.interrupt()
+        if said is not None:
+            self.event("acquisition", said, WARNING)
+
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
         now = time.monotonic_ns()
@@ -151,7 +179,10 @@ class Acquisition:
             self._guide.advance(now)
         silent_s = (now - self._reader.last_packet_ns) / 1e9
         expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
-        silent = self._silence.check(silent_s, expected=expected)
+        away = self._absence.since_ns is not None
+        if silent_s > self._ask_again_s and not expected and not away:
+            self._reader.ask_again()
+        silent = None if away else self._silence.check(silent_s, expected=expected)
         if silent is not None:
             text = f"no packets for {silent_s:.1f} s: power, cable?" if silent else "packets again"
             self.event("acquisition", text, WARNING if silent else INFORMATION)
@@ -173,6 +204,10 @@ class Acquisition:
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
+        gone = self._absence.at_the_end(time.monotonic_ns())
+        if gone is not None:
+            self._find(exit_codes.INSTRUMENT, gone)
+            return
         asked_ns = self._lifecycle.stopping_since_ns
         if asked_ns is None or not self._lifecycle.streaming.is_set() or self._zeroing is not None:
             return
@@ -216,6 +251,7 @@ class Acquisition:
             state=self._lifecycle.state,
             error=self._lifecycle.error,
             zeroing=self._zeroing is not None,
+            reconnecting=self._absence.snapshot(now),
             follows_profile=isinstance(self._motion, Profile),
             pipeline=self._pipeline,
             recording=self._recording,
@@ -314,6 +350,8 @@ class Acquisition:
             raise ValueError("finish the recording first: r. Zeroing would put a step into the file")
         if self._lifecycle.state != "running":
             raise ValueError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
+        if self._absence.since_ns is not None:
+            raise ValueError("the unit is away; zero its rate sensors when it is back")
         self._zeroing = Future()
         self.event("acquisition", f"zeroing the rate sensors (argument {argument}); packets pause")
         self._reader.zero(argument)

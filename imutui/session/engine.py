@@ -22,13 +22,15 @@ from imutui.session.acquisition import ERROR, Acquisition
 from imutui.session.handshake import Identity, InstrumentError
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
-from imutui.session.plan import Plan
-from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
+from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
+from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
 _FIRST_PACKET_S = 3.0
+_READER_END_S = 0.5
 
 T = TypeVar("T")
 
@@ -71,7 +73,9 @@ class Engine:
         self._port = port
         self._queue: queue.SimpleQueue[ReaderEvent | QueuedCall] = queue.SimpleQueue()
         polled = plan.sampling == "polled"
-        self._reader = Reader(port, plan.rate_hz if polled else None, self._queue.put)
+        # a virtual unit of our own that ends does not come back
+        known = None if plan.port == VIRTUAL_PORT else KnownUnit(identity, port.baud)
+        self._reader = Reader(port, plan.rate_hz if polled else None, self._queue.put, known)
         clock = Clock(PACKET_BYTES * BITS_PER_BYTE / port.baud * 1e9, polled=polled)
         info = session_info(plan, port, identity)
         self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle)
@@ -180,6 +184,7 @@ class Engine:
             self._fail_for_disk(error)
         finally:
             self._reader.stop()
+            self._reader.join(_READER_END_S)
             self._port.close()
             self.lifecycle.end()
             self._answer_late_calls()
@@ -205,9 +210,11 @@ class Engine:
                 self._acquisition.poll_unanswered()
             case ZeroingFinished():
                 self._acquisition.zeroing_finished(item)
-            case LineLost():
+            case LineLost() if item.final:
                 self._fail(exit_codes.INSTRUMENT, item.message)
                 self._acquisition.event("acquisition", item.message, ERROR)
+            case LineLost() | StillAway() | LineReturned():
+                self._acquisition.line_changed(item)
             case QueuedCall():
                 self._carry_out(item)
 

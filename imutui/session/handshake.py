@@ -5,7 +5,7 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -68,8 +68,15 @@ class Identity:
     source: str = ""
 
 
-def open_dialogue(port: Port, baud: int, say: Callable[[str], None]) -> Identity:
-    """Stop the unit, find its speed, identify it, set scaled mode; it is polled afterwards.
+def open_dialogue(
+    port: Port,
+    baud: int,
+    say: Callable[[str], None],
+    *,
+    accept: Callable[[Identity], None] = lambda identity: None,
+    speeds: Sequence[int] = SPEEDS,
+) -> Identity:
+    """Stop the unit, find its speed, identify it, set speed and scaled mode; it is polled afterwards.
 
     Parameters
     ----------
@@ -79,6 +86,10 @@ def open_dialogue(port: Port, baud: int, say: Callable[[str], None]) -> Identity
         Wanted speed; the unit is moved there by its auto-baud sequence.
     say : callable
         Told what is being waited for.
+    accept : callable
+        Raises InstrumentError to refuse a unit for what it says of itself, before anything of it is changed.
+    speeds : sequence of int
+        Where to look for it, besides the speed of the port and the wanted one.
 
     Returns
     -------
@@ -92,11 +103,12 @@ def open_dialogue(port: Port, baud: int, say: Callable[[str], None]) -> Identity
         If the line goes away.
     """
     say("waiting for the instrument to answer a ping")
-    find_speed(port, baud)
+    find_speed(port, baud, speeds)
+    identity = identify(port)
+    accept(identity)
+    check_model(port, identity)
     if port.baud != baud:
         _move_speed(port, baud, say)
-    identity = identify(port)
-    check_model(port, identity)
     if not set_scaled(port):
         raise InstrumentError(
             f"{port.name}: the unit answers a ping but not the command for scaled mode, so its packets could not be"
@@ -163,8 +175,17 @@ def stop_stream(port: Port) -> bytes:
     return heard
 
 
-def find_speed(port: Port, wanted: int) -> None:
+def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS) -> None:
     """Stop the unit and find the speed at which it answers a ping; the port is left at it.
+
+    Parameters
+    ----------
+    port : Port
+        Open; its speed is tried first.
+    wanted : int
+        Tried next.
+    speeds : sequence of int
+        Tried then.
 
     Raises
     ------
@@ -174,7 +195,7 @@ def find_speed(port: Port, wanted: int) -> None:
         If the line goes away.
     """
     heard, first = b"", port.baud
-    for speed in dict.fromkeys((first, wanted, *SPEEDS)):
+    for speed in dict.fromkeys((first, wanted, *speeds)):
         port.set_baud(speed)
         heard += stop_stream(port)
         for _ in range(_TRIES if speed == first else 1):

@@ -14,7 +14,7 @@ from imutui.session.plan import Plan
 from imutui.session.recent_packets import STATISTICS_S, RecentPackets
 from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.snapshot import FilterSnapshot, RecordingSnapshot, SessionState, Snapshot
+from imutui.session.snapshot import FilterSnapshot, ReconnectingSnapshot, RecordingSnapshot, SessionState, Snapshot
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0
@@ -36,6 +36,8 @@ class AcquisitionView:
         See `imutui.session.lifecycle.Lifecycle`.
     zeroing : bool
         Whether packets pause for the unit to zero its rate sensors.
+    reconnecting : ReconnectingSnapshot or None
+        What is being waited for while the unit is away.
     follows_profile : bool
         Whether the reference comes from a table profile.
     pipeline : SamplePipeline
@@ -61,6 +63,7 @@ class AcquisitionView:
     state: SessionState
     error: str | None
     zeroing: bool
+    reconnecting: ReconnectingSnapshot | None
     follows_profile: bool
     pipeline: SamplePipeline
     recording: Recording | None
@@ -103,6 +106,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "discarded_bytes": counters.discarded_bytes,
         "silent_s": 0.0 if view.zeroing else (now - view.last_packet_ns) / 1e9,
         "zeroing": view.zeroing,
+        "reconnecting": view.reconnecting,
         "since_start_s": (now - view.started_ns) / 1e9,
         "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(view.utc_ns / 1e9)),
         "recording": None if view.recording is None else _recording(view.recording, pipeline, view.free_bytes, now),

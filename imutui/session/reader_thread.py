@@ -1,6 +1,7 @@
 """The thread that owns the port: it reads, decodes and stamps, and carries out what must be said to the unit meanwhile.
 
-Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late.
+Nothing else happens in it, so that a slow disk or a slow filter never makes a stamp late. Where the line is lost or the
+unit falls silent it finds the same unit again.
 """
 
 import queue
@@ -12,7 +13,8 @@ from dataclasses import dataclass
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.crossbow import Decoder, Discarded, GetPacket, Mode, Packet, StartStream, encode
 from imutui.instrument.port import Port, PortError
-from imutui.session import handshake, zeroing
+from imutui.session import handshake, reconnection, zeroing
+from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 
 _POLL_S = 0.3
 
@@ -51,14 +53,7 @@ class ZeroingFinished:
     seconds: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class LineLost:
-    """The line went away; the reader has ended."""
-
-    message: str
-
-
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost
+ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | StillAway | LineReturned
 
 
 class Reader:
@@ -72,6 +67,8 @@ class Reader:
         Requests a second; None to have the unit stream.
     emit : callable
         Takes what happens; called in the reader's thread.
+    known : KnownUnit or None
+        The unit to find again when its line is lost after the first packet; None to end then.
 
     Attributes
     ----------
@@ -79,16 +76,28 @@ class Reader:
         When the last packet was read, or the last pause of packets was over, monotonic.
     """
 
-    def __init__(self, port: Port, poll_hz: float | None, emit: Callable[[ReaderEvent], None]) -> None:
+    def __init__(
+        self,
+        port: Port,
+        poll_hz: float | None,
+        emit: Callable[[ReaderEvent], None],
+        known: KnownUnit | None = None,
+    ) -> None:
         self.stopping = threading.Event()
         self.last_packet_ns = time.monotonic_ns()
         self._port = port
         self._poll_hz = poll_hz
         self._emit = emit
+        self._known = known
         self._wake = threading.Event()
+        self._silent = threading.Event()
+        self._has_line = True
+        self._found: str | None = None
+        self._received = False
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
         self._discarded_bytes = 0
+        self._counted = (0, 0)
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
@@ -101,27 +110,84 @@ class Reader:
         self._wake.set()
 
     def is_alive(self) -> bool:
-        """Whether it may still hand something on."""
-        return self._thread.is_alive()
+        """Whether it may still hand something on: no more once it is stopped while it has no line."""
+        return self._thread.is_alive() and (self._has_line or not self.stopping.is_set())
+
+    def join(self, timeout: float) -> None:
+        """Wait until it has ended, for so many seconds at most."""
+        self._thread.join(timeout)
 
     def zero(self, argument: int) -> None:
         """Have it zero the rate sensors; `ZeroingFinished` comes of it, unless the line goes away or it is stopped."""
         self._zero_requests.put(argument)
         self._wake.set()
 
+    def ask_again(self) -> None:
+        """Have it ask the unit, if that has long been silent, who it is, and set it up as at the beginning."""
+        self._silent.set()
+        self._wake.set()
+
     def _run(self) -> None:
         try:
-            if self._poll_hz is None:
-                while not self.stopping.is_set():
-                    self._stream()
-                    self._zero_as_asked()
-            else:
-                self._poll(self._poll_hz)
-            handshake.stop_stream(self._port)
-        except PortError as error:
-            self._emit(LineLost(str(error)))
+            while True:
+                self._acquire()
+                if self.stopping.is_set():
+                    return
         finally:
             self.stopping.set()
+
+    def _acquire(self) -> None:
+        """Take packets until it is stopped, or until the line was lost and the unit found again."""
+        try:
+            if self._poll_hz is not None:
+                self._poll(self._poll_hz)
+            while not self.stopping.is_set():
+                self._stream()
+                self._do_as_asked()
+            handshake.stop_stream(self._port)
+        except PortError as error:
+            # what the decoder still held was cut off; what it had counted with its last packet stays
+            self._bad_checksums, self._discarded_bytes = self._counted
+            self._lose(str(error))
+            self._find_again(streams=self._poll_hz is None)
+
+    def _lose(self, message: str) -> None:
+        """Say that the line is lost, or the unit silent."""
+        final = self._known is None or not self._received
+        self._has_line = False
+        # what was asked of the unit that went away is not asked of it when it is back
+        while not self._zero_requests.empty():
+            self._zero_requests.get()
+        if final:
+            self.stopping.set()
+        self._emit(LineLost(message, self.last_packet_ns, final))
+
+    def _find_again(self, *, streams: bool) -> None:
+        """Wait until the unit is found again, or this is stopped."""
+        if self._known is not None and not self.stopping.is_set():
+            self._found = reconnection.find_again(self._port, self._known, self.stopping, self._emit, streams=streams)
+        self._has_line = not self.stopping.is_set()
+
+    def _ask_silent_unit(self) -> None:
+        """Ask a unit that has fallen silent who it is; packets that only came late are used."""
+        silent_s = (time.monotonic_ns() - self.last_packet_ns) / 1e9
+        if self._known is None or silent_s < reconnection.ask_again_after_s(self._poll_hz):
+            return
+        self._lose(f"no packets for {silent_s:.0f} s; the unit is asked again.")
+        heard = reconnection.ask_silent(self._port, self._known, self.stopping)
+        if self._poll_hz is None and not self.stopping.is_set():
+            self._take_late(heard)
+        self._find_again(streams=False)
+
+    def _take_late(self, heard: bytes) -> None:
+        """Hand on the packets among what came when the silence was over."""
+        host_ns, decoder = time.monotonic_ns(), Decoder()
+        decoder.expect_packets(Mode.SCALED, streaming=True)
+        packets = [event for event in (*decoder.feed(heard), *decoder.quiet()) if isinstance(event, Packet)]
+        for packet in packets:
+            self._arrived(packet, host_ns, decoder, contiguous=False)
+        if packets:
+            self._count(decoder)
 
     def _stream(self) -> None:
         """Let the unit stream until there is something else to do."""
@@ -149,7 +215,7 @@ class Reader:
         number = 0
         while not self.stopping.is_set():
             if self._wake.wait(max(0.0, start + number / hz - time.monotonic())):
-                self._zero_as_asked()
+                self._do_as_asked()
                 continue
             # a poll that took longer than a period is not made up for: the next one keeps to the grid
             number = max(number + 1, int((time.monotonic() - start) * hz) + 1)
@@ -172,9 +238,13 @@ class Reader:
         return None, time.monotonic_ns()
 
     def _arrived(self, packet: Packet, host_ns: int, decoder: Decoder, *, contiguous: bool) -> None:
-        self.last_packet_ns = host_ns
+        if self._found is not None:
+            self._emit(LineReturned(self.last_packet_ns, host_ns, self._found))
+            self._found = None
+        self.last_packet_ns, self._received = host_ns, True
         bad = self._bad_checksums + decoder.bad_checksums
         discarded = self._discarded_bytes + decoder.discarded_bytes
+        self._counted = bad, discarded
         self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded))
 
     def _count(self, decoder: Decoder) -> None:
@@ -182,8 +252,11 @@ class Reader:
         self._bad_checksums += decoder.bad_checksums
         self._discarded_bytes += decoder.discarded_bytes
 
-    def _zero_as_asked(self) -> None:
+    def _do_as_asked(self) -> None:
         self._wake.clear()
+        if self._silent.is_set():
+            self._silent.clear()
+            self._ask_silent_unit()
         while not self.stopping.is_set() and not self._zero_requests.empty():
             self._zero(self._zero_requests.get())
 

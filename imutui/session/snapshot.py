@@ -44,6 +44,13 @@ class RecordingSnapshot(TypedDict):
     part: int
 
 
+class ReconnectingSnapshot(TypedDict):
+    """The unit is away: for how many `seconds`, and what is being waited for, in words."""
+
+    seconds: float
+    waits_for: str
+
+
 class ReferenceSnapshot(TypedDict):
     """What the filter is fed; `profile` whether it comes from a table profile, whose file's name is `file`."""
 
@@ -187,6 +194,7 @@ class Snapshot(TypedDict):
     discarded_bytes: int
     silent_s: float | None
     zeroing: bool
+    reconnecting: ReconnectingSnapshot | None
     since_start_s: float
     utc: str
     recording: RecordingSnapshot | None

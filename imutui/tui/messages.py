@@ -54,7 +54,10 @@ def silence_limit_s(rate_hz: float | None) -> float:
 
 
 def silence(snapshot: Snapshot) -> str | None:
-    """Warning about a line that fell silent, or None."""
+    """Warning about a line that fell silent or is gone, or None."""
+    away = snapshot.get("reconnecting")
+    if snapshot.get("state") == "running" and away is not None:
+        return f"RECONNECTING for {away['seconds']:.0f} s: the acquisition waits for {away['waits_for']}"
     silent, rate = snapshot.get("silent_s"), snapshot.get("rate_hz")
     # Streaming instruments send at their own, full rate whatever output rate was asked.
     limit = silence_limit_s(None if snapshot.get("sampling") == "stream" else rate)

@@ -40,8 +40,9 @@ DEVICES: dict[str, tuple[Habits, tuple[str, ...]]] = {
     "modes and no packets": (Habits(answers()), ("sends no packets", "Power it off and on")),
     "hangs up when asked": (Habits(answers(), hangs_up_at=b"v"), ("went away", "Check the cable")),
     "hangs up before it streams": (Habits(answers(), hangs_up_at=b"C"), ("went away", "Check the cable")),
-    "hangs up while recording": (Habits(answers(), streams=STREAMED), ("went away", "Check the cable")),
 }
+# ... and one that fails when there is something to keep
+HANGS_UP = Habits(answers(), streams=STREAMED)
 OTHER_MODELS = (
     "AHRS400CC-100",
     "AHRS400CD-200",
@@ -96,9 +97,9 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
             return record(folder, device.port, "--duration", "1", "--filter", "none", "-o", "out.mcap", "--force")
 
     def make(folder: Path) -> None:
-        with ThreadPoolExecutor(len(DEVICES)) as pool:
-            every = pool.map(attempt, (habits for habits, _ in DEVICES.values()), (folder / name for name in DEVICES))
-            found = dict(zip(DEVICES, every, strict=True))
+        habits = {name: habits for name, (habits, _) in DEVICES.items()} | {"hangs up while recording": HANGS_UP}
+        with ThreadPoolExecutor(len(habits)) as pool:
+            found = dict(zip(habits, pool.map(attempt, habits.values(), map(folder.joinpath, habits)), strict=True))
         (folder / "outcomes").write_bytes(pickle.dumps(found))
 
     return dict(pickle.loads((once(tmp_path_factory, "bad_devices", make) / "outcomes").read_bytes()))
@@ -116,7 +117,7 @@ def test_a_command_names_the_next_step_and_ends(outcomes: dict[str, Outcome], na
     wait_until(lambda: not ipc.is_locked(outcome.folder / "run" / "imutui" / "default.lock"))
 
 
-@pytest.mark.parametrize("name", [name for name in DEVICES if name != "hangs up while recording"])
+@pytest.mark.parametrize("name", DEVICES)
 def test_a_failed_attempt_leaves_the_file_it_was_to_replace(outcomes: dict[str, Outcome], name: str) -> None:
     """--force replaces a recording by a recording, never by nothing."""
     assert (outcomes[name].folder / "out.mcap").read_bytes() == OLD
@@ -159,8 +160,11 @@ def test_another_model_of_the_family_is_refused_by_name(model: str) -> None:
 
 
 def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, Outcome]) -> None:
-    """The last packet before the adapter went away is in it, and an event says what happened."""
-    log = reader.read(outcomes["hangs up while recording"].folder / "out.mcap", raw=True)
+    """The last packet before the adapter went away is in it, an event says what happened, and so does the command."""
+    outcome = outcomes["hangs up while recording"]
+    assert outcome.code == 4, outcome
+    assert "gone at the end" in outcome.stderr
+    log = reader.read(outcome.folder / "out.mcap", raw=True)
     assert log.finished
     assert not log.damage
     assert len(log.raw) >= STREAMED - 1  # a packet needs a successor, or quiet, to vouch for it

@@ -99,9 +99,10 @@ class Verdict:
 
 
 def stale(snapshot: Snapshot) -> str | None:
-    """That the line has been silent for long enough to make the estimates old, in words; None if it is not."""
+    """That the unit is away, or silent for long enough to make the estimates old, in words; None if it is not."""
     said, silent_s = messages.silence(snapshot), snapshot["silent_s"]
-    return said if silent_s is not None and silent_s > STALE_S else None
+    old = snapshot.get("reconnecting") is not None or (silent_s is not None and silent_s > STALE_S)
+    return said if old else None
 
 
 def waiting_profile(snapshot: Snapshot) -> str | None:

@@ -1,0 +1,233 @@
+"""Finding the same unit again after its line was lost or it fell silent, and setting it up as it was.
+
+Runs in the thread that owns the port, for as long as it takes. Another unit is refused, and left as it was found.
+"""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from imutui.instrument.crossbow import PACKET_BYTES, Ping, StopStream, encode
+from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.port import Port, PortError
+from imutui.session import handshake
+from imutui.session.handshake import Identity, InstrumentError
+
+_LOOK_S = 0.1
+_REFUSED_S = 1.0
+_PING_S = 0.5
+_HEAR_S = 2.0
+_MANY = 4096
+# a unit comes back at the speed it had, or at that of power-up; who knows who used it meanwhile is asked now and then
+_QUICK_SPEEDS = (POWER_UP_BAUD,)
+_ALL_SPEEDS_EVERY = 8
+
+_LEAST_SILENCE_S = 5.0
+_SILENT_PERIODS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownUnit:
+    """The unit that an acquisition began with, and alone goes on with.
+
+    Attributes
+    ----------
+    identity : Identity
+        What it said of itself.
+    baud : int
+        Speed of its line.
+    """
+
+    identity: Identity
+    baud: int
+
+    def in_words(self) -> str:
+        """How the unit is told from others."""
+        number = self.identity.serial_number
+        return f"the unit with serial number {number}" if number else "the same unit"
+
+
+@dataclass(frozen=True, slots=True)
+class LineLost:
+    """The line went away, or nothing has come over it for long.
+
+    Attributes
+    ----------
+    message : str
+        Which line, and what is known of why.
+    since_ns : int
+        When the last packet was read, monotonic.
+    final : bool
+        Whether it is not waited for: nothing had come over it yet, or what went away cannot come back.
+    """
+
+    message: str
+    since_ns: int
+    final: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StillAway:
+    """What is being waited for, in words; `refused` if that is because another unit answers."""
+
+    waits_for: str
+    refused: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LineReturned:
+    """The same unit is back and was set up as before; its first packet follows.
+
+    Attributes
+    ----------
+    from_ns, to_ns : int
+        When the last packet before and the first one after were read, monotonic.
+    found : str
+        How it was found, in words.
+    """
+
+    from_ns: int
+    to_ns: int
+    found: str
+
+
+class DifferentUnitError(InstrumentError):
+    """A unit answers, but not the one that is waited for."""
+
+
+def ask_again_after_s(poll_hz: float | None) -> float:
+    """Seconds without a packet after which the unit is asked who it is, as one that was reset has to be."""
+    return max(_LEAST_SILENCE_S, _SILENT_PERIODS / poll_hz if poll_hz else 0.0)
+
+
+def ask_silent(port: Port, known: KnownUnit, stopping: threading.Event) -> bytes:
+    """Ping a unit that nothing comes from, until something does; returns it, up to the next quiet.
+
+    That may be the answer of a unit that was reset; or packets from before, where it was the line that had stalled.
+
+    Parameters
+    ----------
+    port : Port
+        Open, and left as it is.
+    known : KnownUnit
+        It has its speed still, or that of power-up.
+    stopping : threading.Event
+        Ends the wait.
+
+    Raises
+    ------
+    PortError
+        If the line goes away, or its name leads to another device by now.
+    """
+    speeds = dict.fromkeys((known.baud, POWER_UP_BAUD))
+    for speed in itertools.cycle(speeds):
+        if stopping.is_set():
+            return b""
+        if port.has_moved():
+            raise PortError(f"{port.lasting_name} leads to another device by now")
+        if len(speeds) > 1:
+            port.set_baud(speed)
+        port.write(encode(StopStream()) + encode(Ping()))
+        heard = _hear(port)
+        if heard:
+            return heard
+    raise AssertionError
+
+
+def _hear(port: Port) -> bytes:
+    """What comes within half a second, and all that follows it without a pause."""
+    began, heard = time.monotonic(), b""
+    while not heard and time.monotonic() - began < _PING_S:
+        heard = port.read(PACKET_BYTES)
+    data = heard
+    while data and time.monotonic() - began < _HEAR_S:
+        data = port.read(_MANY)
+        heard += data
+    return heard
+
+
+def find_again(
+    port: Port, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
+) -> str | None:
+    """Wait for the unit, and set it up as it was; it is polled afterwards.
+
+    Parameters
+    ----------
+    port : Port
+        Opened anew if it was closed, or its name leads to another device by now.
+    known : KnownUnit
+        Which unit, and its speed.
+    stopping : threading.Event
+        Ends the wait.
+    tell : callable
+        Told what is being waited for, whenever that has changed.
+    streams : bool
+        Whether the unit sends by itself, if it kept its power.
+
+    Returns
+    -------
+    str or None
+        How it was found, in words; None if the wait was ended.
+    """
+    told: StillAway | None = None
+    kept_power, unanswered = False, 0
+    while not stopping.is_set():
+        pause = _LOOK_S
+        try:
+            if not port.is_open or port.has_moved():
+                port.reopen(known.baud)
+            kept_power |= streams and bool(port.read(PACKET_BYTES))
+            identity = _set_up(port, known, thorough=unanswered % _ALL_SPEEDS_EVERY == _ALL_SPEEDS_EVERY - 1)
+            return _in_words(known, identity, kept_power=kept_power if streams else None)
+        except PortError as error:
+            port.close()
+            away = StillAway(f"{port.lasting_name} to come back ({error})", refused=False)
+        except DifferentUnitError as error:
+            # closed meanwhile: whoever means that unit may have it
+            port.close()
+            pause, away = _REFUSED_S, StillAway(str(error), refused=True)
+        except InstrumentError:
+            unanswered += 1
+            away = StillAway(f"the unit to answer at {port.lasting_name}", refused=False)
+        if away != told:
+            tell(away)
+            told = away
+        stopping.wait(pause)
+    return None
+
+
+def _set_up(port: Port, known: KnownUnit, *, thorough: bool) -> Identity:
+    """Identify the unit, refuse another one, set its speed and mode; raises InstrumentError or PortError."""
+
+    def accept(identity: Identity) -> None:
+        why = refusal(known.identity, identity)
+        if why is not None:
+            raise DifferentUnitError(f"{known.in_words()}; {port.lasting_name} has {why}")
+
+    speeds = handshake.SPEEDS if thorough else _QUICK_SPEEDS
+    return handshake.open_dialogue(port, known.baud, say=lambda text: None, accept=accept, speeds=speeds)
+
+
+def refusal(known: Identity, found: Identity) -> str | None:
+    """Why a unit is not taken for the one that is known, in words; None if it is the same."""
+    if known.serial_number and not found.serial_number:
+        return "a unit that does not say its serial number"
+    if known.serial_number != found.serial_number and known.serial_number:
+        return f"another unit, serial number {found.serial_number}"
+    if not known.serial_number and found.serial_number:
+        return f"a unit with serial number {found.serial_number}, where it had none before"
+    if not known.serial_number and found.version != known.version:
+        return f'another unit, version "{found.version}"'
+    return None
+
+
+def _in_words(known: KnownUnit, identity: Identity, *, kept_power: bool | None) -> str:
+    number = identity.serial_number
+    said = [f"serial number {number}" if number else "taken for the same by its port: it has no serial number"]
+    if identity.version != known.identity.version:
+        said.append(f'its version is "{identity.version}" now, "{known.identity.version}" before')
+    if kept_power is not None:
+        said.append("it was sending still" if kept_power else "it had stopped sending: reset, or without power")
+    return "; ".join(said)
