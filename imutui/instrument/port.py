@@ -161,6 +161,19 @@ class Port:
         except _HANGUP as error:
             raise PortError(self._gone(error)) from error
 
+    def waiting(self) -> int:
+        """How many bytes have arrived and were not read; over a network perhaps fewer, but 0 only if there are none.
+
+        Raises
+        ------
+        PortError
+            If the line is gone.
+        """
+        try:
+            return int(self._serial.in_waiting)
+        except _HANGUP as error:
+            raise PortError(self._gone(error)) from error
+
     def discard_input(self) -> None:
         """Forget bytes that have arrived."""
         try:

@@ -11,28 +11,28 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from imutui.instrument.clock import arrival_before
-from imutui.instrument.crossbow import Decoder, Discarded, GetPacket, Mode, Packet, StartStream, encode
+from imutui.instrument.crossbow import Decoder, Discarded, Mode, Packet, StartStream, encode
 from imutui.instrument.port import Port, PortError
 from imutui.session import handshake, reconnection, zeroing
+from imutui.session.polling import Poller
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
-
-_POLL_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class PacketArrival:
-    """A packet as it was read."""
+    """A packet as it was read; `requested_ns` is when it was asked for, None if it came by itself."""
 
     packet: Packet
     host_ns: int
     contiguous: bool
     bad_checksums: int
     discarded_bytes: int
+    requested_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class PollUnanswered:
-    """A poll that was not answered in time."""
+    """A poll whose answer certainly does not come any more."""
 
     host_ns: int
 
@@ -210,7 +210,7 @@ class Reader:
         self._count(decoder)
 
     def _poll(self, hz: float) -> None:
-        decoder = Decoder()
+        poller = Poller(self._port, self._wake.is_set)
         start = time.monotonic()
         number = 0
         while not self.stopping.is_set():
@@ -219,33 +219,31 @@ class Reader:
                 continue
             # a poll that took longer than a period is not made up for: the next one keeps to the grid
             number = max(number + 1, int((time.monotonic() - start) * hz) + 1)
-            decoder.expect_packets(Mode.SCALED, streaming=False)
-            self._port.write(encode(GetPacket()))
-            packet, host_ns = self._await_packet(decoder)
-            if packet is None:
-                self._emit(PollUnanswered(host_ns))
-            else:
-                self._arrived(packet, host_ns, decoder, contiguous=False)
+            try:
+                answer = poller.poll()
+            finally:
+                if poller.unanswered:
+                    self._emit(PollUnanswered(time.monotonic_ns()))
+            if answer is not None:
+                self._arrived(answer.packet, answer.arrived_ns, poller, requested_ns=answer.requested_ns)
 
-    def _await_packet(self, decoder: Decoder) -> tuple[Packet | None, int]:
-        deadline = time.monotonic() + _POLL_S
-        while time.monotonic() < deadline:
-            data = self._port.read(decoder.missing)
-            host_ns = time.monotonic_ns()
-            for event in decoder.feed(data):
-                if isinstance(event, Packet):
-                    return event, host_ns
-        return None, time.monotonic_ns()
-
-    def _arrived(self, packet: Packet, host_ns: int, decoder: Decoder, *, contiguous: bool) -> None:
+    def _arrived(
+        self,
+        packet: Packet,
+        host_ns: int,
+        counters: Decoder | Poller,
+        *,
+        contiguous: bool = False,
+        requested_ns: int | None = None,
+    ) -> None:
         if self._found is not None:
             self._emit(LineReturned(self.last_packet_ns, host_ns, self._found))
             self._found = None
         self.last_packet_ns, self._received = host_ns, True
-        bad = self._bad_checksums + decoder.bad_checksums
-        discarded = self._discarded_bytes + decoder.discarded_bytes
+        bad = self._bad_checksums + counters.bad_checksums
+        discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
-        self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded))
+        self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded, requested_ns))
 
     def _count(self, decoder: Decoder) -> None:
         """Keep a decoder's counters; what it still holds was cut off on purpose and counts for nothing."""
