@@ -45,8 +45,15 @@ scenario::
 
     [[fault]]                          # on the wire, seconds after the first request for data
     at_s = 5.0
-    kind = "drop_bytes"                # "drop_bytes", "garbage", "bit_flips" with `count`, "silence" with `seconds`
+    kind = "drop_bytes"                # or another of FAULT_KINDS, with `count` or `seconds` as they are measured
     count = 7
+
+    [[fault]]
+    at_s = 8.0
+    kind = "hang_up"
+    seconds = 2.0
+    power = true                       # the unit comes back as after power-up; default: it runs on
+    serial_number = 7                  # another unit comes back
 """
 
 import math
@@ -300,14 +307,21 @@ def _fault(table: Mapping[str, Any], where: str) -> Fault:
     if not isinstance(kind, str) or kind not in FAULT_KINDS:
         raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
     measure = FAULT_KINDS[kind]
-    _known(table, ("at_s", "kind", measure), f"in {where}{kind}")
+    more = ("power", "serial_number") if kind == "hang_up" else ()
+    _known(table, tuple(filter(None, ("at_s", "kind", measure, *more))), f"in {where}{kind}")
     at = _number(table, "at_s", where, least=0.0)
+    if not measure:
+        return Fault(at, kind)
     if measure == "count":
         return Fault(at, kind, count=_whole(table, "count", 1, where))
     seconds = _number(table, "seconds", where, least=0.0)
     if seconds == 0.0:
         raise ValueError(f"{where}`seconds` is 0, not a positive number")
-    return Fault(at, kind, seconds=seconds)
+    serial_number = _whole(table, "serial_number", 0, where) if "serial_number" in table else None
+    try:
+        return Fault(at, kind, seconds=seconds, power=_yes(table, "power", where), serial_number=serial_number)
+    except ValueError as error:
+        raise ValueError(f"{where}{error}") from error
 
 
 def _site(table: Mapping[str, Any]) -> Site:
@@ -379,6 +393,13 @@ def _whole(table: Mapping[str, Any], key: str, least: int, where: str) -> int:
     value = table.get(key)
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise ValueError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
+    return value
+
+
+def _yes(table: Mapping[str, Any], key: str, where: str, default: bool = False) -> bool:
+    value = table.get(key, default)
+    if not isinstance(value, bool):
+        raise ValueError(f"{where}`{key}` is {value!r}, not true or false")
     return value
 
 

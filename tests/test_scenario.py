@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -88,6 +89,16 @@ count = 7
 at_s = 9
 kind = "silence"
 seconds = 0.25
+
+[[fault]]
+at_s = 10
+kind = "mode_change"
+
+[[fault]]
+at_s = 11
+kind = "hang_up"
+seconds = 2
+serial_number = 7
 """
 
 
@@ -133,7 +144,12 @@ def test_a_scenario_in_a_file_is_the_scenario(tmp_path: Path) -> None:
     first = PowerOn(11, Temperature(((0.0, 40.0),)), None, s.power_ons[0].gyro_bias)
     assert s.power_ons == (first, PowerOn(), PowerOn())
     assert first.gyro_bias == pytest.approx((0.5 * DEG, -0.2 * DEG, 0.1 * DEG))
-    assert s.faults == (Fault(5.0, "drop_bytes", count=7), Fault(9.0, "silence", seconds=0.25))
+    assert s.faults == (
+        Fault(5.0, "drop_bytes", count=7),
+        Fault(9.0, "silence", seconds=0.25),
+        Fault(10.0, "mode_change"),
+        Fault(11.0, "hang_up", seconds=2.0, serial_number=7),
+    )
 
 
 def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
@@ -188,6 +204,10 @@ WRONG = [
     ('[[fault]]\nat_s = 1\nkind = "silence"\ncount = 3', ["`count` is unknown in fault 1: silence", "seconds"]),
     ('[[fault]]\nat_s = -1\nkind = "silence"\nseconds = 3', ["`at_s` is -1"]),
     ('[[fault]]\nat_s = 1\nkind = "garbage"\ncount = 0', ["`count` is 0"]),
+    ('[[fault]]\nat_s = 1\nkind = "stall"\nseconds = 1\npower = true', ["`power` is unknown in fault 1: stall"]),
+    ('[[fault]]\nat_s = 1\nkind = "reset"\ncount = 1', ["`count` is unknown in fault 1: reset"]),
+    ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\npower = 3', ["fault 1", "`power` is 3"]),
+    ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\nserial_number = 4294967296', ["`serial_number`", "32"]),
     ("[site]\nlatitude_deg = 3", ["`longitude_deg` is missing"]),
     ("[site]\nlatitude_deg = 91\nlongitude_deg = 0\nheight_m = 0", ["`latitude_deg` is 91"]),
     ("[instrument]\naccel_sign = 2", ["`accel_sign` is 2"]),
@@ -270,10 +290,10 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
     """Biases of the second power-on, a slope with temperature, a gap and a lost packet, recorded like a real unit's."""
     written(home, WIRE, "s.toml")
     wish = ("--duration", "4", "--rate", "133", "--filter", "none", "-o", "a.mcap", "--json")
-    with virtual("--scenario", "s.toml", "--power-on", "1") as port:
+    with virtual("--scenario", "s.toml", "--power-on", "1", "--sent", "sent.csv") as port:
         done = imutui("record", "--port", port, *wish)
     assert json.loads(done.stdout)
-    log = reader.read(home / "a.mcap")
+    log = reader.read(home / "a.mcap", raw=True)
     axes = log.info.axes()
     dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))
     mg = axes.accel_to_instrument(log.accel) / 9.80665e-3
@@ -286,6 +306,14 @@ def test_a_scenario_over_the_wire_is_in_the_counts(home: Path) -> None:
     gaps = np.diff(seconds)
     missing = (gaps - 0.0075)[gaps > 0.01].sum() / 0.0075
     assert missing == pytest.approx(41, abs=8), "forty in the silence, and one packet that lost some bytes"
+    heading, *rows = (home / "sent.csv").read_text().split()
+    assert heading == "sampled_monotonic_ns,mode,ticks,frame"
+    sent = [bytes.fromhex(row.split(",")[3]) for row in rows]
+    received = [struct.pack(">6h2H", *packet.counts, packet.temperature, packet.ticks) for packet in log.raw]
+    rest = iter(sent)
+    assert all(any(frame[1:17] == words for frame in rest) for words in received), "each was sent, in this order"
+    assert sent[-1][0] == 0xFF
+    assert rows[0].split(",")[1:3] == ["scaled", str(int.from_bytes(sent[0][15:17], "big"))]
 
 
 @pytest.mark.parametrize(

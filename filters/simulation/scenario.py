@@ -16,7 +16,20 @@ _WARM_UP_KELVIN = 6.0
 _WARM_UP_SECONDS = 600.0
 _ROOM_DEGC = 24.0
 
-FAULT_KINDS = {"drop_bytes": "count", "garbage": "count", "bit_flips": "count", "silence": "seconds"}
+FAULT_KINDS = {
+    "drop_bytes": "count",
+    "garbage": "count",
+    "bit_flips": "count",
+    "silence": "seconds",
+    "lose_packets": "count",
+    "stall": "seconds",
+    "backlog": "count",
+    "stutter": "seconds",
+    "reset": "",
+    "mode_change": "",
+    "pause": "seconds",
+    "hang_up": "seconds",
+}
 """Kinds of fault on the wire, and what each is measured in."""
 
 Triple = tuple[float, float, float]
@@ -119,22 +132,39 @@ class Fault:
     at : float
         Since the first request for data, s.
     kind : str
-        "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between. "bit_flips": one bit
-        in each of the next `count` messages. "silence": nothing arrives for `seconds`.
+        On the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between.
+        "bit_flips": one bit in each of the next `count` messages. "silence": nothing arrives for `seconds`, and what
+        was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
+        `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them.
+        "stutter": a packet stops half-way and goes on `seconds` later.
+        Of the unit: "reset": as after power-up. "mode_change": into the other mode. "pause": nothing for `seconds`.
+        Of the port: "hang_up": gone for `seconds`, and back under another name.
     count : int
     seconds : float
+    power : bool
+        With a hang-up: whether the unit loses its power too.
+    serial_number : int or None
+        With a hang-up: of the other unit that comes back.
     """
 
     at: float
     kind: str
     count: int = 0
     seconds: float = 0.0
+    power: bool = False
+    serial_number: int | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_KINDS:
             raise ValueError(f'`kind` is "{self.kind}", not one of: {", ".join(FAULT_KINDS)}')
         if not 0.0 <= self.at < math.inf:
             raise ValueError(f"`at` is {self.at}, not a time from 0 on")
+        if (self.power or self.serial_number is not None) and self.kind != "hang_up":
+            raise ValueError(f"`power` and `serial_number` are of a hang_up, not of {self.kind}")
+        if self.serial_number is not None and not 0 <= self.serial_number < 2**32:
+            raise ValueError(f"`serial_number` is {self.serial_number}, not one of 32 bits")
+        if not FAULT_KINDS[self.kind]:
+            return
         amount = self.count if FAULT_KINDS[self.kind] == "count" else self.seconds
         if not 0 < amount < math.inf:
             raise ValueError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")

@@ -4,6 +4,7 @@ import math
 import signal
 import sys
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -44,6 +45,10 @@ def command(
     ] = None,
     speed: Annotated[float, typer.Option("--speed", metavar="X", help="Times real time.")] = 1.0,
     tap: Annotated[Optional[Path], typer.Option("--tap", help="Write every byte sent to this file.")] = None,  # noqa: UP045
+    sent: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--sent", metavar="FILE.csv", help="Write when each packet was sampled to this file."),
+    ] = None,
     serial_number: Annotated[int, typer.Option("--serial-number", help="Serial number that it reports.")] = 9911750,
     force: Force = False,
     while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
@@ -62,6 +67,7 @@ def command(
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say
     from imutui.cli.spoil import SpoilError, load
     from imutui.cli.virtual_readings import on_the_line
+    from imutui.instrument.sent_packets import SentPackets
     from imutui.instrument.virtual import UnitOptions, VirtualUnit, serve
     from imutui.scenario import ScenarioError
 
@@ -71,8 +77,8 @@ def command(
         raise fail(USAGE, f"--serial-number is {serial_number}; it travels as 32 bits, 0 to 4294967295.")
     if seed is not None and seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
-    if tap is not None:
-        refuse_existing(tap, force)
+    for file in filter(None, (tap, sent)):
+        refuse_existing(file, force)
     if power_on is not None and scenario is None:
         raise fail(USAGE, "--power-on is one of a scenario's: it needs --scenario.")
     if from_start is not None and from_ is None:
@@ -99,7 +105,9 @@ def command(
     def ready(port: str) -> None:
         print(port, flush=True)
 
-    with open(tap if tap is not None else "/dev/null", "wb", buffering=0) as sink:
+    with ExitStack() as files:
+        sink = None if tap is None else files.enter_context(open(tap, "wb", buffering=0))
+        truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")))
         try:
             serve(
                 unit,
@@ -111,6 +119,7 @@ def command(
                 while_stdin=while_stdin,
                 stop=stop,
                 line=made.line,
+                on_packet=truth,
             )
         except FileExistsError as error:
             raise fail(USAGE, str(error)) from error

@@ -1,7 +1,7 @@
 """Readings for the virtual instrument: a simulated unit, a recording, or a recording with something added."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +79,7 @@ class SimulatedReadings:
     def line(self) -> FaultyLine | None:
         """What its scenario does to bytes on the wire; None where that is nothing."""
         scenario = self.unit.scenario
-        faults = [LineFault(fault.at, fault.kind, fault.count, fault.seconds) for fault in scenario.faults]
+        faults = [LineFault(**asdict(fault)) for fault in scenario.faults]
         lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
         return FaultyLine(faults, self._fate if lossy else None, scenario.seed) if faults or lossy else None
 

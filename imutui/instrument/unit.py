@@ -8,17 +8,13 @@ deaf while it zeroes its rate sensors; voltage words are centred on 2.5 V and re
 """
 
 import math
-from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.imu import LOOP_HZ
 from imutui.instrument.crossbow import (
-    BITS_PER_BYTE,
     COUNTER_SPAN,
     PACKET_BYTES,
     POWER_UP_BAUD,
@@ -50,9 +46,8 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
-
-# A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
-_BAUD_TOLERANCE = 0.03
+from imutui.instrument.transmitter import SAME_INSTANT_S, Transmitter, same_speed, transfer_s
+from imutui.instrument.unit_options import VERSION_CHARACTERS, Reading, Source, UnitOptions
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
@@ -61,128 +56,8 @@ _BAUD_PATIENCE_S = 10.0
 # "Sensor voltages: 2.5 V at rest": the middle of what a word can say
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
 
-VERSION_CHARACTERS = 30
-"""The longest text of an answer to `v`."""
-
-# Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
-_SAME_INSTANT_S = 1e-9
-
 # What a receiver makes of bytes at a wrong speed: garbage, here the same garbage each time, and never the right byte.
 _SCRAMBLE = 0b1011_0110
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round.
-
-    Attributes
-    ----------
-    rates_dps : tuple of float
-        Angular rate about X, Y, Z, deg/s.
-    accels_g : tuple of float
-        Acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g.
-    temperature_degc : float
-        Inside the case, degC.
-    """
-
-    rates_dps: tuple[float, float, float]
-    accels_g: tuple[float, float, float]
-    temperature_degc: float
-
-
-class Source(Protocol):
-    """What the virtual unit measures."""
-
-    def reading(self, k: int) -> Reading | None:
-        """Return what the unit's own loop reads at its instant `k`, or None once there is no more.
-
-        Instants are counted at `UnitOptions.loop_hz` from the first command that needs a reading. `k` never decreases;
-        it repeats when the host polls faster than the loop, and skips what the line was too slow for.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class UnitOptions:
-    """What may differ from unit to unit, or is disputed between documents.
-
-    Attributes
-    ----------
-    serial_number : int
-        The answer to `S`.
-    version : str
-        The answer to `v`, at most 30 characters; 24 on the units that others have seen.
-    source : str
-        Where the readings come from, for a unit that can say more than fits into a version. The version then ends in
-        "+" and a number: so many further `v` are answered with the text piece by piece; a ping begins anew. No real
-        unit has it.
-    ping : {"keeps", "stops", "resets"}
-        What `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
-        hardware); it returns to power-up, voltage mode and polled (AHRS400 manual).
-    power_up_mode : Mode
-        Mode at power-up, and after an `R` that resets. The unit is polled then.
-    loop_hz, loop_hz_voltage : float
-        Rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
-    zero_samples_per_unit : int
-        Samples averaged for each unit of the argument of `z`; 10 or 100 by different sources.
-    scaling : Scaling
-        Ranges of the model.
-    """
-
-    serial_number: int = 9911750
-    version: str = "IMU400CD-200 VIRTUAL 1.0"
-    source: str = ""
-    ping: Literal["keeps", "stops", "resets"] = "stops"
-    power_up_mode: Mode = Mode.VOLTAGE
-    loop_hz: float = LOOP_HZ
-    loop_hz_voltage: float = 213.3
-    zero_samples_per_unit: int = 10
-    scaling: Scaling = field(default_factory=Scaling)
-
-
-def same_speed(baud: int, other_baud: int) -> bool:
-    """Whether a receiver at one speed understands a sender at the other."""
-    return abs(baud - other_baud) <= _BAUD_TOLERANCE * baud
-
-
-def transfer_s(length: int, baud: int) -> float:
-    """Time that `length` bytes take on the line, s."""
-    return length * BITS_PER_BYTE / baud
-
-
-class _Transmitter:
-    """The sending half of the unit's UART: one byte after the other, ten bit times each."""
-
-    def __init__(self) -> None:
-        self._sendings: deque[tuple[float, int, bytes]] = deque()  # start, baud, bytes
-        self._taken = 0  # bytes of the first sending that have been taken
-        self.free_at = -math.inf
-
-    def send(self, data: bytes, start: float, baud: int) -> None:
-        """Send `data` at `start`, or when what is on the line has left."""
-        start = max(start, self.free_at)
-        self._sendings.append((start, baud, data))
-        self.free_at = start + transfer_s(len(data), baud)
-
-    def take(self, now: float) -> Iterator[tuple[int, bytes]]:
-        """Yield the speed and the bytes of all that has left by `now` and was not taken before."""
-        while self._sendings:
-            start, baud, data = self._sendings[0]
-            left = min(len(data), math.floor((now - start + _SAME_INSTANT_S) / transfer_s(1, baud)))
-            if left > self._taken:
-                yield baud, data[self._taken : left]
-                self._taken = left
-            if self._taken < len(data):
-                return
-            self._sendings.popleft()
-            self._taken = 0
-
-    def next_end(self) -> float | None:
-        """Return when the first message on the line will have left."""
-        if not self._sendings:
-            return None
-        start, baud, data = self._sendings[0]
-        return start + transfer_s(len(data), baud)
 
 
 @dataclass(slots=True)
@@ -209,25 +84,38 @@ class VirtualUnit:
         Which unit this is.
     seed : int, optional
         Where the time counter starts is drawn from it; without a seed it starts at 0.
+
+    Attributes
+    ----------
+    options : UnitOptions
+        Which unit this is.
+    on_packet : callable or None
+        Told of every packet that it begins to send, and of the instant that was sampled.
     """
 
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
         self.options = options or UnitOptions()
+        self.on_packet: Callable[[Packet, float], None] | None = None
         self._source = source
-        self._line = _Transmitter()
+        self._line = Transmitter()
+        self._loop_start = math.inf  # not started
+        self._last_sample = -1
+        self._last_read = 0
+        self._ended = False
+        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(COUNTER_SPAN))
+        self._wake()
+
+    def _wake(self) -> None:
+        """Be as after power-up."""
         self._commands = CommandDecoder()
         self._baud = POWER_UP_BAUD
         self._measuring_until = -math.inf
         self._mode = self.options.power_up_mode
         self._streaming = False
-        self._loop_start = math.inf  # not started
-        self._last_sample = -1
         self._zeroing: _Zeroing | None = None
         self._zero_dps = np.zeros(3)
-        self._ended = False
         self._versions = _versions(self.options)
         self._versions_told = 0
-        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(COUNTER_SPAN))
 
     @property
     def baud(self) -> int:
@@ -248,6 +136,33 @@ class VirtualUnit:
     def ended(self) -> bool:
         """Whether the source has run out: the unit sends no more packets, but still answers."""
         return self._ended
+
+    def power_up(self, now: float, serial_number: int | None = None) -> None:
+        """Begin anew: what is on the line breaks off, the counter restarts, and the loop goes on where it was.
+
+        Parameters
+        ----------
+        now : float
+            Time, s.
+        serial_number : int, optional
+            That of another unit, which takes this one's place.
+        """
+        self._advance(now)
+        self._line.cut(now)
+        if serial_number is not None:
+            self.options = replace(self.options, serial_number=serial_number)
+        self._first_ticks = (math.floor(now / TICK_S) - 1) % COUNTER_SPAN
+        self._wake()
+
+    def change_mode(self, now: float) -> None:
+        """Fall into the other mode, unasked; a stream goes on."""
+        self._advance(now)
+        self._set_mode(Mode.VOLTAGE if self._mode is Mode.SCALED else Mode.SCALED, now)
+
+    def pause(self, now: float, seconds: float) -> None:
+        """Send nothing for so long after what is on the line; the loop and the counter go on."""
+        self._advance(now)
+        self._line.hold(now + seconds)
 
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Command]:
         """Let bytes from the host arrive.
@@ -347,20 +262,27 @@ class VirtualUnit:
             case AskSerialNumber():
                 self._answer(SerialNumber(self.options.serial_number), now)
             case AskVersion():
-                self._answer(Version(self._versions[self._versions_told % len(self._versions)]), now)
-                self._versions_told += 1
+                self._answer_version(now)
             case ZeroRateSensors(argument):
                 self._zero(argument, now)
-            case RequestBaud():
+            case RequestBaud() if self.options.auto_baud:
                 self._answer(BaudReady(), now)
                 self._measuring_until = now + _BAUD_PATIENCE_S
             case MeasureBaud():
                 self._measure_baud(now, host_baud)
-            case UnknownCommand():
+            case UnknownCommand() | RequestBaud():
                 pass  # "reply to an unknown byte: open; silence"
 
     def _answer(self, reply: Reply, now: float) -> None:
-        self._line.send(encode(reply), now, self._baud)
+        self._line.send(encode(reply), now + self.options.reply_delay_s, self._baud)
+
+    def _answer_version(self, now: float) -> None:
+        text = self._versions[self._versions_told % len(self._versions)]
+        self._versions_told += 1
+        if self.options.version_plain_text:
+            self._line.send(text.encode("ascii"), now + self.options.reply_delay_s, self._baud)
+        else:
+            self._answer(Version(text), now)
 
     def _ping(self, now: float) -> None:
         self._versions_told = 0
@@ -422,12 +344,12 @@ class VirtualUnit:
 
     def _sample_at(self, instant: float) -> int:
         """Newest sample that the loop has taken at `instant`."""
-        return math.floor((instant - self._loop_start + _SAME_INSTANT_S) * self._loop_hz)
+        return math.floor((instant - self._loop_start + SAME_INSTANT_S) * self._loop_hz)
 
     def _pass_by(self, now: float) -> None:
         """Leave out the samples before `now`: what follows begins with the loop's next."""
         newest = self._sample_at(now)
-        self._last_sample = newest - 1 if self._instant(newest) >= now - _SAME_INSTANT_S else newest
+        self._last_sample = newest - 1 if self._instant(newest) >= now - SAME_INSTANT_S else newest
 
     def _advance(self, now: float) -> None:
         """Do all that falls due by `now`."""
@@ -468,7 +390,9 @@ class VirtualUnit:
         """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
         k = sample
         if self._mode is Mode.VOLTAGE:
-            k = math.floor((sample / self.options.loop_hz_voltage + _SAME_INSTANT_S) * self.options.loop_hz)
+            k = math.floor((sample / self.options.loop_hz_voltage + SAME_INSTANT_S) * self.options.loop_hz)
+        # a mode whose instants lie otherwise would ask for a reading just before the last one
+        self._last_read = k = max(k, self._last_read)
         reading = None if self._ended else self._source.reading(k)
         self._ended = reading is None
         return reading
@@ -486,8 +410,11 @@ class VirtualUnit:
         else:
             rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_range_dps)
             accels = _sensor_words(scaling, reading.accels_g, scaling.accel_range_g)
-        temperature = int(scaling.temperature_counts(reading.temperature_degc))
-        return Packet(self._mode, _triple(rates), _triple(accels), temperature, self._ticks(self._instant(sample)))
+        temperature, instant = int(scaling.temperature_counts(reading.temperature_degc)), self._instant(sample)
+        packet = Packet(self._mode, _triple(rates), _triple(accels), temperature, self._ticks(instant))
+        if self.on_packet is not None:
+            self.on_packet(packet, instant)
+        return packet
 
     def _ticks(self, instant: float) -> int:
         return (self._first_ticks - math.floor(instant / TICK_S)) % COUNTER_SPAN

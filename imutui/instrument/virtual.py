@@ -1,16 +1,13 @@
-"""A virtual IMU400CD on a pseudo-terminal: `unit.VirtualUnit` put on a line, with the time kept."""
+"""A virtual IMU400CD on a pseudo-terminal: a unit and its line (`wire.Wire`) with the time kept."""
 
 import os
 import select
 import sys
-import termios
 import threading
 import time
-import tty
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.crossbow import (
@@ -19,6 +16,7 @@ from imutui.instrument.crossbow import (
     Command,
     GetPacket,
     MeasureBaud,
+    Packet,
     Ping,
     RequestBaud,
     SetMode,
@@ -29,7 +27,11 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.unit import Reading, Source, UnitOptions, VirtualUnit, same_speed, transfer_s
+from imutui.instrument.pseudo_terminal import PseudoTerminal
+from imutui.instrument.transmitter import same_speed, transfer_s
+from imutui.instrument.unit import VirtualUnit
+from imutui.instrument.unit_options import Reading, Source, UnitOptions
+from imutui.instrument.wire import Wire
 
 __all__ = [
     "LOOP_HZ",
@@ -39,6 +41,7 @@ __all__ = [
     "Source",
     "UnitOptions",
     "VirtualUnit",
+    "Wire",
     "in_words",
     "serve",
     "transfer_s",
@@ -47,81 +50,12 @@ __all__ = [
 # How late, in wall time, bytes may still leave when the process was held up; what is older is lost.
 _BACKLOG_S = 1.0
 
-# How often to look at `stop` when nothing else happens.
+# How often to look at `stop` when nothing else happens, and how often at a host's full queue.
 _LOOK_UP_S = 0.1
+_LOOK_AT_QUEUE_S = 0.002
 
-_BAUD_OF_TERMIOS = {
-    getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
-}
-
-
-class _Pty:
-    """The unit's end of a pseudo terminal, raw, at the power-up speed.
-
-    Its other end is kept open here too: so the master never sees an I/O error when the host closes, and bytes that a
-    host left unread wait for the next one.
-    """
-
-    def __init__(self, link: Path | None) -> None:
-        self._link = link
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        attributes = termios.tcgetattr(self._slave)
-        attributes[4] = attributes[5] = termios.B38400
-        termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
-        os.set_blocking(self._master, False)
-        self._device = os.ttyname(self._slave)
-
-    def __enter__(self) -> Self:
-        try:
-            if self._link is not None:
-                _point(self._link, self._device)
-        except OSError:
-            self._close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self._device:
-            self._link.unlink()
-        self._close()
-
-    def _close(self) -> None:
-        os.close(self._master)
-        os.close(self._slave)
-
-    @property
-    def name(self) -> str:
-        return self._device
-
-    def fileno(self) -> int:
-        return self._master
-
-    def host_baud(self) -> int:
-        """Speed the host has set: both ends of a pty share it. 0 if it is none that termios names."""
-        return _BAUD_OF_TERMIOS.get(termios.tcgetattr(self._master)[5], 0)
-
-    def read(self) -> bytes:
-        try:
-            return os.read(self._master, 4096)
-        except BlockingIOError:
-            return b""
-
-    def write(self, data: bytes) -> bytes:
-        """Write what fits into the host's queue, and return it; the rest is lost, as in a UART that overruns."""
-        try:
-            return data[: os.write(self._master, data)]
-        except BlockingIOError:
-            return b""
-
-
-def _point(link: Path, target: str) -> None:
-    """Make the symbolic link, in place of another one but of nothing else."""
-    if link.is_symlink():
-        link.unlink()
-    elif link.exists():
-        raise FileExistsError(f"{link} exists and is not a symbolic link; choose another name or remove it")
-    link.symlink_to(target)
+# What a line with faults keeps of a burst until the host has read it: half a minute of packets.
+_BURST_BYTES = 65536
 
 
 def serve(
@@ -135,8 +69,9 @@ def serve(
     while_stdin: bool = False,
     stop: threading.Event | None = None,
     line: FaultyLine | None = None,
+    on_packet: Callable[[Packet, int], None] | None = None,
 ) -> None:
-    """Run a unit on a pseudo terminal until told to stop.
+    """Run a unit on a pseudo-terminal until told to stop.
 
     Packets leave on the unit's own time grid: waking late delays bytes, never the ones after them.
 
@@ -147,11 +82,12 @@ def serve(
     link : Path or None
         Symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
     tap : BinaryIO or None
-        Where to copy exactly the bytes that reached the host's queue.
+        Where to copy exactly the bytes that reached the host's queue. What of them a host had not read when the port
+        hung up is taken away again.
     on_ready : callable
         Called once with the port's name, when a host may open it.
     log : callable
-        Called with a sentence for each command received.
+        Called with a sentence for each command received, and when the port goes and comes.
     speed : float
         Unit time over wall time.
     while_stdin : bool
@@ -159,7 +95,10 @@ def serve(
     stop : threading.Event, optional
         Ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
     line : FaultyLine, optional
-        What happens to bytes between the unit and the terminal; nothing without it.
+        What happens to bytes between the unit and the terminal, and when unit and port have faults; nothing without
+        it. With it nothing else is lost: what does not fit into the host's queue waits, up to 64 KiB.
+    on_packet : callable, optional
+        Called with each packet that the unit begins to send, and the host's monotonic time when it was sampled, ns.
 
     Raises
     ------
@@ -170,58 +109,85 @@ def serve(
     """
     if not speed > 0:
         raise ValueError(f"`speed` must be positive, not {speed}")
-    with _Pty(link) as pty:
+    with PseudoTerminal(link) as pty:
         on_ready(pty.name)
         began = time.monotonic()
-        last = 0.0
+        told = None if on_packet is None else _on_the_hosts_clock(on_packet, began)
+        wire = Wire(unit, line, speed, told)
+        queue = _Queue(pty, tap, 0 if line is None else _BURST_BYTES)
+        last, away = 0.0, False
         while stop is None or not stop.is_set():
-            due = unit.next_event(last) if line is None else _sooner(unit.next_event(last), line.next_event())
-            wait = _LOOK_UP_S if due is None else min(max(began + due / speed - time.monotonic(), 0.0), _LOOK_UP_S)
+            due = min(wire.next_event() or last + _LOOK_UP_S, wire.next_port_change(last))
+            wait = min(max(began + due - time.monotonic(), 0.0), _LOOK_AT_QUEUE_S if queue.full else _LOOK_UP_S)
             readable, _, _ = select.select([pty, sys.stdin] if while_stdin else [pty], [], [], wait)
             if sys.stdin in readable and not os.read(sys.stdin.fileno(), 4096):
                 return
-            now = (time.monotonic() - began) * speed
+            # never beyond what happens to the port, so that each byte meets the port that there was
+            now = min(time.monotonic() - began, wire.next_port_change(last))
             baud = pty.host_baud()
-            if now - last > _BACKLOG_S * speed:
-                unit.transmit(now - _BACKLOG_S * speed, baud)
-            if line is not None:
-                _carry(unit, line, last, now, baud)
-            if pty in readable and _hear(unit, pty.read(), now, baud, log) and line is not None:
-                line.started(now)
-            _send(pty, unit.transmit(now, baud) if line is None else line.take(now), tap)
+            if now - last > _BACKLOG_S:
+                wire.forget(now - _BACKLOG_S, baud)
+            if pty in readable:
+                _hear(unit, wire, pty.read(), now, baud, log)
+            queue.put(wire.arrived(now, baud))
+            if wire.is_away(now) is not away:
+                away = not away
+                log(queue.hang_up() if away else _back(pty))
             last = now
 
 
-def _sooner(a: float | None, b: float | None) -> float | None:
-    return min((x for x in (a, b) if x is not None), default=None)
+def _on_the_hosts_clock(on_packet: Callable[[Packet, int], None], began: float) -> Callable[[Packet, float], None]:
+    return lambda packet, instant: on_packet(packet, round((began + instant) * 1e9))
 
 
-def _carry(unit: VirtualUnit, line: FaultyLine, last: float, now: float, baud: int) -> None:
-    """Put what left the unit by `now` on the line, message by message: faults and losses are of whole ones."""
-    while (left := unit.next_event(last)) is not None and left <= now:
-        message = unit.transmit(left, baud)
-        if not message:
-            return  # the source has run out
-        line.put(message, left - transfer_s(len(message), unit.baud), left)
-        last = left
+class _Queue:
+    """What has arrived for the host and did not fit into its queue.
+
+    Up to `most` bytes wait; what is more is lost, as in a UART that overruns.
+    """
+
+    def __init__(self, pty: PseudoTerminal, tap: BinaryIO | None, most: int) -> None:
+        self._pty = pty
+        self._tap = tap
+        self._most = most
+        self._waiting = b""
+
+    @property
+    def full(self) -> bool:
+        """Whether something waits."""
+        return bool(self._waiting)
+
+    def put(self, data: bytes) -> None:
+        data = self._waiting + data
+        sent = self._pty.write(data) if data else b""
+        self._waiting = data[len(sent) : len(sent) + self._most]
+        if self._tap is not None and sent:
+            self._tap.write(sent)
+            self._tap.flush()
+
+    def hang_up(self) -> str:
+        """Hang up: what waits is lost, and what the host has not read. In words."""
+        name, self._waiting = self._pty.name, b""
+        unread = self._pty.hang_up()
+        if self._tap is not None and unread and self._tap.seekable():
+            self._tap.seek(-unread, os.SEEK_END)
+            self._tap.truncate()
+        return f"hang-up: {name} is gone, with {unread} bytes unread"
 
 
-def _hear(unit: VirtualUnit, data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> bool:
-    """Hand bytes to the unit and log what it understood; whether there was a request for data among it."""
+def _back(pty: PseudoTerminal) -> str:
+    pty.show()
+    return f"back: the port is {pty.name} now"
+
+
+def _hear(unit: VirtualUnit, wire: Wire, data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> None:
+    """Hand bytes to the unit and log what it understood."""
     unit_baud = unit.baud
-    commands = unit.receive(data, now, host_baud)
+    commands = wire.receive(data, now, host_baud)
     for command in commands:
         log(in_words(command))
     if not commands and not same_speed(unit_baud, host_baud):
         log(f"line noise: {len(data)} bytes at {host_baud} baud, the unit is at {unit_baud}")
-    return any(isinstance(command, GetPacket | StartStream | ZeroRateSensors) for command in commands)
-
-
-def _send(pty: _Pty, data: bytes, tap: BinaryIO | None) -> None:
-    sent = pty.write(data) if data else b""
-    if tap is not None and sent:
-        tap.write(sent)
-        tap.flush()
 
 
 def in_words(command: Command) -> str:

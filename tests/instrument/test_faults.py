@@ -119,3 +119,97 @@ def test_an_unknown_kind_is_refused() -> None:
     """With the kinds there are."""
     with pytest.raises(ValueError, match=r"`kind`.*silence"):
         LineFault(0.0, "fire")
+
+
+def arrivals(line: FaultyLine, messages: list[bytes], first_request: float = 50.0) -> list[tuple[float, bytes]]:
+    """When what arrives of messages that leave at the loop's rate, since the first request."""
+    line.started(first_request)
+    out = []
+    for n, message in enumerate(messages):
+        sent = first_request + n / LOOP_HZ
+        line.put(message, sent, sent + PACKET_S)
+    while (at := line.next_event()) is not None:
+        out.append((at - first_request, line.take(at)))
+    return out
+
+
+def test_lost_packets_leave_no_byte() -> None:
+    """The next two packets vanish whole, and a reply between them does not."""
+    messages = packets()[:200]
+    messages.insert(134, b"H")
+    data = b"".join(piece for _, piece in arrivals(FaultyLine((LineFault(1.0, "lose_packets", count=2),)), messages))
+    gone = next(n for n in range(COUNT) if n / LOOP_HZ + PACKET_S >= 1.0)
+    assert gone == 133
+    assert data == b"".join(messages[n] for n in range(201) if n not in (133, 135))
+
+
+def test_a_stall_delivers_all_at_its_end() -> None:
+    """Half a second arrives at once at 1.5 s, nothing is lost, and what follows is on time again."""
+    got = arrivals(FaultyLine((LineFault(1.0, "stall", seconds=0.5),)), packets()[:300])
+    assert b"".join(data for _, data in got) == b"".join(packets()[:300])
+    (burst,) = (data for at, data in got if at == pytest.approx(1.5) and len(data) > 18)
+    assert len(burst) / 18 == pytest.approx(0.5 * LOOP_HZ, abs=1)
+    assert not any(1.0 <= at < 1.5 - 1e-6 for at, _ in got)
+    assert got[-1][0] == pytest.approx(299 / LOOP_HZ + PACKET_S)
+
+
+def test_a_backlog_comes_with_its_last_packet() -> None:
+    """Forty packets at once when the fortieth has left; a reply would have let go what was held."""
+    got = arrivals(FaultyLine((LineFault(0.5, "backlog", count=40),)), packets()[:200])
+    assert b"".join(data for _, data in got) == b"".join(packets()[:200])
+    assert [len(data) // 18 for _, data in got if len(data) > 18] == [40]
+    messages = [*packets()[:70], b"H", *packets()[70:200]]
+    got = arrivals(FaultyLine((LineFault(0.5, "backlog", count=40),)), messages)
+    assert b"".join(data for _, data in got) == b"".join(messages)
+    assert [data[-1:] for _, data in got if len(data) > 18] == [b"H"]
+
+
+def test_a_stutter_cuts_a_packet_in_two() -> None:
+    """Nine bytes in time, the other nine and all behind them 0.2 s later; none is lost."""
+    got = arrivals(FaultyLine((LineFault(1.0, "stutter", seconds=0.2),)), packets()[:200])
+    assert b"".join(data for _, data in got) == b"".join(packets()[:200])
+    half = next(n for n, (_, data) in enumerate(got) if len(data) == 9)
+    assert got[half + 1][0] - got[half][0] == pytest.approx(0.2)
+    assert len(got[half + 1][1]) % 18 == 9
+    assert got[half + 2][0] - got[half + 1][0] < 2 / LOOP_HZ
+
+
+@pytest.mark.parametrize("bursts_s", [0.016, 0.002])
+def test_bursts_come_by_the_timer_of_an_adapter(bursts_s: float) -> None:
+    """All bytes, each at the first tick after it has left the unit; the phase is drawn from the seed."""
+    got = arrivals(FaultyLine((), seed=4, bursts_s=bursts_s), packets()[:100])
+    assert b"".join(data for _, data in got) == b"".join(packets()[:100])
+    ticks = [at / bursts_s for at, _ in got]
+    assert all((tick - ticks[0]) == pytest.approx(round(tick - ticks[0]), abs=1e-6) for tick in ticks)
+    byte_s, left = PACKET_S / 18, [n / LOOP_HZ + PACKET_S * (k + 1) / 18 for n in range(100) for k in range(18)]
+    came = [at for at, data in got for _ in data]
+    late = [b - a for a, b in zip(left, came, strict=True)]
+    assert min(late) >= -1e-9
+    assert max(late) < bursts_s + byte_s
+    other = arrivals(FaultyLine((), seed=5, bursts_s=bursts_s), packets()[:3])
+    assert other[0][0] != pytest.approx(got[0][0], abs=1e-6)
+
+
+def test_a_hang_up_loses_what_is_under_way() -> None:
+    """Bytes that leave while the port is gone never arrive: packets are cut where it goes and comes."""
+    line = FaultyLine((LineFault(0.998, "hang_up", seconds=0.501),))
+    got = b"".join(data for _, data in arrivals(line, packets()[:300]))
+    whole = b"".join(packets()[:300])
+    head = next(n for n in range(len(whole)) if got[n] != whole[n])
+    tail = next(n for n in range(1, len(whole)) if got[-n] != whole[-n]) - 1
+    assert head + tail == len(got)
+    assert head % 18 != 0
+    assert (len(whole) - len(got)) / 18 == pytest.approx(0.501 * LOOP_HZ, abs=1)
+    assert [line.is_away(50.0 + t) for t in (0.997, 0.998, 1.498, 1.499)] == [False, True, True, False]
+    assert line.next_port_change(50.0) == pytest.approx(50.998)
+    assert line.next_port_change(51.0) == pytest.approx(51.499)
+
+
+def test_a_hang_up_loses_what_a_stall_holds() -> None:
+    """An adapter that is unplugged takes along what it had not delivered."""
+    line = FaultyLine((LineFault(0.5, "stall", seconds=1.0), LineFault(1.0, "hang_up", seconds=0.2)))
+    got = arrivals(line, packets()[:300])
+    assert not any(0.5 <= at < 1.5 - 1e-6 for at, _ in got)
+    numbers = arrived(b"".join(data for _, data in got))
+    assert 60 < next(n for n in range(300) if n not in numbers) < 70
+    assert numbers[-1] == 299

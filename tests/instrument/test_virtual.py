@@ -48,7 +48,17 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.virtual import LOOP_HZ, Reading, UnitOptions, VirtualUnit, in_words, serve, transfer_s
+from imutui.instrument.virtual import (
+    LOOP_HZ,
+    FaultyLine,
+    LineFault,
+    Reading,
+    UnitOptions,
+    VirtualUnit,
+    in_words,
+    serve,
+    transfer_s,
+)
 
 LSB_DPS = 300 / 2**15
 PERIOD_S = 1 / LOOP_HZ
@@ -557,14 +567,21 @@ class Served:
     """A unit served on a pty in a thread of its own."""
 
     def __init__(
-        self, unit: VirtualUnit, link: Path | None = None, speed: float = 1.0, while_stdin: bool = False
+        self,
+        unit: VirtualUnit,
+        link: Path | None = None,
+        speed: float = 1.0,
+        while_stdin: bool = False,
+        line: FaultyLine | None = None,
     ) -> None:
         self.tap = io.BytesIO()
         self.log: list[str] = []
         self.stop = threading.Event()
         self._ready = threading.Event()
         self._name = ""
+        self.sent: list[tuple[Packet, int]] = []
         options = {"link": link, "tap": self.tap, "speed": speed, "while_stdin": while_stdin, "stop": self.stop}
+        options |= {"line": line, "on_packet": lambda *packet: self.sent.append(packet)}
         self.thread = threading.Thread(
             target=serve,
             args=(unit,),
@@ -792,3 +809,72 @@ def test_time_does_not_stand_still(speed: float) -> None:
     """A speed that is not positive is misuse."""
     with pytest.raises(ValueError, match="`speed`"):
         serve(VirtualUnit(Ramp()), link=None, tap=None, on_ready=print, log=print, speed=speed)
+
+
+def test_when_each_packet_was_sampled_is_told_on_the_hosts_clock(served: Served) -> None:
+    """On a grid of the loop's period, each before its bytes arrived, on the clock that a host stamps with."""
+    with served.open() as port:
+        port.write(b"c")
+        assert port.read(1) == b"C"
+        before = time.monotonic_ns()
+        packets, _ = stream_from(port, 30)
+        after = time.monotonic_ns()
+    assert [packet for packet, _ in served.sent][:30] == packets
+    instants = np.array([at for _, at in served.sent][:30])
+    assert before < instants[0]
+    assert instants[-1] + PACKET_S * 1e9 < after
+    np.testing.assert_allclose(np.diff(instants), PERIOD_S * 1e9, atol=2)
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_port_hangs_up_and_comes_back_under_another_name(tmp_path: Path, linked: bool) -> None:
+    """A host reads an end or an error; meanwhile there is no link, and afterwards it leads to another port."""
+    link = tmp_path / "imu"
+    line = FaultyLine((LineFault(0.3, "hang_up", seconds=0.3),))
+    with Served(VirtualUnit(Ramp()), link if linked else None, line=line) as served:
+        descriptor = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(descriptor, b"cC")
+            received = b""
+            with pytest.raises(OSError, match="Input/output error"):
+                while True:
+                    more = os.read(descriptor, 4096)
+                    if not more:
+                        raise OSError("Input/output error: the end")
+                    received += more
+        finally:
+            os.close(descriptor)
+        assert not link.is_symlink()
+        assert served.tap.getvalue() == received
+        _wait_for(lambda: any(text.startswith("back") for text in served.log))
+        name = served.log[-1].removeprefix("back: the port is ").removesuffix(" now")
+        assert name != served.port
+        assert not linked or os.path.realpath(link) == name
+        with serial.Serial(str(link) if linked else name, 38400, timeout=PATIENCE_S) as port:
+            assert len(port.read(100)) == 100, "its stream goes on"
+            port.write(b"P")
+            _wait_for(lambda: served.log[-1].startswith("P"))
+            port.read(port.in_waiting)
+    assert not link.is_symlink()
+
+
+def test_what_a_host_has_not_read_goes_with_the_port() -> None:
+    """The tap has what the host could have received: what lay unread when the port hung up is taken out again."""
+    line = FaultyLine((LineFault(0.2, "hang_up", seconds=0.1),))
+    with Served(VirtualUnit(Ramp()), line=line) as served, served.open() as port:
+        port.write(b"cC")
+        _wait_for(lambda: any(text.startswith("hang-up") for text in served.log))
+        assert served.tap.getvalue() == b""
+
+
+def test_a_burst_is_larger_than_a_hosts_queue() -> None:
+    """With a line of its own nothing is lost but by its faults: what does not fit waits until the host has read."""
+    line = FaultyLine((LineFault(0.1, "backlog", count=500),))
+    with Served(VirtualUnit(Ramp()), speed=20.0, line=line) as served, served.open() as port:
+        port.write(b"c")
+        assert port.read(1) == b"C"
+        port.write(b"C")
+        _wait_for(lambda: port.in_waiting >= 4000)
+        packets, discarded = stream_from(port, 600)
+    assert discarded == 0
+    assert numbers(packets) == list(range(packets[0].rates[0], packets[0].rates[0] + 600))

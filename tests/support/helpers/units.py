@@ -2,12 +2,13 @@
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
+from imutui.instrument.messages import Packet
 from imutui.instrument.virtual import FaultyLine, Reading, UnitOptions, VirtualUnit, serve
 
 
@@ -19,8 +20,19 @@ class Still:
 
 
 @contextmanager
-def served(made: VirtualUnit, tap: BinaryIO | None = None, line: FaultyLine | None = None) -> Iterator[str]:
-    """Port of a virtual unit on a pseudo-terminal, over a faulty line if one is given; `tap` gets what arrives too."""
+def served(
+    made: VirtualUnit,
+    tap: BinaryIO | None = None,
+    line: FaultyLine | None = None,
+    *,
+    link: Path | None = None,
+    log: Callable[[str], None] = lambda _: None,
+    on_packet: Callable[[Packet, int], None] | None = None,
+) -> Iterator[str]:
+    """Port of a virtual unit on a pseudo-terminal, or the link to it; what it sends goes into the file `tap` as well.
+
+    What it hears goes to `log`; its packets, with the host's monotonic time when each was sampled (ns), to `on_packet`.
+    """
     ready: list[str] = []
     up, stop = threading.Event(), threading.Event()
 
@@ -28,15 +40,13 @@ def served(made: VirtualUnit, tap: BinaryIO | None = None, line: FaultyLine | No
         ready.append(path)
         up.set()
 
-    def log(text: str) -> None:
-        del text
-
-    options: dict[str, Any] = {"link": None, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop, "line": line}
+    options: dict[str, Any] = {"link": link, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop}
+    options |= {"line": line, "on_packet": on_packet}
     thread = threading.Thread(target=serve, args=(made,), kwargs=options, daemon=True)
     thread.start()
     try:
         assert up.wait(10.0)
-        yield ready[0]
+        yield ready[0] if link is None else str(link)
     finally:
         stop.set()
         thread.join(10.0)

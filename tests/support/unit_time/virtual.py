@@ -18,6 +18,7 @@ from typing import Any
 
 from imutui import cli
 from imutui.instrument import virtual
+from imutui.instrument.pseudo_terminal import PseudoTerminal
 
 # nothing is due for longer than any message takes: the unit waits for a command
 _IDLE_S = 0.05
@@ -86,14 +87,14 @@ def keep_time(folder: Path) -> None:
     clock = UnitTime(folder)
     virtual.time = SimpleNamespace(monotonic=clock.monotonic)  # type: ignore[assignment]
     virtual.select = SimpleNamespace(select=clock.select)  # type: ignore[assignment]
-    write = virtual._Pty.write
+    write = PseudoTerminal.write
 
     def counted(pty: Any, data: bytes) -> bytes:
         sent = write(pty, data)
         clock.sent(len(sent))
         return sent
 
-    virtual._Pty.write = counted  # type: ignore[method-assign]
+    PseudoTerminal.write = counted  # type: ignore[method-assign]
 
 
 def main() -> None:

@@ -1,0 +1,120 @@
+"""The unit's end of a pseudo-terminal, and the link that leads to it: it can hang up, and come back as another."""
+
+import contextlib
+import os
+import termios
+import time
+import tty
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_BAUD_OF_TERMIOS = {
+    getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
+}
+
+# What was written a moment ago is on its way through the kernel, and can be read only at its end.
+_ON_ITS_WAY_S = 0.005
+
+
+class PseudoTerminal:
+    """The unit's end of a pseudo-terminal, raw, at the power-up speed.
+
+    Its other end is kept open here too: so the unit's never sees an I/O error when the host closes, and bytes that a
+    host left unread wait for the next one.
+
+    Parameters
+    ----------
+    link : Path or None
+        Symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
+    """
+
+    def __init__(self, link: Path | None) -> None:
+        self._link = link
+        self._open()
+
+    def _open(self) -> None:
+        self._unit, self._host = os.openpty()
+        tty.setraw(self._host)
+        attributes = termios.tcgetattr(self._host)
+        attributes[4] = attributes[5] = termios.B38400
+        termios.tcsetattr(self._host, termios.TCSANOW, attributes)
+        os.set_blocking(self._unit, False)
+        os.set_blocking(self._host, False)
+        self.name = os.ttyname(self._host)
+
+    def __enter__(self) -> Self:
+        try:
+            self.show()
+        except OSError:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._hide()
+        self._close()
+
+    def show(self) -> None:
+        """Point the link, if there is one, to the terminal: in place of another link but of nothing else."""
+        if self._link is None:
+            return
+        if self._link.is_symlink():
+            self._link.unlink()
+        elif self._link.exists():
+            raise FileExistsError(f"{self._link} exists and is not a symbolic link; choose another name or remove it")
+        self._link.symlink_to(self.name)
+
+    def _hide(self) -> None:
+        if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self.name:
+            self._link.unlink()
+
+    def _close(self) -> None:
+        os.close(self._unit)
+        os.close(self._host)
+
+    def hang_up(self) -> int:
+        """Be gone for the host, and have another name from now on, which nobody knows before `show`.
+
+        Returns
+        -------
+        int
+            How many of the bytes that were written last the host has not read, and never will.
+        """
+        self._hide()
+        time.sleep(_ON_ITS_WAY_S)
+        unread = len(self._unread())
+        former = self._unit, self._host
+        self._open()  # before the other is closed, whose name would be free then
+        for end in former:
+            os.close(end)
+        return unread
+
+    def _unread(self) -> bytes:
+        data = b""
+        with contextlib.suppress(BlockingIOError):
+            while more := os.read(self._host, 4096):
+                data += more
+        return data
+
+    def fileno(self) -> int:
+        """Descriptor of the unit's end."""
+        return self._unit
+
+    def host_baud(self) -> int:
+        """Speed that the host has set: both ends share it. 0 if it is none that termios names."""
+        return _BAUD_OF_TERMIOS.get(termios.tcgetattr(self._unit)[5], 0)
+
+    def read(self) -> bytes:
+        """Return what the host has sent."""
+        try:
+            return os.read(self._unit, 4096)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> bytes:
+        """Write what fits into the host's queue, and return that."""
+        try:
+            return data[: os.write(self._unit, data)]
+        except BlockingIOError:
+            return b""

@@ -1,0 +1,75 @@
+"""The sending half of the virtual unit's UART, and what the speed of a line is: no clock, no I/O."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+
+from imutui.instrument.crossbow import BITS_PER_BYTE
+
+# A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
+_BAUD_TOLERANCE = 0.03
+
+# Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
+SAME_INSTANT_S = 1e-9
+
+
+def same_speed(baud: int, other_baud: int) -> bool:
+    """Whether a receiver at one speed understands a sender at the other."""
+    return abs(baud - other_baud) <= _BAUD_TOLERANCE * baud
+
+
+def transfer_s(length: int, baud: int) -> float:
+    """Time that `length` bytes take on the line, s."""
+    return length * BITS_PER_BYTE / baud
+
+
+class Transmitter:
+    """The sending half of the unit's UART: one byte after the other, ten bit times each."""
+
+    def __init__(self) -> None:
+        self._sendings: deque[tuple[float, int, bytes]] = deque()  # start, baud, bytes
+        self._taken = 0  # bytes of the first sending that have been taken
+        self.free_at = -math.inf
+
+    def send(self, data: bytes, start: float, baud: int) -> None:
+        """Send `data` at `start`, or when what is on the line has left."""
+        start = max(start, self.free_at)
+        self._sendings.append((start, baud, data))
+        self.free_at = start + transfer_s(len(data), baud)
+
+    def hold(self, until: float) -> None:
+        """Begin nothing before `until`."""
+        self.free_at = max(self.free_at, until)
+
+    def cut(self, now: float) -> None:
+        """Break off: what has not left by `now` never will."""
+        begun = [(start, baud, data[: _left(start, baud, data, now)]) for start, baud, data in self._sendings]
+        if begun and len(begun[0][2]) == self._taken:
+            begun[0], self._taken = (0.0, 0, b""), 0
+        self._sendings = deque(sending for sending in begun if sending[2])
+        self.free_at = min(self.free_at, now)
+
+    def take(self, now: float) -> Iterator[tuple[int, bytes]]:
+        """Yield the speed and the bytes of all that has left by `now` and was not taken before."""
+        while self._sendings:
+            start, baud, data = self._sendings[0]
+            left = _left(start, baud, data, now)
+            if left > self._taken:
+                yield baud, data[self._taken : left]
+                self._taken = left
+            if self._taken < len(data):
+                return
+            self._sendings.popleft()
+            self._taken = 0
+
+    def next_end(self) -> float | None:
+        """Return when the first message on the line will have left."""
+        if not self._sendings:
+            return None
+        start, baud, data = self._sendings[0]
+        return start + transfer_s(len(data), baud)
+
+
+def _left(start: float, baud: int, data: bytes, now: float) -> int:
+    """How many of the bytes that are sent from `start` on have left by `now`."""
+    return min(len(data), max(0, math.floor((now - start + SAME_INSTANT_S) / transfer_s(1, baud))))

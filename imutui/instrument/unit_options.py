@@ -1,0 +1,91 @@
+"""Which unit a virtual one is, and what it measures: records, and the protocol of a source of readings."""
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from filters.imu import LOOP_HZ
+from imutui.instrument.crossbow import Mode, Scaling
+
+VERSION_CHARACTERS = 30
+"""The longest text of an answer to `v`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round.
+
+    Attributes
+    ----------
+    rates_dps : tuple of float
+        Angular rate about X, Y, Z, deg/s.
+    accels_g : tuple of float
+        Acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g.
+    temperature_degc : float
+        Inside the case, degC.
+    """
+
+    rates_dps: tuple[float, float, float]
+    accels_g: tuple[float, float, float]
+    temperature_degc: float
+
+
+class Source(Protocol):
+    """What the virtual unit measures."""
+
+    def reading(self, k: int) -> Reading | None:
+        """Return what the unit's own loop reads at its instant `k`, or None once there is no more.
+
+        Instants are counted at `UnitOptions.loop_hz` from the first command that needs a reading. `k` never decreases;
+        it repeats when the host polls faster than the loop, and skips what the line was too slow for.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class UnitOptions:
+    """What may differ from unit to unit, or is disputed between documents.
+
+    Attributes
+    ----------
+    serial_number : int
+        The answer to `S`.
+    version : str
+        The answer to `v`, at most 30 characters; 24 on the units that others have seen.
+    source : str
+        Where the readings come from, for a unit that can say more than fits into a version. The version then ends in
+        "+" and a number: so many further `v` are answered with the text piece by piece; a ping begins anew. No real
+        unit has it.
+    ping : {"keeps", "stops", "resets"}
+        What `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
+        hardware); it returns to power-up, voltage mode and polled (AHRS400 manual).
+    power_up_mode : Mode
+        Mode at power-up, and after an `R` that resets. The unit is polled then.
+    loop_hz, loop_hz_voltage : float
+        Rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
+    zero_samples_per_unit : int
+        Samples averaged for each unit of the argument of `z`; 10 or 100 by different sources.
+    scaling : Scaling
+        Ranges of the model.
+    reply_delay_s : float
+        How late it answers; packets are never late. While an answer is due no packet begins.
+    version_plain_text : bool
+        Whether the answer to `v` comes without header and checksum, as the manuals can be read.
+    auto_baud : bool
+        Whether it knows `b`; else it is silent on it.
+    clock_skew_ppm : float
+        How much faster than the host's its clock runs: loop, counter and line.
+    """
+
+    serial_number: int = 9911750
+    version: str = "IMU400CD-200 VIRTUAL 1.0"
+    source: str = ""
+    ping: Literal["keeps", "stops", "resets"] = "stops"
+    power_up_mode: Mode = Mode.VOLTAGE
+    loop_hz: float = LOOP_HZ
+    loop_hz_voltage: float = 213.3
+    zero_samples_per_unit: int = 10
+    scaling: Scaling = field(default_factory=Scaling)
+    reply_delay_s: float = 0.0
+    version_plain_text: bool = False
+    auto_baud: bool = True
+    clock_skew_ppm: float = 0.0
