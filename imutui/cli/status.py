@@ -50,9 +50,11 @@ def _line(s: "Snapshot") -> str:
 
 
 def _more(s: "Snapshot") -> list[str]:
+    from imutui.logbook.polled_rate import finding
     from imutui.tui.messages import silence
 
-    return [line for line in (silence(s), _room(s), _filter(s), _guide(s["guide"])) if line]
+    slow = finding(s["rate_hz"], s["measured_hz"]) if s["sampling"] == "polled" else None
+    return [line for line in (silence(s), slow, _room(s), _filter(s), _guide(s["guide"])) if line]
 
 
 def _room(s: "Snapshot") -> str:

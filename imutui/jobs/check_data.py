@@ -10,7 +10,7 @@ from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding
 from imutui.jobs.quantities import plural
-from imutui.logbook import schemas, unread_channels
+from imutui.logbook import polled_rate, schemas, unread_channels
 
 _RATE_OFF = 0.02
 _STAMP_SLACK_NS = 20_000_000
@@ -88,10 +88,26 @@ def _gaps(log: CheckContext) -> Iterator[Finding]:
         yield Finding("gaps", what, where, "The filter predicts through gaps; trace leaves them out.")
     if info is None or info.sampling == "imported":
         return
+    if log.polled:
+        yield from _polled_rate(log, info.rate_hz)
+        return
     measured = (log.t.size - 1) / log.t[-1]
     if not long.size and abs(measured / min(info.rate_hz, LOOP_HZ) - 1.0) > _RATE_OFF:
         what = f"{info.rate_hz:g} Hz were asked for, {measured:.3f} Hz came."
         yield Finding("rate", what, "over the whole log", "Ask for a rate that the unit and its line speed can give.")
+
+
+def _polled_rate(log: CheckContext, rate_hz: float) -> Iterator[Finding]:
+    """Whether so many packets a second were asked for as should be, while the unit answered."""
+    steps = np.diff(log.t)
+    short = steps[steps <= polled_rate.longest_step_s(rate_hz)]
+    silences = steps.size - short.size
+    # a silence costs one request at the least, and what is lost between its ends is no request too few
+    requests = short.size + max(0, _integer(log.audit.diagnostics.get("lost_packets")) - silences)
+    slow = polled_rate.finding(rate_hz, requests / float(short.sum())) if short.size >= polled_rate.FEWEST else None
+    if slow is not None:
+        what, _, cure = slow.partition(". ")
+        yield Finding("rate", f"{what}.", "over the whole log", cure)
 
 
 def _line(log: CheckContext) -> Iterator[Finding]:

@@ -5,7 +5,8 @@
 `message_arrays`, `columns` all messages as arrays, `record_walk` how they are found in bytes (`plain_walk`, or
 compiled: `mcap_kernels`) · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what
-they lack · `power_on` logs that continue others · `reference_file`, `trajectory_file`, `effects_file` other formats ·
+they lack · `polled_rate` whether polling kept what was asked · `power_on` logs that continue others ·
+`reference_file`, `trajectory_file`, `effects_file` other formats ·
 `results` the JSON document of a replay or a live run. The only user of mcap, zstandard, lz4 and rosbags.
 """
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import Scaling
+from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import exit_codes, observe, operator_guide, reconnection, silence, zeroing
 from imutui.session.absence import Absence, line_rate_hz
@@ -93,6 +94,8 @@ class Acquisition:
         self._absence = Absence(self._timebase, line_rate_hz(plan.sampling, plan.rate_hz))
         self._ask_again_s = reconnection.ask_again_after_s(plan.rate_hz if plan.sampling == "polled" else None)
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
+        self._polled_rate = PolledRate(plan.rate_hz)
+        self._rate_said = False
         self._duration_from_ns: int | None = None
         self._data_until_ns = 0
         self._has_recorded = False
@@ -115,6 +118,8 @@ class Acquisition:
         self._pipeline.packet(packet, stamp, arrival.host_ns)
         self._last_stamp_ns = stamp.monotonic_ns
         self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
+        if arrival.requested_ns is not None:
+            self._polled_rate.answered(arrival.requested_ns)
         if not self._lifecycle.streaming.is_set():
             self._lifecycle.first_packet()
             self.event("acquisition", f"connected to {self._info.port}, first packet")
@@ -131,12 +136,14 @@ class Acquisition:
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
         self._pipeline.poll_unanswered()
+        self._polled_rate.unanswered()
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
         before = self._recent.rates_dps()
         self._clock.interrupt()
         self._recent.interrupt()
+        self._polled_rate.interrupt()
         self._begin_run(None)
         pending, self._zeroing = self._zeroing, None
         if event.seconds is None:
@@ -166,6 +173,7 @@ class Acquisition:
                 self._absence.returned(event, self._last_stamp_ns)
                 self._clock.interrupt()
                 self._recent.interrupt()
+                self._polled_rate.interrupt()
         if said is not None:
             self.event("acquisition", said, WARNING)
 
@@ -186,6 +194,10 @@ class Acquisition:
         if silent is not None:
             text = f"no packets for {silent_s:.1f} s: power, cable?" if silent else "packets again"
             self.event("acquisition", text, WARNING if silent else INFORMATION)
+        slow = self._polled_rate.finding()
+        if slow is not None and not self._rate_said:
+            self._rate_said = True
+            self.event("acquisition", slow, WARNING)
         step = self._clock_steps.check()
         if step is not None:
             self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING)
@@ -204,6 +216,9 @@ class Acquisition:
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
+        slow = self._polled_rate.finding()
+        if slow is not None:
+            self._find(exit_codes.FINDINGS, slow)
         gone = self._absence.at_the_end(time.monotonic_ns())
         if gone is not None:
             self._find(exit_codes.INSTRUMENT, gone)
@@ -411,6 +426,7 @@ class Acquisition:
         self._begin_run(recording)
         self._recording, self._guide = recording, None
         self._duration_from_ns, self._has_recorded = None, True
+        self._polled_rate, self._rate_said = PolledRate(self._plan.rate_hz), False
         self._events.clear_marks()
         self.event("acquisition", f"recording to {recording.writer.path.name}")
         if self._plan.rotates != bool(self._plan.rotate_minutes or self._plan.rotate_mb):

@@ -1,5 +1,6 @@
 """Exit codes of the acquisition process, which the command that follows it ends with: see docs/commands.md."""
 
+FINDINGS = 1
 OWN_ERROR = 1
 USAGE = 2
 INSTRUMENT = 4

@@ -16,7 +16,7 @@ from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Packet, Scaling
 from imutui.instrument.scaling import COUNT_LIMITS
-from imutui.logbook import schemas
+from imutui.logbook import polled_rate, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.averaging import Averager, Sample
@@ -196,8 +196,10 @@ class SamplePipeline:
         rates = np.full(3, np.nan) if self.info.reference == "turned" else np.zeros(3)
         reference = schemas.table_reference(utc, self.info.reference, angles, rates)
         self._writer.message(schemas.REFERENCE, reference, utc, utc)
-        level = 1 if self.counters.lost_packets or self.counters.bad_checksums else 0
-        text = "packets were lost or damaged" if level else "ok"
+        found = ["packets were lost or damaged"] if self.counters.lost_packets or self.counters.bad_checksums else []
+        if self.info.sampling == "polled" and polled_rate.finding(self.info.rate_hz, self.rate.hz()) is not None:
+            found.append("the asked rate is not kept")
+        level, text = int(bool(found)), "; ".join(found) or "ok"
         values = self._diagnostics(now_ns)
         self._writer.message(schemas.DIAGNOSTICS, schemas.diagnostics(utc, level, text, values), utc, utc)
         self._flush()

@@ -9,17 +9,22 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from helpers.commands import imutui
 from helpers.fake_devices import packet
-from helpers.processes import wait_until
+from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
 from imutui.instrument.crossbow import Command, Mode
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import LOOP_HZ, FaultyLine, LineFault, Reading, UnitOptions, VirtualUnit
-from imutui.session import handshake
+from imutui.jobs.check import check
+from imutui.logbook import reader
+from imutui.logbook.polled_rate import PolledRate
+from imutui.session import client, handshake
 from imutui.session.polling import Answer, Poller
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
 
@@ -210,3 +215,46 @@ def test_half_a_packet_is_lost_once_the_unit_says_something_else_alone() -> None
             assert not found.done()
             os.write(line, b"C")
         assert found.result(10.0) is None
+
+
+def test_a_rate_that_polling_cannot_keep_is_said_everywhere(home: Path) -> None:
+    """100 Hz over 9600 baud: `record` says 50 Hz and exits with 1; so do `status`, /diagnostics and `check`."""
+    record = ("--rate", "100", "--sampling", "polled", "--baud", "9600", "--filter", "none", "-o", "a.mcap")
+    with (
+        served(HardOfHearing()) as path,
+        started(command_line("record", "--port", path, *record, "--duration", "3")) as run,
+    ):
+        wait_until(lambda: "100 Hz were asked for" in status())
+        _, said = run.communicate(timeout=LIMIT_S)
+    assert run.returncode == 1
+    assert "100 Hz were asked for" in said
+    log = reader.read(home / "a.mcap")
+    assert sum("100 Hz were asked for" in event.text for event in log.events) >= 1
+    [finding] = [f for f in check(home / "a.mcap")["findings"] if f["code"] == "rate"]
+    assert "100 Hz were asked for" in finding["what"]
+
+
+def status() -> str:
+    """What `imutui status` says by now."""
+    return imutui("status").stdout if client.running() else ""
+
+
+def test_lost_polls_and_silences_are_no_rate_that_is_not_kept() -> None:
+    """One in five lost, and ten seconds of silence: so many were asked for as should be."""
+    rate = PolledRate(20.0)
+    for k in range(200):
+        if k % 5 == 2:
+            rate.unanswered()
+        elif not 100 <= k < 140:
+            rate.answered(k * 50_000_000 + (k >= 140) * 10_000_000_000)
+    assert rate.finding() is None
+
+
+def test_every_second_request_left_out_is_a_rate_that_is_not_kept() -> None:
+    """Measured and asked rate are named; with very few requests nothing is said."""
+    rate = PolledRate(100.0)
+    for k in range(5):
+        rate.answered(k * 20_000_000)
+    assert rate.finding() is None
+    rate.answered(5 * 20_000_000)
+    assert "100 Hz were asked for, 50 Hz came" in str(rate.finding())

@@ -1,0 +1,62 @@
+"""Whether polling keeps the rate that was asked for, and what to say if it does not; for recordings and for logs."""
+
+_SHARE = 0.95
+FEWEST = 5
+"""Requests from which a rate can be told."""
+
+
+class PolledRate:
+    """Requests a second, of a unit that answers.
+
+    Time in which the unit was silent or away is left out: that is another matter, and said as such.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Asked for.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._last_ns: int | None = None
+        self._unanswered = 0
+        self._requests = 0
+        self._span_ns = 0
+
+    def answered(self, requested_ns: int) -> None:
+        """Take note of a request that was answered; of all of them, in order."""
+        if self._last_ns is not None:
+            step_ns = requested_ns - self._last_ns
+            if not (self._unanswered and step_ns * 1e-9 > longest_step_s(self._rate_hz)):
+                self._requests += 1 + self._unanswered
+                self._span_ns += step_ns
+        self._last_ns, self._unanswered = requested_ns, 0
+
+    def unanswered(self) -> None:
+        """Take note of a request that was not."""
+        self._unanswered += 1
+
+    def interrupt(self) -> None:
+        """Take note that there was a pause since the last request."""
+        self._last_ns, self._unanswered = None, 0
+
+    def finding(self) -> str | None:
+        """What to say if the rate is not kept; None if it is, or while that cannot be told."""
+        if self._requests < FEWEST:
+            return None
+        return finding(self._rate_hz, self._requests * 1e9 / self._span_ns)
+
+
+def longest_step_s(rate_hz: float) -> float:
+    """Time between two answers above which the unit was silent between them, s."""
+    return max(1.0, 3.0 / rate_hz)
+
+
+def finding(asked_hz: float, measured_hz: float | None) -> str | None:
+    """What to say of a rate that is not kept; None if it is, give or take a twentieth, or if it is not known."""
+    if measured_hz is None or measured_hz >= _SHARE * asked_hz:
+        return None
+    return (
+        f"{asked_hz:g} Hz were asked for, {measured_hz:.3g} Hz came: a request and its answer take longer than the"
+        " period. Ask for a lower rate, raise the line speed (--baud), or stream (--sampling stream)."
+    )
