@@ -21,6 +21,8 @@ Value = str | int | float
 
 DEFAULTS: dict[str, Value] = {
     "paths.logs": "./logs",
+    "paths.file_mode": "0640",
+    "paths.min_free_mb": 200.0,  # 0: no limit
     "instrument.rate_range_dps": 200.0,
     "instrument.accel_range_g": 4.0,
     "instrument.g_unit": STANDARD_GRAVITY,
@@ -52,6 +54,7 @@ DEFAULTS: dict[str, Value] = {
 }
 
 ALLOWED: dict[str, tuple[Value, ...]] = {
+    "paths.file_mode": ("0600", "0640", "0644", "0660", "0664", "0666"),
     "instrument.accel_sign": (-1, 1),
     "acquisition.sampling": ("stream", "polled"),
     "filter.name": ("spkf", "spkf-paper", "ekf", "none"),
@@ -63,6 +66,7 @@ ALLOWED: dict[str, tuple[Value, ...]] = {
 """Settings that are one of a few values."""
 
 LEAST: dict[str, float] = {
+    "paths.min_free_mb": 0.0,
     "acquisition.rotate_minutes": 0.0,
     "acquisition.rotate_mb": 0.0,
     "site.gravity_mps2": 0.0,
@@ -127,6 +131,11 @@ class Config:
     def integer(self, key: str) -> int:
         """Value of a whole number."""
         return int(self.settings[key].value)
+
+    @property
+    def file_mode(self) -> int:
+        """Permissions of logs, as the system takes them."""
+        return int(self.text("paths.file_mode"), 8)
 
     def with_flags(self, flags: Mapping[str, Value | None]) -> "Config":
         """Copy in which flags that were given win.

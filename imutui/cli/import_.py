@@ -85,7 +85,8 @@ def command(
         "site.gravity_mps2": gravity,
         "filter.reference": reference if beside is None else beside.kind,
     }
-    info = session_from(config.load().with_flags(flags), parse_site(site))
+    settings = config.load().with_flags(flags)
+    info = session_from(settings, parse_site(site))
     info = replace(info, instrument=instrument or "unknown", kind=kind)
     # refuse what cannot be before a long file is read
     info.axes()
@@ -115,7 +116,8 @@ def command(
     if before is not None:
         info, first_ns, words = power_on.continuing(before, info, recording.t)
         say(f"imutui: {output} continues {before.path}: {words}")
-    importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns)
+    mode = settings.file_mode
+    importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode)
     duration = recording.t[-1] - recording.t[0]
     print(
         f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}",

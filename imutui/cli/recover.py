@@ -23,6 +23,7 @@ def command(
 
     Example: imutui recover logs/broken.mcap -o logs/fixed.mcap
     """
+    from imutui import config
     from imutui.cli.each_log import progress, width
     from imutui.cli.exit_codes import FINDINGS, FINE, refuse_existing
     from imutui.jobs.recover import recover
@@ -31,8 +32,9 @@ def command(
 
     if not (output.exists() and log.exists() and output.samefile(log)):
         refuse_existing(output, force)
+    mode = config.load().file_mode
     try:
-        document = recover(log, output, force, progress)
+        document = recover(log, output, force, progress, mode)
     finally:
         progress(1.0, "")
     print(dumps(document) if json else recover_text(document, width()))

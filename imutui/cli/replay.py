@@ -46,6 +46,7 @@ def command(
 
     Example: imutui replay logs/*.mcap --json
     """
+    from imutui import config
     from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
@@ -62,7 +63,8 @@ def command(
         raise fail(USAGE, f"--estimates is {estimates:g}; it must be 0 (all) or more a second.")
     file, name = reference_of(reference)
     overrides = _overrides(filter_name, name, set_ or [])
-    options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force)
+    mode = config.load().file_mode
+    options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force, mode)
     documents, code = [], FINE
     for log, outcome in zip(logs, _outcomes(logs, options), strict=True):
         if isinstance(outcome, tuple):

@@ -72,6 +72,8 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
         filter=config.text("filter.name"),
         reference=config.text("filter.reference"),
         logs=str(Path(config.text("paths.logs")).resolve()),
+        file_mode=config.text("paths.file_mode"),
+        min_free_mb=config.number("paths.min_free_mb"),
         operator=config.text("acquisition.operator"),
         place=config.text("acquisition.place"),
         table=config.text("acquisition.table"),

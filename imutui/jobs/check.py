@@ -13,7 +13,7 @@ from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.documents import CheckDocument, FindingField
 from imutui.jobs.info import lacking_channels
 from imutui.jobs.quantities import plural
-from imutui.logbook import reader, scan, summary
+from imutui.logbook import checksum_file, reader, scan, summary
 from imutui.logbook.message_arrays import Audit, audit
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import Scan
@@ -48,7 +48,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
     content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages"))
     if content.imu_topic is None and not found.damages:
         raise UnreadableLogError(_no_samples(path, content))
-    log = CheckContext(found, content)
+    log = CheckContext(found, content, reader.sha256(path))
     findings = [finding for rule in _RULES for finding in rule(log)]
     progress(1.0, "done")
     seconds = float(np.max(log.t)) if log.t.size else 0.0
@@ -66,7 +66,7 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "samples": int(content.samples.size),
         "packets": int(content.packets.size),
         "duration_s": seconds,
-        "log_sha256": reader.sha256(path),
+        "log_sha256": log.sha256,
     }
 
 
@@ -85,6 +85,8 @@ def _notes(log: CheckContext) -> Iterator[str]:
     if a.session and not a.packets.size:
         how = "imported" if a.session.get("sampling") == "imported" else "without packets"
         yield f"The log is {how}: there are no packets to compare the samples with."
+    if checksum_file.read_or_none(found.path) == log.sha256:
+        yield f"Its SHA-256 is the one in {checksum_file.path_of(found.path).name}."
     if scan.RECOVERED in a.metadata:
         yield f"It was rebuilt by `imutui recover`; lost then: {a.metadata[scan.RECOVERED].get('lost', 'not said')}"
     if not a.samples.size:

@@ -39,15 +39,18 @@ class CheckContext:
         The file's bytes.
     audit : Audit
         Its messages.
+    sha256 : str
+        Hash of the whole file.
     start_ns : int or None
         First sample, or first message where there is none.
     t : np.ndarray
         Samples' time since the first, s.
     """
 
-    def __init__(self, found: Scan, content: Audit) -> None:
+    def __init__(self, found: Scan, content: Audit, sha256: str) -> None:
         self.found = found
         self.audit = content
+        self.sha256 = sha256
         first = [heads["log_ns"][0] for heads in content.messages.values() if heads.size]
         stamps = content.samples
         self.start_ns: int | None = int(stamps[0]) if stamps.size else int(min(first)) if first else None

@@ -7,7 +7,7 @@ import numpy as np
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.quantities import plural
-from imutui.logbook import effects_file, reference_file, scan, schemas, summary
+from imutui.logbook import checksum_file, effects_file, reference_file, scan, schemas, summary
 from imutui.logbook.message_arrays import Audit
 
 
@@ -31,6 +31,23 @@ def _bytes(log: CheckContext) -> Iterator[Finding]:
         )
     if found.repeated:
         yield Finding("repeated", f"{plural(found.repeated, 'chunk')} stand there twice.", "", log.recover())
+
+
+def _sum(log: CheckContext) -> Iterator[Finding]:
+    """Whether the bytes are those that the file was finished with, where its SHA-256 stands beside it."""
+    beside = checksum_file.path_of(log.found.path)
+    try:
+        told = checksum_file.read(log.found.path)
+    except (ValueError, OSError) as error:
+        what = f"The SHA-256 beside the file cannot be read: {error}."
+        yield Finding("sha256", what, str(beside), "Look at it, and remove it if it is not the log's.")
+        return
+    if told is not None and told != log.sha256:
+        what = f"The file is not the one that it was when it was finished: its SHA-256 is {log.sha256}."
+        yield Finding("sha256", what, f"{beside} says {told}", _CHANGED)
+
+
+_CHANGED = "Go back to another copy; if you changed it yourself, `sha256sum` makes a new sum."
 
 
 def _ending(log: CheckContext) -> Iterator[Finding]:
@@ -152,6 +169,7 @@ def _reference(log: CheckContext) -> Iterator[Finding]:
 
 RULES: tuple[Callable[[CheckContext], Iterator[Finding]], ...] = (
     _bytes,
+    _sum,
     _ending,
     _counts,
     _decoding,

@@ -1,5 +1,6 @@
 """A finished, indexed log from an unfinished or damaged one; the source is never written to."""
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import numpy as np
 from imutui.jobs import damage_text
 from imutui.jobs.documents import RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import atomic_file, reader, record_walk, schemas, summary
+from imutui.logbook import atomic_file, checksum_file, reader, record_walk, schemas, summary
 from imutui.logbook import recover as rebuilding
+from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.recover import NotAsWrittenError, RebuiltContent
 from imutui.logbook.scan import Scan, scan
@@ -24,6 +26,7 @@ def recover(
     output: Path,
     overwrite: bool = False,
     progress: Callable[[float, str], None] = lambda share, text: None,
+    mode: int = MODE,
 ) -> RecoverDocument:
     """Rebuild a log.
 
@@ -37,6 +40,8 @@ def recover(
         Replace it if it exists.
     progress : callable
         Told the share done, 0 to 1, and what is being done.
+    mode : int
+        Permissions of the file, and of its sum beside it.
 
     Returns
     -------
@@ -63,7 +68,7 @@ def recover(
         raise ValueError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
     digest = reader.sha256(path)
     try:
-        with atomic_file.part_of(output, overwrite=overwrite) as part:
+        with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
             kept = rebuilding.rebuild(
                 found,
                 part,
@@ -82,8 +87,11 @@ def recover(
         # the part's own name says nothing to anybody
         error.filename = str(output) if str(error.filename or "").endswith(".part") else error.filename
         raise
+    made = reader.sha256(output)
+    with contextlib.suppress(OSError):  # the log is whole without it
+        checksum_file.write(output, made, mode)
     progress(1.0, "done")
-    return _document(found, output, kept, log, trouble, digest)
+    return _document(found, output, kept, log, trouble, (digest, made))
 
 
 def _refuse(path: Path, output: Path) -> None:
@@ -116,7 +124,7 @@ def _compare(path: Path, log: Log | None) -> None:
 
 
 def _document(
-    found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str, log_sha256: str
+    found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str, sha256: tuple[str, str]
 ) -> RecoverDocument:
     samples = 0 if log is None else log.stamp_ns.size
     lost = _lost(found, kept)
@@ -138,8 +146,8 @@ def _document(
         "complete": not lost and not trouble,
         "readable": log is not None,
         "sentences": [*_ending(found), *lost, *([f"It can't be replayed: {trouble}"] if trouble else [])],
-        "log_sha256": log_sha256,
-        "output_sha256": reader.sha256(output),
+        "log_sha256": sha256[0],
+        "output_sha256": sha256[1],
     }
 
 

@@ -18,6 +18,8 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.jobs import unread_filled
 from imutui.logbook import (
+    atomic_file,
+    checksum_file,
     effects_file,
     estimates,
     reader,
@@ -26,6 +28,7 @@ from imutui.logbook import (
     schemas,
 )
 from imutui.logbook.estimates import BiasVerdicts
+from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, ResultDocument, Timings
@@ -59,6 +62,8 @@ class ReplayOptions:
         How many estimates a second go into it; 0 for all.
     overwrite : bool
         Replace `output` if it exists.
+    mode : int
+        Permissions of `output`.
     """
 
     start: float | None = None
@@ -70,6 +75,7 @@ class ReplayOptions:
     output: Path | None = None
     estimates_hz: float = ESTIMATES_HZ
     overwrite: bool = False
+    mode: int = MODE
 
     def every(self) -> float:
         """Least time between two estimates that are asked for, s."""
@@ -159,7 +165,7 @@ def replay(
     estimator.warm_up(say)
     sink = None
     if options.output is not None:
-        sink = _EstimateSink(options.output, options.overwrite, info, log, part.first_ns)
+        sink = _EstimateSink(options, options.output, info, log, part.first_ns)
     started = time.perf_counter()
     try:
         for rows in run(estimator, part, options.speed, progress):
@@ -341,14 +347,17 @@ def run(
 class _EstimateSink:
     """Writes estimates as they come, beside the file that they will replace only when they are all there."""
 
-    def __init__(self, output: Path, overwrite: bool, info: SessionInfo, log: Log, first_ns: int) -> None:
-        if output.exists() and not overwrite:
+    def __init__(self, options: ReplayOptions, output: Path, info: SessionInfo, log: Log, first_ns: int) -> None:
+        if output.exists() and not options.overwrite:
             raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
         self._info = info
         self._output = output
         self._part = output.with_name(output.name + ".part")
         text = f'# replay of {log.path.name}\nfilter = "{info.filter}"\nreference = "{info.reference}"\n'
-        self._writer = LogWriter(self._part, info, text, time.time_ns(), overwrite=True)
+        # without a sum beside it: it can be made again
+        self._writer = LogWriter(
+            self._part, info, text, time.time_ns(), overwrite=True, mode=options.mode, checksum=False
+        )
         self._first_ns = first_ns
         # rows are made messages many at a time, as long as the verdict on the biases is the same
         self._rows: list[np.ndarray] = []
@@ -379,6 +388,8 @@ class _EstimateSink:
         self._write()
         self._writer.finish(result, time.time_ns())
         self._part.replace(self._output)
+        checksum_file.remove(self._output)  # of a log whose name it took
+        atomic_file.sync_directory(self._output.parent)
 
     def abandon(self) -> None:
         """Remove the unfinished file of estimates."""

@@ -85,8 +85,8 @@ def check_log(path: Path, tell: Tell) -> "CheckDocument":
     return check.check(path, tell)
 
 
-def recover_log(path: Path, output: Path, overwrite: bool, tell: Tell) -> "RecoverDocument":
+def recover_log(path: Path, output: Path, overwrite: bool, mode: int, tell: Tell) -> "RecoverDocument":
     """A finished file from an unfinished or damaged one."""
     from imutui.jobs import recover
 
-    return recover.recover(path, output, overwrite, tell)
+    return recover.recover(path, output, overwrite, tell, mode)

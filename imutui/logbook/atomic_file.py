@@ -8,8 +8,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 
-def write(path: Path, text: str, *, overwrite: bool) -> None:
-    """Write a text so that the file is there whole or not at all.
+def write(path: Path, text: str, *, overwrite: bool, mode: int | None = None) -> None:
+    """Write a text so that the file is there whole or not at all, and on the disk.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    text : str
+        What to write.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    mode : int or None
+        Permissions; None for what the umask leaves.
 
     Raises
     ------
@@ -21,18 +32,52 @@ def write(path: Path, text: str, *, overwrite: bool) -> None:
         path.open("x").close()
     part = path.with_name(path.name + ".part")
     try:
-        part.write_text(text, encoding="utf-8")
+        with part.open("w", encoding="utf-8", errors="surrogateescape") as stream:
+            if mode is not None:
+                os.fchmod(stream.fileno(), mode)
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
         part.replace(path)
     except BaseException:
         part.unlink(missing_ok=True)
         if not overwrite:
             path.unlink(missing_ok=True)
         raise
+    sync_directory(path.parent)
+
+
+def sync_directory(folder: Path) -> None:
+    """See the names in a folder onto the disk: of a file that was made, renamed or removed."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:  # a folder that may be written to and not listed
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in _NO_DIRECTORY_SYNC:
+            raise
+    finally:
+        os.close(descriptor)
+
+
+_NO_DIRECTORY_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
+"""Of file systems that don't know it: some network shares."""
 
 
 @contextlib.contextmanager
-def part_of(path: Path, *, overwrite: bool) -> Iterator[Path]:
+def part_of(path: Path, *, overwrite: bool, mode: int) -> Iterator[Path]:
     """A file beside `path` to write to; it takes the name when the block ends, and is removed if that fails.
+
+    Parameters
+    ----------
+    path : Path
+        File to make.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    mode : int
+        Permissions, whatever the umask.
 
     Raises
     ------
@@ -42,7 +87,7 @@ def part_of(path: Path, *, overwrite: bool) -> Iterator[Path]:
     if path.exists() and not overwrite:
         raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(path))
     descriptor, name = tempfile.mkstemp(prefix=f"{path.name}.", suffix=".part", dir=path.parent)
-    os.fchmod(descriptor, 0o666 & ~_umask())
+    os.fchmod(descriptor, mode)
     os.close(descriptor)
     part = Path(name)
     try:
@@ -50,6 +95,7 @@ def part_of(path: Path, *, overwrite: bool) -> Iterator[Path]:
         _settle(part, path, overwrite=overwrite)
     finally:
         part.unlink(missing_ok=True)
+    sync_directory(path.parent)
 
 
 def _settle(part: Path, path: Path, *, overwrite: bool) -> None:
@@ -64,10 +110,3 @@ def _settle(part: Path, path: Path, *, overwrite: bool) -> None:
         except OSError:  # a file system without links
             path.open("x").close()
     part.replace(path)
-
-
-def _umask() -> int:
-    """Of this process; there is no way to ask but to set it."""
-    before = os.umask(0o077)
-    os.umask(before)
-    return before

@@ -17,6 +17,7 @@ import numpy as np
 import imutui
 from imutui.logbook import arrival_stamps, power_on, schemas, unread_channels
 from imutui.logbook.arrival_stamps import Instants
+from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -190,6 +191,7 @@ def write(
     reference: ReferenceFile | None = None,
     first_ns: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    mode: int = MODE,
 ) -> None:
     """Write a recording as a log.
 
@@ -211,6 +213,8 @@ def write(
         UTC of the first sample, ns, on the clock of the log that it continues.
     progress : callable
         Told the number of samples written, now and then.
+    mode : int
+        Permissions of the log.
     """
     info = replace(
         info,
@@ -229,7 +233,8 @@ def write(
     own = power_on.content_id(recording.t, gyro, accel)
     info = replace(info, log_id=own, power_on=info.power_on or own)
     angles, rates, changed = _table(recording, info)
-    log = LogWriter(output, info, f"# imported from {source.name}\n", time.time_ns(), overwrite=overwrite)
+    text = f"# imported from {source.name}\n"
+    log = LogWriter(output, info, text, time.time_ns(), overwrite=overwrite, mode=mode)
     if reference is not None:
         log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
     next_second = int(stamp_ns[0])

@@ -1,7 +1,7 @@
 """Writing a log: an MCAP file that is on the disk at least once a second and can be read whatever happens next."""
 
 import contextlib
-import errno
+import io
 import json
 import os
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import imutui
-from imutui.logbook import file_lock, schemas
+from imutui.logbook import checksum_file, file_lock, log_stream, schemas
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
@@ -33,27 +33,47 @@ class LogWriter:
         UTC, ns.
     overwrite : bool
         Replace an existing file.
+    mode : int
+        Permissions of the file, and of its sum.
+    checksum : bool
+        Whether its SHA-256 is put beside it on closing.
+
+    Attributes
+    ----------
+    path : Path
+        Where the file is.
+    sha256 : str or None
+        Hash of the whole file once it is finished; it was made while writing.
 
     Raises
     ------
     FileExistsError
         If `path` exists and may not be overwritten.
     OSError
-        If the disk does not take it; the file then ends with the last good flush.
+        If the disk does not take it; the file then ends with the last good flush, and one without a message on the
+        disk is removed.
     """
 
     def __init__(
-        self, path: Path, info: SessionInfo, configuration: str, now_ns: int, *, overwrite: bool = False
+        self,
+        path: Path,
+        info: SessionInfo,
+        configuration: str,
+        now_ns: int,
+        *,
+        overwrite: bool = False,
+        mode: int = log_stream.MODE,
+        checksum: bool = True,
     ) -> None:
         self.path = path
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError) as error:
-            raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", error.filename) from error
-        flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
-        self._file = os.fdopen(os.open(path, flags, 0o644), "wb")
+        self.sha256: str | None = None
+        self._mode = mode
+        self._has_checksum = checksum
+        self._raw_file = log_stream.create(path, overwrite=overwrite, mode=mode)
+        self._file = io.BufferedWriter(self._raw_file)
         file_lock.claim(self._file)
         self._good = 0
+        self._good_messages = 0
         self._channels: dict[str, int] = {}
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
@@ -69,7 +89,11 @@ class LogWriter:
         except OSError as error:
             self._abandon(error)
             raise
-        _sync_directory(path.parent)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no message of it is on the disk; if writing has failed too, there is no such file."""
+        return not self._good_messages
 
     @property
     def size(self) -> int:
@@ -103,7 +127,11 @@ class LogWriter:
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
         """Add an attachment, stamped with `now_ns`, UTC, ns."""
-        self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+        try:
+            self._writer.add_attachment(now_ns, now_ns, name, media_type, data)
+        except OSError as error:
+            self._abandon(error)
+            raise
 
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
@@ -114,7 +142,12 @@ class LogWriter:
         except OSError as error:
             self._abandon(error)
             raise
+        self._take_note()
+
+    def _take_note(self) -> None:
+        """All that was written is on the disk."""
         self._good = self._file.tell()
+        self._good_messages = sum(self._counts.values())
 
     def finish(self, summary: Mapping[str, object], now_ns: int) -> None:
         """Write the quality summary and the index, and close; after a failure there is nothing left to do."""
@@ -129,12 +162,17 @@ class LogWriter:
         except OSError as error:
             self._abandon(error)
             raise
+        self.sha256 = self._raw_file.sha256()
+        if self._has_checksum:
+            # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
+            with contextlib.suppress(OSError):
+                checksum_file.write(self.path, self.sha256, self._mode)
 
     def flush_file(self) -> None:
         """See the file's last bytes onto the disk."""
         self._file.flush()
         os.fsync(self._file.fileno())
-        self._good = self._file.tell()
+        self._take_note()
 
     def _abandon(self, error: OSError) -> None:
         # A writer that failed once must not finish: part of a chunk may be on the disk, and writing it again would
@@ -148,15 +186,11 @@ class LogWriter:
             # closing tries once more to write what could not be written; the descriptor is closed either way
             with contextlib.suppress(OSError):
                 self._file.close()
-            os.ftruncate(descriptor, self._good)
-            os.fsync(descriptor)
+            with contextlib.suppress(OSError):  # a disk that has gone can't be put right
+                os.ftruncate(descriptor, self._good)
+                os.fsync(descriptor)
+            if self.is_empty and log_stream.is_at(descriptor, self.path):
+                with contextlib.suppress(OSError):
+                    self.path.unlink()
         finally:
             os.close(descriptor)
-
-
-def _sync_directory(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -12,6 +12,10 @@ from imutui.instrument.scaling import Scaling
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = 133.0
 SAMPLINGS = ("stream", "polled")
+FILE_MODE = "0640"
+"""Permissions of logs, unless configured."""
+MIN_FREE_MB = 200.0
+"""Megabytes that recording leaves free, unless configured."""
 VIRTUAL_PORT = "virtual"
 """Port name that starts a virtual instrument of the acquisition's own."""
 
@@ -67,6 +71,10 @@ class Plan:
         Of the acquisition; one of a name a user.
     logs : str
         Folder of recordings, absolute.
+    file_mode : str
+        Permissions of files, octal, as "0640".
+    min_free_mb : float
+        Megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit.
     output, overwrite : str, bool
         File of the first recording instead of a name made up in `logs`, and whether it may replace one.
     note, operator, place, table : str
@@ -94,6 +102,8 @@ class Plan:
     reference: str = "level"
     name: str = "default"
     logs: str = "logs"
+    file_mode: str = FILE_MODE
+    min_free_mb: float = MIN_FREE_MB
     output: str = ""
     overwrite: bool = False
     note: str = ""
@@ -142,6 +152,11 @@ class Plan:
         """
         return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
 
+    @property
+    def mode(self) -> int:
+        """Permissions of files, as the system takes them."""
+        return int(self.file_mode, 8)
+
     def dumps(self) -> str:
         """JSON text, on one line, for the process that carries the plan out."""
         return json.dumps(asdict(self))
@@ -189,6 +204,8 @@ def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
         name=DEMO,
         note=DEMO,
         logs=defaults.logs,
+        file_mode=defaults.file_mode,
+        min_free_mb=defaults.min_free_mb,
         operator=defaults.operator,
         virtual=("--seed", str(seed), "--scenario", str(scenario)),
     )

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imutui.logbook import power_on, reader
+from imutui.logbook import power_on
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.disk_space import GrowthRate
@@ -112,7 +112,7 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     pipeline.flush(now_ns)
     writer.finish(result_document(pipeline, writer.path, None), pipeline.utc_ns(now_ns))
     pipeline.release_file()
-    return result_document(pipeline, writer.path, reader.sha256(writer.path))
+    return result_document(pipeline, writer.path, writer.sha256)
 
 
 def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "ResultDocument":
@@ -165,6 +165,6 @@ def _new_id() -> str:
 
 
 def _open(path: Path, info: SessionInfo, plan: Plan, *, overwrite: bool) -> LogWriter:
-    writer = LogWriter(path, info, plan.configuration(), time.time_ns(), overwrite=overwrite)
+    writer = LogWriter(path, info, plan.configuration(), time.time_ns(), overwrite=overwrite, mode=plan.mode)
     attach(writer, plan, time.time_ns())
     return writer

@@ -124,6 +124,11 @@ class ImutuiApp(App[int]):
         return (newest["logs"] if newest is not None else "") or self._connector.defaults.logs
 
     @property
+    def file_mode(self) -> int:
+        """Permissions of logs."""
+        return self._connector.defaults.mode
+
+    @property
     def page(self) -> Page | None:
         """The page in front, also under a dialog."""
         return self.context.front

@@ -65,7 +65,11 @@ def test_recover_makes_a_file_that_others_open(damaged: Path) -> None:
     document = json.loads(imutui("recover", str(damaged), "-o", "fixed.mcap", "--force", "--json", check=1).stdout)
     assert document["samples"] == 500
     assert "log itself" in imutui("recover", str(damaged), "-o", str(damaged), "--force", check=2).stderr
-    assert [path.name for path in sorted(damaged.parent.glob("*.*"))] == ["damaged.mcap", "fixed.mcap"]
+    assert [path.name for path in sorted(damaged.parent.glob("*.*"))] == [
+        "damaged.mcap",
+        "fixed.mcap",
+        "fixed.mcap.sha256",
+    ]
 
 
 def test_recover_of_an_unfinished_log_is_fine(home: Path) -> None:

@@ -196,8 +196,8 @@ def test_damage_is_found_in_every_place_and_the_rest_is_looked_at(tmp_path: Path
 def test_an_unfinished_log_is_one_finding(tmp_path: Path) -> None:
     """Cut before its index: usable, and what makes it whole is named."""
     data = recorded(tmp_path / "a.mcap").read_bytes()
-    (tmp_path / "a.mcap").write_bytes(data[: data.index(b"summary.json") - 29])
-    document = check(tmp_path / "a.mcap")
+    (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"summary.json") - 29])
+    document = check(tmp_path / "cut.mcap")
     assert codes(document) == ["unfinished"]
     assert document["state"] == "unfinished"
 

@@ -8,6 +8,7 @@ from typing import Any
 from imutui.jobs import tasks
 from imutui.jobs.worker import Worker
 from imutui.report import logs
+from imutui.session.plan import FILE_MODE
 from imutui.tui import formatting
 from imutui.tui.pages.logs import result_text
 from imutui.tui.pages.logs.result_text import Outcome
@@ -35,15 +36,25 @@ class Job:
     made: Callable[[Any], Outcome]
 
 
-def over_one(kind: str, path: Path, writing: Collection[Path] = ()) -> Job:
-    """Info, check, recover or replay of a recording; `writing` are files that are not finished yet."""
+def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = int(FILE_MODE, 8)) -> Job:
+    """Info, check, recover or replay of a recording.
+
+    Parameters
+    ----------
+    kind, path : str, Path
+        What is done to which.
+    writing : collection of Path
+        Files that are not finished yet.
+    mode : int
+        Permissions of a file that is made.
+    """
     match kind:
         case "info":
             return _job(kind, path, lambda: Worker(tasks.info_log, path), "info of", logs.info_text)
         case "check":
             return _job(kind, path, lambda: Worker(tasks.check_log, path), "check of", logs.check_text)
         case "recover":
-            return _job(kind, path, lambda: _recovery(path), "recovered from", logs.recover_text)
+            return _job(kind, path, lambda: _recovery(path, mode), "recovered from", logs.recover_text)
         case "replay":
             return _job(
                 kind,
@@ -62,10 +73,10 @@ def _job(kind: str, path: Path, worker: Callable[[], Worker], title: str, words:
     return Job(f"{kind} of {path.name}", worker, made)
 
 
-def _recovery(path: Path) -> Worker:
+def _recovery(path: Path, mode: int) -> Worker:
     from imutui.jobs import sidecar_files
 
-    return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False)
+    return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False, mode)
 
 
 def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:

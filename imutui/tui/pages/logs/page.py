@@ -177,7 +177,8 @@ class LogsPage(Page):
         elif kind == "recover" and here.state == WRITING:
             self.post_message(self.Say("it is being written: r finishes it", "wait"))
         else:
-            self._begin(jobs.over_one(kind, here.path, self._recordings.writing()))
+            mode = int(getattr(self.app, "file_mode", 0o640))
+            self._begin(jobs.over_one(kind, here.path, self._recordings.writing(), mode))
 
     def action_trace(self) -> None:
         """What the model lacks, over the chosen ones, else that with the cursor."""
