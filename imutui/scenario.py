@@ -54,6 +54,18 @@ scenario::
     seconds = 2.0
     power = true                       # the unit comes back as after power-up; default: it runs on
     serial_number = 7                  # another unit comes back
+
+    [unit]                             # what the unit is like all the time
+    version = "VIRTUAL SIM SLOW"         # with VIRTUAL SIM in it: its readings are not measured
+    version_plain_text = true          # without header and checksum
+    ping = "resets"                    # "keeps", "stops" (the default) a stream, or "resets" the unit
+    power_up_mode = "scaled"           # default "voltage"
+    auto_baud = false                  # silent on a change of speed
+    reply_delay_s = 0.7
+    clock_skew_ppm = 200.0             # its clock runs fast against the host's
+
+    [line]
+    usb_bursts_s = 0.016               # an adapter that hands on what has come by a timer
 """
 
 import math
@@ -65,9 +77,11 @@ from typing import Any, cast
 
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
 from filters.motion.profile import Profile
-from filters.simulation import FAULT_KINDS, Effect, Fault, PowerOn, Scenario, Temperature
+from filters.simulation import Effect, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
 from imutui.logbook import reference_file
+from imutui.scenario_wire import fault_of, personality_of
+from imutui.toml_values import is_number, known, number, table_of, tables_of, triple, whole
 
 _DPS = math.pi / 180.0
 _MG = 1e-3 * STANDARD_GRAVITY
@@ -81,8 +95,6 @@ _NOISE = {
     "gyro_bandwidth_hz": ("gyro_bandwidth", 1.0),
     "accel_bandwidth_hz": ("accel_bandwidth", 1.0),
 }
-
-Triple = tuple[float, float, float]
 
 
 class ScenarioError(ValueError):
@@ -157,7 +169,7 @@ def _profile(document: Mapping[str, Any], path: Path) -> Profile:
     try:
         if "samples" not in document:
             return reference_file.from_document(cast("reference_file.ProfileDocument", document))
-        _known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
+        known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
         if not isinstance(document["samples"], str):
             raise ValueError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
         # what comes beside the samples is what comes beside segments: checked by the one who knows
@@ -195,27 +207,30 @@ _TOP = (
     "effect",
     "power_on",
     "fault",
+    "unit",
+    "line",
 )
 
 
 def _scenario(document: Mapping[str, Any], path: Path) -> Scenario:
-    _known(document, _TOP, "in a scenario")
-    biases = _table(document, "biases")
-    _known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
+    known(document, _TOP, "in a scenario")
+    biases = table_of(document, "biases")
+    known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
     return Scenario(
-        seed=_whole(document, "seed", 0, "") if "seed" in document else 0,
-        spec=_spec(_table(document, "noise")),
-        accel_bias=_triple(biases, "accel_mg", _MG, "[biases]: "),
-        gyro_bias=_triple(biases, "gyro_dps", _DPS, "[biases]: "),
-        accel_bias_run_sd=_number(biases, "accel_run_mg", "[biases]: ", 0.0, least=0.0) * _MG,
-        gyro_bias_run_sd=_number(biases, "gyro_run_dps", "[biases]: ", 0.0, least=0.0) * _DPS,
+        seed=whole(document, "seed", 0, "") if "seed" in document else 0,
+        spec=_spec(table_of(document, "noise")),
+        accel_bias=triple(biases, "accel_mg", _MG, "[biases]: "),
+        gyro_bias=triple(biases, "gyro_dps", _DPS, "[biases]: "),
+        accel_bias_run_sd=number(biases, "accel_run_mg", "[biases]: ", 0.0, least=0.0) * _MG,
+        gyro_bias_run_sd=number(biases, "gyro_run_dps", "[biases]: ", 0.0, least=0.0) * _DPS,
         temperature=_temperature(document["temperature"], "") if "temperature" in document else Temperature(),
         profile=_profile_of(document, path),
-        effects=tuple(_effect(table, f"effect {n}: ") for n, table in enumerate(_tables(document, "effect"), 1)),
+        effects=tuple(_effect(table, f"effect {n}: ") for n, table in enumerate(tables_of(document, "effect"), 1)),
         power_ons=_power_ons(document),
-        faults=tuple(_fault(table, f"fault {n}: ") for n, table in enumerate(_tables(document, "fault"), 1)),
-        site=_site(_table(document, "site")),
-        axes=_axes(_table(document, "instrument")),
+        faults=tuple(fault_of(table, f"fault {n}: ") for n, table in enumerate(tables_of(document, "fault"), 1)),
+        personality=personality_of(table_of(document, "unit"), table_of(document, "line")),
+        site=_site(table_of(document, "site")),
+        axes=_axes(table_of(document, "instrument")),
     )
 
 
@@ -236,9 +251,9 @@ def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
 
 
 def _spec(table: Mapping[str, Any]) -> ImuSpec:
-    _known(table, tuple(_NOISE), "in [noise]")
+    known(table, tuple(_NOISE), "in [noise]")
     fields = {
-        field: _number(table, key, "[noise]: ", least=0.0) * unit
+        field: number(table, key, "[noise]: ", least=0.0) * unit
         for key, (field, unit) in _NOISE.items()
         if key in table
     }
@@ -252,12 +267,12 @@ def _temperature(value: Any, where: str) -> Temperature:
             " or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)"
         )
     if "constant_degc" in value:
-        return Temperature(((0.0, _number(value, "constant_degc", f"{where}[temperature]: ")),))
+        return Temperature(((0.0, number(value, "constant_degc", f"{where}[temperature]: ")),))
     history = value["history"]
     pairs = (
         isinstance(history, list)
         and history
-        and all(isinstance(pair, list) and len(pair) == 2 and all(_is_number(v) for v in pair) for pair in history)
+        and all(isinstance(pair, list) and len(pair) == 2 and all(is_number(v) for v in pair) for pair in history)
     )
     if not pairs:
         raise ValueError(f"{where}`temperature.history` is {history!r}, not pairs [s, degC]")
@@ -283,8 +298,8 @@ def _effect(table: Mapping[str, Any], where: str) -> Effect:
 
 
 def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
-    given = tuple(_power_on(table, f"power_on {n}: ") for n, table in enumerate(_tables(document, "power_on"), 1))
-    count = _whole(document, "power_ons", 1, "") if "power_ons" in document else max(len(given), 1)
+    given = tuple(_power_on(table, f"power_on {n}: ") for n, table in enumerate(tables_of(document, "power_on"), 1))
+    count = whole(document, "power_ons", 1, "") if "power_ons" in document else max(len(given), 1)
     if count > _MOST_POWER_ONS:
         raise ValueError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
     if count < len(given):
@@ -293,120 +308,35 @@ def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
 
 
 def _power_on(table: Mapping[str, Any], where: str) -> PowerOn:
-    _known(table, ("seed", "accel_mg", "gyro_dps", "temperature"), f"in {where.removesuffix(': ')}")
+    known(table, ("seed", "accel_mg", "gyro_dps", "temperature"), f"in {where.removesuffix(': ')}")
     return PowerOn(
-        seed=_whole(table, "seed", 0, where) if "seed" in table else None,
+        seed=whole(table, "seed", 0, where) if "seed" in table else None,
         temperature=_temperature(table["temperature"], where) if "temperature" in table else None,
-        accel_bias=_triple(table, "accel_mg", _MG, where),
-        gyro_bias=_triple(table, "gyro_dps", _DPS, where),
+        accel_bias=triple(table, "accel_mg", _MG, where),
+        gyro_bias=triple(table, "gyro_dps", _DPS, where),
     )
 
 
-def _fault(table: Mapping[str, Any], where: str) -> Fault:
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in FAULT_KINDS:
-        raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
-    measure = FAULT_KINDS[kind]
-    more = ("power", "serial_number") if kind == "hang_up" else ()
-    _known(table, tuple(filter(None, ("at_s", "kind", measure, *more))), f"in {where}{kind}")
-    at = _number(table, "at_s", where, least=0.0)
-    if not measure:
-        return Fault(at, kind)
-    if measure == "count":
-        return Fault(at, kind, count=_whole(table, "count", 1, where))
-    seconds = _number(table, "seconds", where, least=0.0)
-    if seconds == 0.0:
-        raise ValueError(f"{where}`seconds` is 0, not a positive number")
-    serial_number = _whole(table, "serial_number", 0, where) if "serial_number" in table else None
-    try:
-        return Fault(at, kind, seconds=seconds, power=_yes(table, "power", where), serial_number=serial_number)
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
-
-
 def _site(table: Mapping[str, Any]) -> Site:
-    _known(table, ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2"), "in [site]")
+    known(table, ("latitude_deg", "longitude_deg", "height_m", "gravity_mps2"), "in [site]")
     if not table:
         return PAPER_SITE
     where = "[site]: "
-    gravity = _number(table, "gravity_mps2", where) if "gravity_mps2" in table else None
+    gravity = number(table, "gravity_mps2", where) if "gravity_mps2" in table else None
     if set(table) == {"gravity_mps2"}:
         assert gravity is not None
         return replace(PAPER_SITE, gravity=gravity)
-    latitude, longitude, height = (_number(table, key, where) for key in ("latitude_deg", "longitude_deg", "height_m"))
+    latitude, longitude, height = (number(table, key, where) for key in ("latitude_deg", "longitude_deg", "height_m"))
     if not -90.0 <= latitude <= 90.0:
         raise ValueError(f"{where}`latitude_deg` is {latitude:g}, not within ±90")
     return Site.at(latitude, longitude, height, gravity)
 
 
 def _axes(table: Mapping[str, Any]) -> AxisMap:
-    _known(table, ("accel_sign", "mount"), "in [instrument]")
+    known(table, ("accel_sign", "mount"), "in [instrument]")
     sign, mount = table.get("accel_sign", -1), table.get("mount", "x,y,z")
     if sign not in (-1, 1):
         raise ValueError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
     if not isinstance(mount, str):
         raise ValueError(f'[instrument]: `mount` is {mount!r}, not a text such as "x,-y,-z"')
     return AxisMap(parse_mount(mount), int(sign))
-
-
-# ------------------------------------------------------------------------------------------------------- small readers
-
-
-def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise ValueError(f"`{key}` is unknown {where}; known: {', '.join(keys)}")
-
-
-def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = document.get(key, {})
-    if not isinstance(value, dict):
-        raise ValueError(f"`{key}` is {value!r}, not a table [{key}]")
-    return value
-
-
-def _tables(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    value = document.get(key, [])
-    if not isinstance(value, list) or not all(isinstance(table, dict) for table in value):
-        raise ValueError(f"`{key}` is {value!r}; each is a table [[{key}]]")
-    return value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _number(
-    table: Mapping[str, Any], key: str, where: str, default: float | None = None, *, least: float = -math.inf
-) -> float:
-    value = table.get(key, default)
-    if value is None:
-        raise ValueError(f"{where}`{key}` is missing")
-    if not _is_number(value) or value < least:
-        raise ValueError(
-            f"{where}`{key}` is {value!r}, not a finite number{f' from {least:g} on' * (least > -math.inf)}"
-        )
-    return float(value)
-
-
-def _whole(table: Mapping[str, Any], key: str, least: int, where: str) -> int:
-    value = table.get(key)
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
-    return value
-
-
-def _yes(table: Mapping[str, Any], key: str, where: str, default: bool = False) -> bool:
-    value = table.get(key, default)
-    if not isinstance(value, bool):
-        raise ValueError(f"{where}`{key}` is {value!r}, not true or false")
-    return value
-
-
-def _triple(table: Mapping[str, Any], key: str, unit: float, where: str) -> Triple | None:
-    if key not in table:
-        return None
-    value = table[key]
-    if not isinstance(value, list) or len(value) != 3 or not all(_is_number(v) for v in value):
-        raise ValueError(f"{where}`{key}` is {value!r}, not three numbers: [x, y, z]")
-    return value[0] * unit, value[1] * unit, value[2] * unit

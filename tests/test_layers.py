@@ -39,7 +39,9 @@ FLOORS = {
         "imutui.report",
     },
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook"},
+    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_wire", "imutui.toml_values"},
+    "imutui.scenario_wire": {"filters", "imutui.toml_values"},
+    "imutui.toml_values": set(),
     "imutui.cli": {"filters", "imutui"},
 }
 

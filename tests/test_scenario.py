@@ -17,11 +17,12 @@ from helpers.processes import command_line, started
 from filters.imu import IMU400CD_200
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled
-from filters.simulation import Fault, PowerOn, Scenario, Temperature, Unit
+from filters.simulation import Fault, Personality, PowerOn, Scenario, Temperature, Unit
 from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
-from imutui.cli.virtual_readings import SimulatedReadings, simulated
+from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings, on_the_line, simulated
+from imutui.instrument.messages import Mode
 from imutui.logbook import reader
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 
@@ -99,6 +100,18 @@ at_s = 11
 kind = "hang_up"
 seconds = 2
 serial_number = 7
+
+[unit]
+version = "VIRTUAL SIM SLOW"
+version_plain_text = true
+ping = "resets"
+power_up_mode = "scaled"
+auto_baud = false
+reply_delay_s = 0.7
+clock_skew_ppm = -200
+
+[line]
+usb_bursts_s = 0.016
 """
 
 
@@ -150,6 +163,9 @@ def test_a_scenario_in_a_file_is_the_scenario(tmp_path: Path) -> None:
         Fault(10.0, "mode_change"),
         Fault(11.0, "hang_up", seconds=2.0, serial_number=7),
     )
+    assert s.personality == Personality(
+        "VIRTUAL SIM SLOW", True, "resets", "scaled", False, reply_delay=0.7, clock_skew_ppm=-200.0, usb_bursts=0.016
+    )
 
 
 def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
@@ -159,6 +175,16 @@ def test_an_empty_scenario_is_a_plain_unit(tmp_path: Path) -> None:
     plain, from_file = (SimulatedReadings(scenario) for scenario in (Scenario(), s))
     assert plain.reading(5) == from_file.reading(5)
     assert from_file.line() is None
+
+
+def test_what_a_scenario_says_of_the_unit_is_what_the_unit_is(tmp_path: Path) -> None:
+    """Its options, and a line that hands on in bursts though it has no faults."""
+    path = written(tmp_path, '[unit]\npower_up_mode = "scaled"\nreply_delay_s = 0.5\n[line]\nusb_bursts_s = 0.016\n')
+    made = on_the_line(path, 0, None, None, 0.0, None)
+    options = made.options(7)
+    assert (options.serial_number, options.version, options.reply_delay_s) == (7, SIMULATED, 0.5)
+    assert options.power_up_mode is Mode.SCALED
+    assert made.line is not None
 
 
 def test_gravity_alone_changes_the_papers_site(tmp_path: Path) -> None:
@@ -208,6 +234,14 @@ WRONG = [
     ('[[fault]]\nat_s = 1\nkind = "reset"\ncount = 1', ["`count` is unknown in fault 1: reset"]),
     ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\npower = 3', ["fault 1", "`power` is 3"]),
     ('[[fault]]\nat_s = 1\nkind = "hang_up"\nseconds = 1\nserial_number = 4294967296', ["`serial_number`", "32"]),
+    ('[unit]\nversion = "IMU400CD-200"', ["'IMU400CD-200'", "VIRTUAL SIM"]),
+    (f'[unit]\nversion = "VIRTUAL SIM {"x" * 30}"', ["at most 30 ASCII characters"]),
+    ('[unit]\nping = "explodes"', ["`ping` is 'explodes'", "keeps, stops, resets"]),
+    ("[unit]\nauto_baud = 1", ["`auto_baud` is 1", "true or false"]),
+    ("[unit]\nreply_delay_s = -1", ["`reply_delay` is -1"]),
+    ("[unit]\nclock_skew_ppm = 1e6", ["`clock_skew_ppm` is 1000000"]),
+    ("[unit]\nbaud = 9600", ["`baud` is unknown in [unit]", "auto_baud"]),
+    ("[line]\nusb_bursts_s = 2", ["`usb_bursts` is 2", "1 s"]),
     ("[site]\nlatitude_deg = 3", ["`longitude_deg` is missing"]),
     ("[site]\nlatitude_deg = 91\nlongitude_deg = 0\nheight_m = 0", ["`latitude_deg` is 91"]),
     ("[instrument]\naccel_sign = 2", ["`accel_sign` is 2"]),

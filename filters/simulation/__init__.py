@@ -19,7 +19,7 @@ the simulator applies and what the tracer believes are two things.
 
 from filters.imu import LOOP_HZ
 from filters.simulation.catalogue import EFFECTS, Effect
-from filters.simulation.scenario import FAULT_KINDS, Fault, PowerOn, Scenario, Temperature, Truth, draw
+from filters.simulation.scenario import FAULT_KINDS, Fault, Personality, PowerOn, Scenario, Temperature, Truth, draw
 from filters.simulation.unit import Recording, StillUnit, Unit, simulate
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "LOOP_HZ",
     "Effect",
     "Fault",
+    "Personality",
     "PowerOn",
     "Recording",
     "Scenario",

@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -31,6 +32,10 @@ FAULT_KINDS = {
     "hang_up": "seconds",
 }
 """Kinds of fault on the wire, and what each is measured in."""
+
+_VERSION_CHARACTERS = 30
+_LONGEST_BURST_S = 1.0
+_MOST_SKEW_PPM = 1e5
 
 Triple = tuple[float, float, float]
 
@@ -170,6 +175,49 @@ class Fault:
             raise ValueError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")
 
 
+@dataclass(frozen=True, slots=True)
+class Personality:
+    """What a unit and its line are like all the time, for whoever puts readings on a wire.
+
+    Attributes
+    ----------
+    version : str or None
+        The unit's answer to the question for its version, instead of the usual one.
+    version_plain_text : bool
+        Whether that comes without header and checksum.
+    ping : {"keeps", "stops", "resets"}
+        What a ping does besides being answered: nothing; it ends the stream; it does what power-up does.
+    power_up_mode : {"voltage", "scaled"}
+        What packets mean after power-up.
+    auto_baud : bool
+        Whether the unit can change its speed.
+    reply_delay : float
+        How late it answers, s.
+    clock_skew_ppm : float
+        How much faster than the host's clock the unit's runs, millionths.
+    usb_bursts : float
+        Period of an adapter that hands on what has come all at once, s; 0: at once.
+    """
+
+    version: str | None = None
+    version_plain_text: bool = False
+    ping: Literal["keeps", "stops", "resets"] = "stops"
+    power_up_mode: Literal["voltage", "scaled"] = "voltage"
+    auto_baud: bool = True
+    reply_delay: float = 0.0
+    clock_skew_ppm: float = 0.0
+    usb_bursts: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.version is not None and not (self.version.isascii() and len(self.version) <= _VERSION_CHARACTERS):
+            raise ValueError(f"`version` is {self.version!r}, not at most {_VERSION_CHARACTERS} ASCII characters")
+        for name, most in (("reply_delay", math.inf), ("usb_bursts", _LONGEST_BURST_S)):
+            if not (0.0 <= getattr(self, name) <= most and math.isfinite(getattr(self, name))):
+                raise ValueError(f"`{name}` is {getattr(self, name)}, not from 0 to {most:g} s")
+        if not abs(self.clock_skew_ppm) <= _MOST_SKEW_PPM:
+            raise ValueError(f"`clock_skew_ppm` is {self.clock_skew_ppm}, not within ±{_MOST_SKEW_PPM:g}")
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A unit, what is done with it, and what is wrong with it.
@@ -192,6 +240,7 @@ class Scenario:
     power_ons : tuple of PowerOn
         At least one.
     faults : tuple of Fault
+    personality : Personality
     site : Site
     axes : AxisMap
         Sign of the accelerometers, mounting on the table.
@@ -208,6 +257,7 @@ class Scenario:
     effects: tuple[Effect, ...] = ()
     power_ons: tuple[PowerOn, ...] = (PowerOn(),)
     faults: tuple[Fault, ...] = ()
+    personality: Personality = Personality()
     site: Site = PAPER_SITE
     axes: AxisMap = field(default_factory=AxisMap)
 

@@ -68,7 +68,7 @@ def command(
     from imutui.cli.spoil import SpoilError, load
     from imutui.cli.virtual_readings import on_the_line
     from imutui.instrument.sent_packets import SentPackets
-    from imutui.instrument.virtual import UnitOptions, VirtualUnit, serve
+    from imutui.instrument.virtual import VirtualUnit, serve
     from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:
@@ -94,8 +94,7 @@ def command(
         raise fail(error.exit_code, str(error)) from error
     if made.source:
         say(f"imutui: {made.source}")
-    options = UnitOptions(serial_number=serial_number, version=made.version, source=made.source)
-    unit = VirtualUnit(made.readings, options, made.seed)
+    unit = VirtualUnit(made.readings, made.options(serial_number), made.seed)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         # where a shell has put us into the background, its Ctrl+C is for others, and ignored from the start

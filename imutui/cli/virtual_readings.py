@@ -1,17 +1,18 @@
 """Readings for the virtual instrument: a simulated unit, a recording, or a recording with something added."""
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY
-from filters.simulation import LOOP_HZ, Scenario, Temperature, Unit
+from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
 from imutui.cli.spoil import ErrorFunction, Spoiled
-from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source
+from imutui.instrument.messages import Mode
+from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source, UnitOptions
 
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
 PLAYED = "IMU400CD-200 VIRTUAL REC"
@@ -37,6 +38,8 @@ class UnitOnTheLine:
         What happens on the wire.
     seed : int
         Of the time counter's start.
+    personality : Personality
+        What the unit is like.
     """
 
     readings: Source
@@ -44,6 +47,22 @@ class UnitOnTheLine:
     source: str = ""
     line: FaultyLine | None = None
     seed: int = 0
+    personality: Personality = field(default_factory=Personality)
+
+    def options(self, serial_number: int) -> UnitOptions:
+        """Which unit this is."""
+        it = self.personality
+        return UnitOptions(
+            serial_number=serial_number,
+            version=self.version if it.version is None else it.version,
+            source=self.source,
+            ping=it.ping,
+            power_up_mode=Mode(it.power_up_mode),
+            reply_delay_s=it.reply_delay,
+            version_plain_text=it.version_plain_text,
+            auto_baud=it.auto_baud,
+            clock_skew_ppm=it.clock_skew_ppm,
+        )
 
 
 class SimulatedReadings:
@@ -81,7 +100,10 @@ class SimulatedReadings:
         scenario = self.unit.scenario
         faults = [LineFault(**asdict(fault)) for fault in scenario.faults]
         lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
-        return FaultyLine(faults, self._fate if lossy else None, scenario.seed) if faults or lossy else None
+        bursts = scenario.personality.usb_bursts
+        if not (faults or lossy or bursts):
+            return None
+        return FaultyLine(faults, self._fate if lossy else None, scenario.seed, bursts)
 
     def _fate(self, t: float) -> tuple[bool, float]:
         return self._fates.get(math.floor(t * LOOP_HZ + 1e-6), (False, 0.0))
@@ -127,7 +149,7 @@ def on_the_line(
     readings = SimulatedReadings(made, power_on, None if played is None else played.background(made.site))
     source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
     told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
-    return UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed)
+    return UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed, made.personality)
 
 
 def simulated(scenario: Path | None, power_on: int, seed: int | None) -> SimulatedReadings:
