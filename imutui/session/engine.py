@@ -73,8 +73,7 @@ class Engine:
         self._port = port
         self._queue: queue.SimpleQueue[ReaderEvent | QueuedCall] = queue.SimpleQueue()
         polled = plan.sampling == "polled"
-        # a virtual unit of our own that ends does not come back
-        known = None if plan.port == VIRTUAL_PORT else KnownUnit(identity, port.baud)
+        known = KnownUnit(identity, port.baud, returns=plan.port != VIRTUAL_PORT)
         self._reader = Reader(port, plan.rate_hz if polled else None, self._queue.put, known)
         clock = Clock(PACKET_BYTES * BITS_PER_BYTE / port.baud * 1e9, polled=polled)
         info = session_info(plan, port, identity)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.crossbow import Decoder, Discarded, Mode, Packet, StartStream, encode
 from imutui.instrument.port import Port, PortError
-from imutui.session import handshake, reconnection, zeroing
+from imutui.session import handshake, measurement_mode, reconnection, zeroing
 from imutui.session.polling import Poller
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 
@@ -68,7 +68,7 @@ class Reader:
     emit : callable
         Takes what happens; called in the reader's thread.
     known : KnownUnit or None
-        The unit to find again when its line is lost after the first packet; None to end then.
+        The unit to find again after the first packet; None to end when its line is lost.
 
     Attributes
     ----------
@@ -93,7 +93,8 @@ class Reader:
         self._silent = threading.Event()
         self._has_line = True
         self._found: str | None = None
-        self._received = False
+        self._last: Packet | None = None
+        self._has_mode = True
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
         self._discarded_bytes = 0
@@ -148,12 +149,11 @@ class Reader:
         except PortError as error:
             # what the decoder still held was cut off; what it had counted with its last packet stays
             self._bad_checksums, self._discarded_bytes = self._counted
-            self._lose(str(error))
+            self._lose(str(error), final=self._last is None or self._known is None or not self._known.returns)
             self._find_again(streams=self._poll_hz is None)
 
-    def _lose(self, message: str) -> None:
-        """Say that the line is lost, or the unit silent."""
-        final = self._known is None or not self._received
+    def _lose(self, message: str, *, final: bool = False) -> None:
+        """Say that the unit is away; if that is final, be stopped."""
         self._has_line = False
         # what was asked of the unit that went away is not asked of it when it is back
         while not self._zero_requests.empty():
@@ -224,7 +224,7 @@ class Reader:
             finally:
                 if poller.unanswered:
                     self._emit(PollUnanswered(time.monotonic_ns()))
-            if answer is not None:
+            if answer is not None and not self._answers_in_volts(answer.packet, poller):
                 self._arrived(answer.packet, answer.arrived_ns, poller, requested_ns=answer.requested_ns)
 
     def _arrived(
@@ -236,14 +236,32 @@ class Reader:
         contiguous: bool = False,
         requested_ns: int | None = None,
     ) -> None:
+        if self._poll_hz is None and self._last is not None and measurement_mode.is_volts(packet, self._last):
+            self._set_up_soon()
+            return
         if self._found is not None:
             self._emit(LineReturned(self.last_packet_ns, host_ns, self._found))
             self._found = None
-        self.last_packet_ns, self._received = host_ns, True
+        self.last_packet_ns, self._last = host_ns, packet
         bad = self._bad_checksums + counters.bad_checksums
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
         self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded, requested_ns))
+
+    def _answers_in_volts(self, packet: Packet, poller: Poller) -> bool:
+        """Whether a unit that is polled forgot its mode: where a packet may say so, it is set and another asked for."""
+        if not measurement_mode.may_be_volts(packet) or not handshake.set_scaled(self._port):
+            return False
+        again = poller.poll()
+        if again is None or not measurement_mode.is_volts(packet, again.packet):
+            return False
+        self._set_up_soon()
+        return True
+
+    def _set_up_soon(self) -> None:
+        """Have the unit, which forgot its mode and perhaps more, set up again before the next packet."""
+        self._has_mode = False
+        self._wake.set()
 
     def _count(self, decoder: Decoder) -> None:
         """Keep a decoder's counters; what it still holds was cut off on purpose and counts for nothing."""
@@ -255,6 +273,10 @@ class Reader:
         if self._silent.is_set():
             self._silent.clear()
             self._ask_silent_unit()
+        if not self._has_mode and self._known is not None:
+            self._has_mode = True
+            self._lose("the unit measures in volts, as after power-up; it is set up again.")
+            self._find_again(streams=False)
         while not self.stopping.is_set() and not self._zero_requests.empty():
             self._zero(self._zero_requests.get())
 

@@ -15,7 +15,7 @@ from imutui.instrument.port import Port, PortError
 from imutui.session import handshake
 from imutui.session.handshake import Identity, InstrumentError
 
-_LOOK_S = 0.1
+_LOOK_S = 0.2
 _REFUSED_S = 1.0
 _PING_S = 0.5
 _HEAR_S = 2.0
@@ -38,10 +38,13 @@ class KnownUnit:
         What it said of itself.
     baud : int
         Speed of its line.
+    returns : bool
+        Whether its line may come back once it is lost: not that of a virtual unit of our own.
     """
 
     identity: Identity
     baud: int
+    returns: bool = True
 
     def in_words(self) -> str:
         """How the unit is told from others."""

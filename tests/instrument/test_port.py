@@ -1,0 +1,76 @@
+"""Names of a port that lead to the same adapter again, and lines that must not be opened."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from helpers.processes import wait_until
+
+from imutui.instrument import port
+from imutui.instrument.port import Port, PortError
+
+
+@pytest.fixture
+def device() -> str:
+    """A pseudo-terminal that is nobody's terminal."""
+    _, slave = os.openpty()
+    return os.ttyname(slave)
+
+
+def test_a_bare_path_is_remembered_by_the_name_of_its_adapter(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That link is followed wherever it leads later; a link or a URL is such a name itself, and a lone path stays."""
+    monkeypatch.setattr(port, "_BY_ID", tmp_path)
+    assert port.lasting_name(device) == device
+    link = tmp_path / "usb-FTDI_cable_A1-if00-port0"
+    link.symlink_to(device)
+    assert port.lasting_name(device) == str(link)
+    assert port.lasting_name(link.name) == str(link)
+    (tmp_path / "mine").symlink_to(device)
+    assert port.lasting_name(str(tmp_path / "mine")) == str(tmp_path / "mine")
+    assert port.lasting_name("socket://10.0.0.1:4001") == "socket://10.0.0.1:4001"
+
+
+def test_a_line_is_opened_again_where_its_adapter_is_now(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not at its old path, which may be another adapter's by then; what is not there is said."""
+    monkeypatch.setattr(port, "_BY_ID", tmp_path)
+    link = tmp_path / "usb-FTDI_cable_A1-if00-port0"
+    link.symlink_to(device)
+    with Port(device, 38400) as line:
+        assert not line.has_moved()
+        link.unlink()
+        line.close()
+        with pytest.raises(PortError, match="is not there"):
+            line.reopen(38400)
+        master, slave = os.openpty()
+        link.symlink_to(os.ttyname(slave))
+        line.reopen(38400)
+        line.write(b"P")
+        assert os.read(master, 1) == b"P"
+
+
+def test_a_pseudo_terminal_that_became_somebodys_terminal_is_left_alone(tmp_path: Path, device: str) -> None:
+    """The number of a virtual instrument that ended is soon given to a shell."""
+    _, slave = os.openpty()
+    shell = os.ttyname(slave)
+    # the first terminal that the leader of a session opens is its terminal
+    child = subprocess.Popen(["sh", "-c", f"exec 0<>{shell}; sleep 100"], start_new_session=True)
+    try:
+        wait_until(lambda: port.is_terminal(shell))
+        assert not port.is_terminal(device)
+        link = tmp_path / "imu"
+        link.symlink_to(device)
+        with Port(str(link), 38400) as line:
+            link.unlink()
+            link.symlink_to(shell)
+            assert line.has_moved()
+            with pytest.raises(PortError, match="somebody's terminal"):
+                line.reopen(38400)
+    finally:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()

@@ -1,0 +1,51 @@
+"""A packet in volts is told from one in scaled units, though they look alike."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from imutui.instrument.crossbow import Mode, Packet, Scaling
+from imutui.session import measurement_mode
+
+SCALING = Scaling()
+
+
+def packets(mode: Mode, rates: np.ndarray, accels: np.ndarray) -> list[Packet]:
+    """What a unit makes of such motion, deg/s and g, shape (N, 3) each; in volts 2.5 stand for zero, 5 for the end."""
+    if mode is Mode.SCALED:
+        words = np.hstack([SCALING.rate_counts(rates), SCALING.accel_counts(accels)])
+    else:
+        ends = 1.5 * np.array([SCALING.rate_range_dps] * 3 + [SCALING.accel_range_g] * 3)
+        words = SCALING.volts_counts(2.5 + 2.5 * np.hstack([rates, accels]) / ends)
+    return [Packet(mode, (a, b, c), (d, e, f), 1587, 0) for a, b, c, d, e, f in words.astype(int).tolist()]
+
+
+def motion(seed: int, n: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    """As wild as the unit's range and its bandwidth of some 10 Hz allow, 133 samples a second."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n)[:, None] / 133.3
+    hz, phase = rng.uniform(0.1, 5.0, 6), rng.uniform(0.0, 6.3, 6)
+    wave = np.sin(2.0 * np.pi * hz * t + phase) * rng.uniform(0.1, 1.0, 6)
+    return 200.0 * wave[:, :3], 4.0 * wave[:, 3:]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_motion_is_taken_for_volts(seed: int) -> None:
+    """However a unit is swung about."""
+    scaled = packets(Mode.SCALED, *motion(seed))
+    assert not any(measurement_mode.is_volts(b, a) for a, b in itertools.pairwise(scaled))
+
+
+def test_a_change_to_volts_is_seen_at_once() -> None:
+    """At rest at any attitude, and in nearly all moments of wild motion."""
+    rng = np.random.default_rng(1)
+    down = rng.normal(size=(300, 3))
+    still = rng.normal(size=(300, 3)) * 0.5, down / np.linalg.norm(down, axis=1, keepdims=True)
+    for (rates, accels), share in ((still, 1.0), (motion(3), 0.95)):
+        scaled, volts = packets(Mode.SCALED, rates, accels), packets(Mode.VOLTAGE, rates, accels)
+        assert all(map(measurement_mode.may_be_volts, volts))
+        seen = [measurement_mode.is_volts(b, a) for a, b in zip(scaled, volts[1:], strict=False)]
+        # rests are each at an attitude of their own: the same one goes on
+        seen = seen if share < 1.0 else [measurement_mode.is_volts(b, a) for a, b in zip(scaled, volts, strict=True)]
+        assert np.mean(seen) >= share
