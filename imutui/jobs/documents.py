@@ -38,6 +38,12 @@ class SessionFields(TypedDict):
     continues: str
     continues_id: str
     continues_sha256: str
+    acquisition: str
+    boot_id: str
+    previous: str
+    previous_id: str
+    previous_end: str
+    restart: str
     accel_sign: float | None
     g_unit: float | None
     rate_range_dps: float | None

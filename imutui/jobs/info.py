@@ -282,6 +282,12 @@ _MORE_TEXTS = (
     "continues",
     "continues_id",
     "continues_sha256",
+    "acquisition",
+    "boot_id",
+    "previous",
+    "previous_id",
+    "previous_end",
+    "restart",
 )
 _NUMBERS = (
     "accel_sign", "g_unit", "rate_range_dps", "accel_range_g", "baud",

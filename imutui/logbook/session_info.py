@@ -75,6 +75,11 @@ class SessionInfo:
         Which part, from 1.
     continues, continues_id, continues_sha256 : str
         Name, id and hash of the log that it goes on from; "" if it begins a power-on, or nothing is known of one.
+    acquisition, boot_id : str
+        Name of the acquisition, and which run of the computer it was recorded in.
+    previous, previous_id, previous_end, restart : str
+        Name and id of the recording before it that it takes up after, "finished" or "unfinished", and what was started
+        anew since, "process" or "computer": see `imutui.session.previous_log`. "" where nothing is to be said.
     power_on_ns : int
         UTC of the power-on's first known sample, ns; 0 for the log's own first one.
     clock_s : float
@@ -124,6 +129,12 @@ class SessionInfo:
     continues: str = ""
     continues_id: str = ""
     continues_sha256: str = ""
+    acquisition: str = ""
+    boot_id: str = ""
+    previous: str = ""
+    previous_id: str = ""
+    previous_end: str = ""
+    restart: str = ""
     power_on_ns: int = 0
     clock_s: float = 0.0
     memory: str = ""

@@ -100,6 +100,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "length", _length(d)
     yield "rate", _rate(d)
     yield "continues", f"{d['continues']}, of the same power-on" if d["continues"] else ""
+    yield "after", _after(d)
     yield "without", ", ".join(d["unread_channels"])
     yield "temperature", _temperature(d["temperature_degc"])
     yield "axes", _axes(d)
@@ -126,6 +127,13 @@ def _length(d: InfoDocument) -> str:
     packets = f" of {plural(d['packets'], 'packet')}" if d["packets"] else ""
     without = f", {d['samples_without_reading']:,} without a reading" if d["samples_without_reading"] else ""
     return f"{numbers.duration(d['duration_s'] or 0.0)}, {plural(d['samples'], 'sample')}{packets}{without}"
+
+
+def _after(d: InfoDocument) -> str:
+    """The recording before it that it takes up after, and what has happened since."""
+    since = {"process": "a crash" if d["previous_end"] != "finished" else "", "computer": "a restart of the computer"}
+    why = since.get(d["restart"], "")
+    return f"{d['previous']}, {d['previous_end']}{f', then {why}' if why else ''}" if d["previous"] else ""
 
 
 def _rate(d: InfoDocument) -> str:

@@ -14,7 +14,7 @@ from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import exit_codes, observe, operator_guide, reconnection, silence, zeroing
+from imutui.session import exit_codes, observe, operator_guide, previous_log, reconnection, silence, zeroing
 from imutui.session.absence import Absence, line_rate_hz
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import EventLog
@@ -422,17 +422,24 @@ class Acquisition:
             self._duration_from_ns = None
 
     def _begin_recording(self, note: str, path: Path | None) -> str:
-        recording = Recording(self._plan, self._info, note, path)
+        previous = None if self._has_recorded else self._previous_log()
+        recording = Recording(self._plan, previous_log.told(self._info, previous), note, path)
         self._begin_run(recording)
         self._recording, self._guide = recording, None
         self._duration_from_ns, self._has_recorded = None, True
         self._polled_rate, self._rate_said = PolledRate(self._plan.rate_hz), False
         self._events.clear_marks()
         self.event("acquisition", f"recording to {recording.writer.path.name}")
+        if previous is not None:
+            self.event("acquisition", previous.in_words(), INFORMATION if previous.finished else WARNING)
         if self._plan.rotates != bool(self._plan.rotate_minutes or self._plan.rotate_mb):
             why = "the reference is told from one log's first sample on"
             self.event("acquisition", f"the recording stays in one file: {why}", WARNING)
         return str(recording.writer.path)
+
+    def _previous_log(self) -> previous_log.PreviousLog | None:
+        """What this acquisition recorded before it was started anew, if that is to be told."""
+        return previous_log.find(Path(self._plan.logs), self._info, finished_too=self._plan.unattended)
 
     def _is_file_full(self, now_ns: int) -> bool:
         """Whether the recording goes on in another file, from this packet on."""

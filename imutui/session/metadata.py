@@ -23,6 +23,7 @@ from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, 
 from imutui.logbook.writer import LogWriter
 from imutui.session.handshake import Identity
 from imutui.session.plan import Plan
+from imutui.session.previous_log import boot_id
 from imutui.session.requests import FilterChanges
 
 STAMPS = (
@@ -52,6 +53,8 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         port=plan.port if "://" in plan.port else port.name,
         baud=port.baud,
         host=socket.gethostname(),
+        acquisition=plan.name,
+        boot_id=boot_id(),
         operator=plan.operator or _user(),
         note=plan.note,
         place=plan.place,

@@ -88,6 +88,8 @@ class Plan:
         comes from none.
     effects : str
         Text of the effects file; empty for none.
+    unattended : bool
+        Nobody looks on: a recording names the one before it, be it finished.
     virtual : tuple of str
         Further arguments of `imutui virtual`, for port "virtual".
     """
@@ -126,6 +128,7 @@ class Plan:
     noise: str = "table1"
     reference_file: tuple[str, str] = ("", "")
     effects: str = ""
+    unattended: bool = False
     virtual: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from imutui.logbook import power_on
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
+from imutui.session import previous_log
 from imutui.session.disk_space import GrowthRate
 from imutui.session.metadata import attach, default_path
 from imutui.session.plan import Plan
@@ -87,7 +88,7 @@ class Recording:
         sha256, first_ns = str(result["log_sha256"]), pipeline.first_stamp_ns or 0
         following = power_on.continued(self.info, self.info, self.writer.path, sha256, first_ns)
         memory = "" if pipeline.filter is None else pipeline.filter.memory()
-        self._next_info = replace(following, memory=memory)
+        self._next_info = previous_log.told(replace(following, memory=memory), None)
         return self.parts.add_result(result)
 
 

@@ -1,0 +1,130 @@
+"""The recording before this one of the same acquisition and unit: what a new file says of it.
+
+After a crash, or when the computer was started anew, an acquisition goes on in a new file. That file names the one
+before, whether that was finished, and what has happened since. It does not say that both are of one power-on: whether
+the unit kept its power meanwhile nobody knows (`imutui.logbook.power_on` is for what is known).
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from imutui.logbook import summary
+from imutui.logbook.session_info import SessionInfo
+
+PROCESS, COMPUTER = "process", "computer"
+"""What was started anew since the recording before."""
+
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+_LOOKED_AT = 100
+_SUFFIX = ".mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class PreviousLog:
+    """A recording that an acquisition takes up after.
+
+    Attributes
+    ----------
+    name, log_id : str
+        Of its last file.
+    finished : bool
+        Whether that has its end.
+    last_s : float
+        Its last sample, or when it was last written to if it does not tell, Unix time, s.
+    restart : str
+        "process" if this computer has run on since, "computer" if that was started anew, "" if it is not known.
+    """
+
+    name: str
+    log_id: str
+    finished: bool
+    last_s: float
+    restart: str
+
+    def in_words(self) -> str:
+        """What the new file's event says."""
+        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.last_s))
+        why = {PROCESS: "a crash" if not self.finished else "", COMPUTER: "a restart of the computer", "": ""}
+        after = why[self.restart] or "an earlier recording"
+        how = "was finished" if self.finished else "ended unfinished"
+        cure = "" if self.finished else f"; `imutui recover {self.name}` makes it whole"
+        return (
+            f"continues after {after}: {self.name} {how} at {when}. Whether the unit kept its power is not known{cure}"
+        )
+
+
+def boot_id() -> str:
+    """Id of this run of the computer, from power-up to power-down; "" if it does not tell."""
+    try:
+        return _BOOT_ID.read_text().strip()
+    except OSError:
+        return ""
+
+
+def find(folder: Path, info: SessionInfo, *, finished_too: bool) -> PreviousLog | None:
+    """The last recording of the same acquisition, unit and computer in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the recordings.
+    info : SessionInfo
+        Of the recording that is to begin.
+    finished_too : bool
+        Whether one that was finished counts, or is nothing to be told of.
+
+    Returns
+    -------
+    PreviousLog or None
+        None if there is none, or it was finished and that does not count.
+    """
+    for path in _newest(folder):
+        try:
+            found = summary.read(path)
+        except OSError:  # removed meanwhile, or not for this user
+            continue
+        if found.state in (summary.NO_LOG, summary.WRITING) or not _same(found.session, info):
+            continue
+        previous = _previous(found, info)
+        return previous if finished_too or not previous.finished else None
+    return None
+
+
+def told(info: SessionInfo, previous: PreviousLog | None) -> SessionInfo:
+    """Metadata of a recording that takes up after that one, or after none that is known."""
+    if previous is None:
+        return replace(info, previous="", previous_id="", previous_end="", restart="")
+    end = summary.FINISHED if previous.finished else summary.UNFINISHED
+    return replace(
+        info, previous=previous.name, previous_id=previous.log_id, previous_end=end, restart=previous.restart
+    )
+
+
+def _newest(folder: Path) -> Iterator[Path]:
+    """Logs of a folder, the one written to last first; not all, lest a folder of thousands hold up the recording."""
+    try:
+        stamped = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{_SUFFIX}")]
+    except OSError:  # a share that went away; whoever writes to it will say so
+        stamped = []
+    return (path for _, path in sorted(stamped, reverse=True)[:_LOOKED_AT])
+
+
+def _same(session: dict[str, str], info: SessionInfo) -> bool:
+    """Whether a log's metadata are of the same acquisition, unit and computer."""
+    keys = ("acquisition", "serial_number", "host")
+    return all(session.get(key) == getattr(info, key) for key in keys)
+
+
+def _previous(found: summary.Summary, info: SessionInfo) -> PreviousLog:
+    booted = found.session.get("boot_id", "")
+    known = booted and info.boot_id
+    restart = (PROCESS if booted == info.boot_id else COMPUTER) if known else ""
+    last_s = found.modified if found.started_ns is None else found.started_ns / 1e9 + (found.seconds or 0.0)
+    return PreviousLog(found.path.name, found.session.get("log_id", ""), _is_finished(found), last_s, restart)
+
+
+def _is_finished(found: summary.Summary) -> bool:
+    # one that is damaged has no summary to tell its end by
+    return found.state == summary.FINISHED
