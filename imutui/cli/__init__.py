@@ -32,7 +32,7 @@ from imutui.cli import (
     trace,
     virtual,
 )
-from imutui.cli.exit_codes import handled
+from imutui.cli.exit_codes import handled, tell
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo.command,
@@ -70,7 +70,7 @@ def _version(wanted: bool) -> None:
     if wanted:
         import imutui
 
-        print(f"imutui {imutui.__version__}")
+        tell(f"imutui {imutui.__version__}")
         raise typer.Exit
 
 

@@ -21,7 +21,7 @@ def command(
     Example: imutui config --show
     """
     from imutui import config
-    from imutui.cli.exit_codes import say
+    from imutui.cli.exit_codes import say, tell
     from imutui.logbook.json_text import dumps
 
     loaded = config.load()
@@ -32,7 +32,7 @@ def command(
         files = [{"path": str(file.path), "read": file.read} for file in loaded.files]
         print(dumps(settings | {"files": files}))
     elif show:
-        print(_text(loaded))
+        tell(_text(loaded))
 
 
 def _text(loaded: "Config") -> str:

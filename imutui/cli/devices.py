@@ -73,17 +73,14 @@ def _with_answer(entry: PortEntry, answer: "ProbeAnswer") -> PortEntry:
 
 
 def _probed(port: str) -> "ProbeAnswer":
-    import sys
-
+    from imutui.cli.exit_codes import show_progress
     from imutui.session import client
 
-    if sys.stderr.isatty():
-        print(f"\r\x1b[Kasking {port}", end="", file=sys.stderr, flush=True)
+    show_progress(f"asking {port}")
     try:
         return client.probe(port)
     finally:
-        if sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        show_progress("")
 
 
 def _running() -> list[AcquisitionEntry]:
@@ -114,20 +111,22 @@ def _running() -> list[AcquisitionEntry]:
 
 
 def _tell(found: list[PortEntry], running: list[AcquisitionEntry]) -> None:
+    from imutui.cli.exit_codes import tell
+
     if not found:
-        print("no serial port on this machine. Plug the adapter in; `imutui demo` needs none.")
+        tell("no serial port on this machine. Plug the adapter in; `imutui demo` needs none.")
     for entry in found:
         about = f"  {entry['description']}" if entry["description"] else ""
-        print(f"{entry['port']}{about}")
+        tell(f"{entry['port']}{about}")
         if "answers" in entry:
-            print(f"    {_answer(entry)}")
+            tell(f"    {_answer(entry)}")
     for a in running:
         if "port" not in a:
-            print(f'acquisition "{a["name"]}" is connecting to its instrument')
+            tell(f'acquisition "{a["name"]}" is connecting to its instrument')
             continue
         what = "recording" if a["recording"] else "not recording"
         unit = f"{a['instrument']} #{a['serial_number']}" if a["serial_number"] else a["instrument"]
-        print(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
+        tell(f'acquisition "{a["name"]}" has {a["port"]}: {unit}, {a["kind"]}, {a["state"]}, {what}')
 
 
 def _answer(entry: PortEntry) -> str:

@@ -1,14 +1,13 @@
 """One job over logs named on the command line, one after the other: one log's trouble is not the others'."""
 
 import shutil
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
 import typer
 
-from imutui.cli.exit_codes import FINDINGS, FINE, in_words, say
+from imutui.cli.exit_codes import FINDINGS, FINE, in_words, say, show_progress, tell
 
 _WIDEST = 100
 
@@ -54,7 +53,7 @@ def over(
         progress(1.0, "")
         code = max(code, FINE if fine(document) else FINDINGS)
         if not json:
-            print(("\n" if documents else "") + text(document, width()))
+            tell(("\n" if documents else "") + text(document, width()))
         documents.append(document)
     if json and (documents or len(logs) > 1):
         from imutui.logbook.json_text import dumps
@@ -65,9 +64,7 @@ def over(
 
 def progress(share: float, what: str) -> None:
     """Show how far a job is, on a terminal only."""
-    if sys.stderr.isatty():
-        text = f"{share * 100:3.0f} %  {what}" if share < 1.0 else ""
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+    show_progress(f"{share * 100:3.0f} %  {what}" if share < 1.0 else "")
 
 
 def width() -> int:

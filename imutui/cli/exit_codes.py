@@ -16,8 +16,25 @@ R = TypeVar("R")
 
 
 def say(text: str) -> None:
-    """Print a message on stderr."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a message on stderr; what it quotes from outside does nothing to the terminal, and is not endless."""
+    from imutui.plain_text import MESSAGE_LIMIT, cut, visible
+
+    print(visible(cut(text, MESSAGE_LIMIT)), file=sys.stderr, flush=True)
+
+
+def tell(text: str) -> None:
+    """Print text for people on stdout; what it quotes from outside does nothing to the terminal."""
+    from imutui.plain_text import visible
+
+    print(visible(text))
+
+
+def show_progress(text: str) -> None:
+    """Replace the line that the cursor is in, "" to leave it empty; on a terminal only."""
+    from imutui.plain_text import in_line
+
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{in_line(text)}", end="", file=sys.stderr, flush=True)
 
 
 def fail(code: int, message: str) -> typer.Exit:

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from imutui.cli.exit_codes import FINDINGS, FINE, INTERRUPTED, say
 from imutui.cli.result_table import print_result
+from imutui.plain_text import in_line
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.plan import Plan
@@ -106,7 +107,7 @@ def _watch(connection: Client) -> "ResultDocument | None":
         while True:
             with contextlib.suppress(TimeoutError):
                 return connection.wait(_REFRESH_S)
-            live.update(Text(_line(connection.snapshot(since=NO_SERIES))))
+            live.update(Text(in_line(_line(connection.snapshot(since=NO_SERIES)))))
 
 
 def _line(s: Snapshot) -> str:

@@ -1,6 +1,5 @@
 """`imutui import`."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -119,10 +118,7 @@ def command(
     mode = settings.file_mode
     importer.write(recording, info, file, output, overwrite=force, reference=attachment, first_ns=first_ns, mode=mode)
     duration = recording.t[-1] - recording.t[0]
-    print(
-        f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}",
-        file=sys.stderr,
-    )
+    say(f"{output}: {recording.t.size} samples, {duration:.1f} s, {recording.rate_hz:.4f} Hz, {info.reference}")
 
 
 def _before(log: Path | None, info: "SessionInfo", output: Path) -> "Preceding | None":

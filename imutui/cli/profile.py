@@ -26,13 +26,16 @@ def command(
 
     Example: imutui profile "six positions, 30 s each"
     """
-    from imutui.cli.exit_codes import UNREADABLE, fail
+    from imutui.cli.exit_codes import UNREADABLE, fail, tell
     from imutui.jobs import operator_steps
     from imutui.logbook.json_text import dumps
 
     if file is None:
         found = operator_steps.offers(_folders())
-        print(dumps([_row(offer) for offer in found]) if json else _listed(found))
+        if json:
+            print(dumps([_row(offer) for offer in found]))
+        else:
+            tell(_listed(found))
         return
     named = [offer for offer in operator_steps.ready_made() if offer.name == str(file)]
     offer = named[0] if named else operator_steps.offer_of(file)
@@ -42,7 +45,7 @@ def command(
     if json:
         print(dumps(operator_steps.document(profile, offer.name)))
     else:
-        print(_text(offer, operator_steps.steps(profile)))
+        tell(_text(offer, operator_steps.steps(profile)))
 
 
 def _folders() -> list[Path]:

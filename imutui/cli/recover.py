@@ -25,7 +25,7 @@ def command(
     """
     from imutui import config
     from imutui.cli.each_log import progress, width
-    from imutui.cli.exit_codes import FINDINGS, FINE, refuse_existing
+    from imutui.cli.exit_codes import FINDINGS, FINE, refuse_existing, tell
     from imutui.jobs.recover import recover
     from imutui.logbook.json_text import dumps
     from imutui.report.logs import recover_text
@@ -37,5 +37,8 @@ def command(
         document = recover(log, output, force, progress, mode)
     finally:
         progress(1.0, "")
-    print(dumps(document) if json else recover_text(document, width()))
+    if json:
+        print(dumps(document))
+    else:
+        tell(recover_text(document, width()))
     raise typer.Exit(FINE if document["complete"] else FINDINGS)

@@ -91,27 +91,23 @@ def _outcomes(logs: list[Path], options: Any) -> Iterator[Any]:
         yield _one(logs[0], options, _progress(logs[0]))
         return
     from filters.kalman import runner
+    from imutui.cli.exit_codes import show_progress
     from imutui.jobs.parallel import each
 
-    runner.warm_up(_show)  # once, or each process would compile the step for itself
-    _show(f"0 of {len(logs)} logs")
+    runner.warm_up(show_progress)  # once, or each process would compile the step for itself
+    show_progress(f"0 of {len(logs)} logs")
     for number, outcome in enumerate(each(partial(_one, options=options), logs), 1):
-        _show(f"{number} of {len(logs)} logs")
+        show_progress(f"{number} of {len(logs)} logs")
         yield outcome
-    _show("")
-
-
-def _show(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+    show_progress("")
 
 
 def _one(log: Path, options: Any, progress: Any = None) -> Any:
-    from imutui.cli.exit_codes import in_words
+    from imutui.cli.exit_codes import in_words, show_progress
     from imutui.jobs.replay import replay
 
     try:
-        return replay(log, options, progress or (lambda share: None), _show if progress else None)
+        return replay(log, options, progress or (lambda share: None), show_progress if progress else None)
     except Exception as error:  # noqa: BLE001 - the same words that the command itself would end with
         return in_words(error)
 
@@ -160,11 +156,12 @@ def _overrides(filter_name: str | None, reference: str | None, pairs: list[str])
 
 
 def _progress(log: Path) -> Any:
+    from imutui.cli.exit_codes import show_progress
+
     if not sys.stderr.isatty():
         return lambda share: None
 
     def show(share: float) -> None:
-        end = "\r\x1b[K" if share >= 1.0 else ""
-        print(f"\r\x1b[K{log.name}: {share * 100:3.0f} %{end}", end="", file=sys.stderr, flush=True)
+        show_progress(f"{log.name}: {share * 100:3.0f} %" if share < 1.0 else "")
 
     return show

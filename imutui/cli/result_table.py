@@ -12,12 +12,14 @@ if TYPE_CHECKING:
 
 def print_result(document: "ResultDocument") -> None:
     """Print a result document of a live run or a replay on stdout."""
+    from imutui.plain_text import visible
+
     console = Console(highlight=False)
-    console.print(Text(_headline(document)))
+    console.print(Text(visible(_headline(document))))
     if "final" in document:
         console.print(_biases(document))
         for line in _lines(document):
-            console.print(Text(line))
+            console.print(Text(visible(line)))
 
 
 def _headline(d: "ResultDocument") -> str:

@@ -16,6 +16,7 @@ def command(name: Name = None, json: Json = False) -> None:
 
     Example: imutui status
     """
+    from imutui.cli.exit_codes import tell
     from imutui.session import client
 
     names = [name] if name is not None else client.running()
@@ -31,11 +32,11 @@ def command(name: Name = None, json: Json = False) -> None:
         told = [{key: value for key, value in state.items() if key != "series"} for state in states]
         print(dumps(told + [{"name": one, "state": "connecting"} for one in connecting]))
     elif not names:
-        print("no acquisition is running")
+        tell("no acquisition is running")
     for state in [] if json else states:
-        print(_line(state), *_more(state), sep="\n  ")
+        tell("\n  ".join([_line(state), *_more(state)]))
     for one in [] if json else connecting:
-        print(f"{one}: connecting to its instrument")
+        tell(f"{one}: connecting to its instrument")
 
 
 def _line(s: "Snapshot") -> str:

@@ -42,7 +42,7 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, tell
     from imutui.jobs.trace import TraceOptions, trace
     from imutui.logbook.json_text import dumps
     from imutui.report import sentences
@@ -64,7 +64,7 @@ def command(
     if json:
         print(dumps(traced.document))
     else:
-        print(sentences.text(traced.document, traced.source, min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)))
+        tell(sentences.text(traced.document, traced.source, min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)))
     if output is not None:
         _write_effects(output, traced, force)
     if report is not None:
@@ -121,11 +121,12 @@ def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
 
 
 def _progress() -> Callable[[float, str], Any]:
+    from imutui.cli.exit_codes import show_progress
+
     if not sys.stderr.isatty():
         return lambda share, what: None
 
     def show(share: float, what: str) -> None:
-        text = f"{share * 100:3.0f} %  {what}" if share < 1.0 else ""
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+        show_progress(f"{share * 100:3.0f} %  {what}" if share < 1.0 else "")
 
     return show

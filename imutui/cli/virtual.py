@@ -64,7 +64,7 @@ def command(
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
-    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say
+    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
     from imutui.cli.spoil import SpoilError, load
     from imutui.cli.virtual_readings import on_the_line
     from imutui.instrument.sent_packets import SentPackets
@@ -102,7 +102,8 @@ def command(
             signal.signal(number, lambda *_: stop.set())
 
     def ready(port: str) -> None:
-        print(port, flush=True)
+        tell(port)
+        sys.stdout.flush()
 
     with ExitStack() as files:
         sink = None if tap is None else files.enter_context(open(tap, "wb", buffering=0))

@@ -17,6 +17,7 @@ from imutui.jobs.documents import (
 )
 from imutui.logbook import summary, unread_channels
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
+from imutui.plain_text import NOTE_LIMIT, in_line, one_line
 
 if TYPE_CHECKING:
     from imutui.logbook.message_arrays import Audit
@@ -90,8 +91,8 @@ class Brief:
 
     @property
     def name(self) -> str:
-        """Name of the file, without its folder."""
-        return self.path.name
+        """Name of the file, without its folder, as it can be shown."""
+        return in_line(self.path.name)
 
 
 _TEXTS = ("instrument", "serial_number", "operator", "place", "table", "note", "reference", "filter")
@@ -126,7 +127,7 @@ def brief(path: Path) -> Brief:
         measured,
         kind if kind in (MEASURED, SIMULATED) else UNKNOWN,
         found.by_ends,
-        **{name: session.get(name, "") for name in _TEXTS},
+        **{name: one_line(session.get(name, ""), NOTE_LIMIT) for name in _TEXTS},
         converged=converged if isinstance(converged, bool) else None,
         lost_packets=lost if isinstance(lost, int) else None,
     )

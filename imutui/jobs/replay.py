@@ -34,6 +34,7 @@ from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, ResultDocument, Timings
 from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
 from imutui.logbook.writer import LogWriter
+from imutui.plain_text import in_line, quoted
 
 ESTIMATES_HZ = 1.0
 _ROWS = 1024
@@ -353,7 +354,8 @@ class _EstimateSink:
         self._info = info
         self._output = output
         self._part = output.with_name(output.name + ".part")
-        text = f'# replay of {log.path.name}\nfilter = "{info.filter}"\nreference = "{info.reference}"\n'
+        text = f"# replay of {in_line(log.path.name)}\nfilter = {quoted(info.filter)}\n"
+        text += f"reference = {quoted(info.reference)}\n"
         # without a sum beside it: it can be made again
         self._writer = LogWriter(
             self._part, info, text, time.time_ns(), overwrite=True, mode=options.mode, checksum=False

@@ -25,7 +25,6 @@ is the container; what the effects mean is made of it by `build`.
 """
 
 import hashlib
-import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -38,6 +37,7 @@ import numpy as np
 
 from filters.effects.records import Included, State
 from filters.imu import CHANNELS
+from imutui import plain_text
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -299,7 +299,7 @@ def _matrix(values: Any) -> str:
 
 def _key(name: str) -> str:
     plain = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if plain else json.dumps(name, ensure_ascii=False)
+    return name if plain else plain_text.quoted(name)
 
 
 def _value(value: Any) -> str:
@@ -309,7 +309,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return plain_text.quoted(value)
     if isinstance(value, int):
         return str(value)
     if isinstance(value, float):

@@ -21,6 +21,7 @@ from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
+from imutui.plain_text import in_line
 
 _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
 _OPTIONAL = {"temp": 1}
@@ -220,7 +221,7 @@ def write(
         info,
         sampling="imported",
         rate_hz=recording.rate_hz,
-        source=source.name,
+        source=in_line(source.name),
         software=f"imutui {imutui.__version__}",
         stamps=recording.stamps if first_ns is None else recording.stamps.replace(STARTED, f"after {info.continues}"),
         clock_s=float(recording.t[0]),
@@ -233,7 +234,7 @@ def write(
     own = power_on.content_id(recording.t, gyro, accel)
     info = replace(info, log_id=own, power_on=info.power_on or own)
     angles, rates, changed = _table(recording, info)
-    text = f"# imported from {source.name}\n"
+    text = f"# imported from {in_line(source.name)}\n"
     log = LogWriter(output, info, text, time.time_ns(), overwrite=overwrite, mode=mode)
     if reference is not None:
         log.attach(reference.name, reference.media_type, reference.content, int(stamp_ns[0]))
@@ -250,7 +251,7 @@ def write(
             data = schemas.encode_temperature(stamp, float(recording.temperature_degc[k]))
             log.encoded(schemas.TEMPERATURE, data, stamp, stamp)
     duration = float(stamp_ns[-1] - stamp_ns[0]) / 1e9
-    log.finish({"samples": int(stamp_ns.size), "duration_s": duration, "source": source.name}, time.time_ns())
+    log.finish({"samples": int(stamp_ns.size), "duration_s": duration, "source": in_line(source.name)}, time.time_ns())
 
 
 def _table(recording: Recording, info: SessionInfo) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,4 +12,5 @@ def dumps(document: Mapping[str, object] | Sequence[object] | None) -> str:
     ValueError
         If a number is not finite.
     """
-    return json.dumps(document, indent=2, allow_nan=False)
+    # DEL is the one control character that JSON leaves as it is
+    return json.dumps(document, indent=2, allow_nan=False).replace("\x7f", r"\u007f")

@@ -22,6 +22,7 @@ from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.scan import RECOVERED, Piece, Scan
 from imutui.logbook.session_info import METADATA
+from imutui.plain_text import in_line
 
 _PROFILE = "ros2"
 
@@ -247,7 +248,7 @@ class _Copy:
 def note(found: Scan, kept: RebuiltContent, lost: list[str], source_sha256: str) -> dict[str, str]:
     """Metadata record of a rebuilt file."""
     return {
-        "source": found.path.name,
+        "source": in_line(found.path.name),
         "source_bytes": str(found.size),
         "source_sha256": source_sha256,
         "recovered": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),

@@ -11,6 +11,7 @@ import numpy as np
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
 from filters.state import PAPER_SITE, Site
+from imutui.plain_text import in_line
 
 if TYPE_CHECKING:
     from filters.kalman.augmentation import MakeEffects
@@ -187,8 +188,10 @@ class SessionInfo:
         return replace(self, **cast("dict[str, Any]", values))
 
     def strings(self) -> dict[str, str]:
-        """Fields as MCAP metadata."""
-        return {key: repr(value) if isinstance(value, float) else str(value) for key, value in asdict(self).items()}
+        """Fields as MCAP metadata; no text in them acts on who shows it."""
+        return {
+            key: repr(value) if isinstance(value, float) else in_line(str(value)) for key, value in asdict(self).items()
+        }
 
     @classmethod
     def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":

@@ -17,6 +17,7 @@ from filters.channels import CHANNELS, STANDARD_GRAVITY
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import CommonEntry, DriverCurveEntry, ErrorEntry, FindingEntry, TraceDocument
 from filters.types import Array
+from imutui.plain_text import in_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -145,7 +146,7 @@ def _common(entry: CommonEntry) -> "Figure":
     ax = figure.subplots()
     for run in dict.fromkeys(of_run):
         own = np.array([name == run for name in of_run])
-        ax.plot(t[own], y[own], lw=0.9, label=f"run {run}")
+        ax.plot(t[own], y[own], lw=0.9, label=_plain(f"run {run}"))
     if entry["kind"] == "event":
         ax.axvspan(entry["t_start_s"], min(entry["t_end_s"], float(t[-1])), color=_FLOOR, alpha=0.2, lw=0)
     ax.set_xlabel("s since the start of the run")
@@ -218,6 +219,11 @@ def _errors(errors: Sequence[ErrorEntry]) -> "Figure":
     ax.set_ylabel("× floor (grey: 95 % of a clean unit)")
     ax.legend(frameon=False, fontsize="small")
     return figure
+
+
+def _plain(text: str) -> str:
+    """A label with text from outside: no control characters, and no formula between dollar signs."""
+    return in_line(text).replace("$", r"\$")
 
 
 def _means(values: Array, group: int) -> Array:

@@ -2,11 +2,12 @@
 
 import base64
 from collections.abc import Sequence
-from html import escape
+from html import escape as escaped
 from pathlib import Path
 
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import CommonEntry, TraceDocument
+from imutui.plain_text import in_line, visible
 from imutui.report import sentences
 from imutui.report.figures import Picture, pictures
 
@@ -66,8 +67,17 @@ def course(entry: CommonEntry) -> str:
     head = "t_s,value" + (",run" if runs else "")
     lines = [f"{t:.3f},{y:.9g}" for t, y in zip(curve["t_s"], curve["y"], strict=True)]
     if runs:
-        lines = [f'{line},"{run}"' for line, run in zip(lines, runs, strict=True)]
+        lines = [f'{line},"{_cell(run)}"' for line, run in zip(lines, runs, strict=True)]
     return "\n".join([head, *lines]) + "\n"
+
+
+def _cell(text: str) -> str:
+    return in_line(text).replace('"', '""')
+
+
+def escape(text: str) -> str:
+    """Text as HTML shows it: nothing in it is a tag, and nothing acts on what stands around it."""
+    return escaped(visible(text))
 
 
 def page(document: TraceDocument, made: Sequence[Picture], source: str) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
+from imutui.plain_text import visible
 from imutui.session import exit_codes, handshake, ipc
 from imutui.session.disk_space import disk_message
 from imutui.session.engine import Engine
@@ -80,7 +81,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     server.shutdown()
     ipc.socket_path(plan.name).unlink(missing_ok=True)
     if engine.lifecycle.error is not None:
-        print(engine.lifecycle.error, file=sys.stderr)
+        print(visible(engine.lifecycle.error), file=sys.stderr)
     return engine.exit_code
 
 
@@ -165,7 +166,7 @@ def _virtual(plan: Plan) -> Iterator[str]:
 
 def _refuse(code: int, message: str) -> int:
     _say({"ok": False, "error": message, "exit_code": code})
-    print(message, file=sys.stderr)
+    print(visible(message), file=sys.stderr)
     return code
 
 

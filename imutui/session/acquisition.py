@@ -14,6 +14,7 @@ from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
+from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import exit_codes, observe, operator_guide, previous_log, reconnection, silence, zeroing
 from imutui.session.absence import Absence, line_rate_hz
 from imutui.session.disk_space import FreeSpace, disk_message
@@ -404,7 +405,7 @@ class Acquisition:
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        now = time.monotonic_ns()
+        now, text = time.monotonic_ns(), one_line(text, NOTE_LIMIT)
         self._events.add(name, text, now)
         self._pipeline.event(name, text, now, level)
 

@@ -31,6 +31,7 @@ from imutui.instrument.crossbow import (
     encode,
 )
 from imutui.instrument.port import Port
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
 _QUIET_S = 0.06
 _QUIET_LIMIT_S = 1.0
@@ -121,7 +122,7 @@ def identify(port: Port) -> Identity:
     """What a unit that is polled, on a quiet line at its own speed, says of itself."""
     number = ask(port, AskSerialNumber(), SerialNumber)
     version = ask(port, AskVersion(), Version)
-    text = version.text.strip() if version else ""
+    text = one_line(version.text, NAME_LIMIT) if version else ""
     return Identity(str(number.number) if number else "", text, _source(port, text))
 
 
@@ -134,7 +135,7 @@ def _source(port: Port, version: str) -> str:
         pieces = [ask(port, AskVersion(), Version) for _ in range(int(announced[1]))]
         told = [piece.text for piece in pieces if piece is not None]
         if len(told) == len(pieces):
-            return "".join(told)
+            return one_line("".join(told), NOTE_LIMIT)
         # a piece was lost: from the beginning
         ask(port, Ping(), Pong)
         ask(port, AskVersion(), Version)

@@ -8,6 +8,7 @@ from pathlib import Path
 from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.scaling import Scaling
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = 133.0
@@ -39,12 +40,27 @@ class RecordingWish:
     rotate_minutes: float | None = None
     rotate_mb: float | None = None
 
+    def __post_init__(self) -> None:
+        _clean(self)
+
+
+_TEXTS = {"note": NOTE_LIMIT, "operator": NAME_LIMIT, "place": NAME_LIMIT, "table": NAME_LIMIT}
+
+
+def _clean(record: "RecordingWish | Plan") -> None:
+    """Make what is typed one line of bounded length each; raises ValueError for what is no text."""
+    for name, limit in _TEXTS.items():
+        text = getattr(record, name)
+        if not isinstance(text, str):
+            raise ValueError(f"`{name}` is no text")
+        object.__setattr__(record, name, one_line(text, limit))
+
 
 def check_rotation(minutes: float, mb: float) -> None:
     """Refuse limits of a file that make no sense; raises ValueError."""
     for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"`{name}` is {value:g}, not a number of {unit}, or 0 for never")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+            raise ValueError(f"`{name}` is {value}, not a number of {unit}, or 0 for never")
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +156,7 @@ class Plan:
             raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
         if self.duration_s is not None and not self.duration_s > 0.0:
             raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
+        _clean(self)
         check_rotation(self.rotate_minutes, self.rotate_mb)
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
             raise ValueError(
@@ -178,8 +195,14 @@ class Plan:
         lines = ["# effective configuration of the acquisition"]
         for key, value in asdict(self).items():
             if value is not None and key not in ("reference_file", "effects"):  # attachments of their own
-                lines.append(f"{key} = {json.dumps(list(value) if isinstance(value, tuple) else value)}")
+                lines.append(f"{key} = {_toml(value)}")
         return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
 DEMO_RATE_HZ = 20.0

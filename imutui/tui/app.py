@@ -6,7 +6,7 @@ freezes the screen, and a frozen terminal never delays the acquisition.
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,9 +14,11 @@ from textual import on
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.driver import Driver
+from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 
+from imutui.plain_text import visible
 from imutui.session.client import Client
 from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.tui import copying, palette
@@ -33,6 +35,7 @@ from imutui.tui.recording import RecordingControl
 from imutui.tui.terminal import glyphs
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
+from imutui.tui.terminal.shown_text import ControlCharacterFilter
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
@@ -92,6 +95,7 @@ class ImutuiApp(App[int]):
     ) -> None:
         super().__init__()
         self.appearance = appearance or Appearance()
+        self._control_characters = ControlCharacterFilter()
         self._first_client = client
         self._first_plan = plan
         self.context = AppContext(self)
@@ -137,6 +141,10 @@ class ImutuiApp(App[int]):
         """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
         self._connector.give_up()
         self._connector.wait()
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Textual's, and one that lets no control character of a text through."""
+        return [*super().get_line_filters(), self._control_characters]
 
     def get_driver_class(self) -> type[Driver]:
         """Textual's driver for this terminal, made to measure."""
@@ -293,5 +301,5 @@ def run(
     code = app.run()
     app.finish()
     for line in app.farewell:
-        print(line, file=sys.stderr)
+        print(visible(line), file=sys.stderr)
     return app.return_code or 0 if code is None else code

@@ -28,7 +28,7 @@ def heading(width: int) -> str:
 
 def row(brief: "Brief", chosen: bool, width: int) -> str:
     """A recording in a line: name, start, length, rate, origin, state, size, and its note if there is room."""
-    name = formatting.shorten(brief.path.name.removesuffix(".mcap").removeprefix(_MAKE), _name_width(width))
+    name = formatting.shorten(brief.name.removesuffix(".mcap").removeprefix(_MAKE), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
     length = "–" if brief.seconds is None else formatting.clock(brief.seconds)
     rate = "–" if brief.rate_hz is None else f"{brief.rate_hz:.4g}"
