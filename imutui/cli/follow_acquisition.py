@@ -16,6 +16,7 @@ from imutui.cli.result_table import print_result
 from imutui.plain_text import in_line
 from imutui.session import client
 from imutui.session.client import Client, SessionError, SessionGoneError
+from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.tui.messages import silence
@@ -49,7 +50,11 @@ def follow(
         Adds to the result document before it is printed.
     """
     connection = client.start(plan)
-    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(connection)}")
+    seen = connection.snapshot(since=NO_SERIES)
+    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(seen)}")
+    unsaid = not_said(seen["serial_number"], seen["firmware"])
+    if unsaid is not None:
+        say(unsaid)
     asked: type[BaseException] | None = None
     with _leave_on_hangup():
         try:
@@ -129,10 +134,9 @@ def _line(s: Snapshot) -> str:
     return " · ".join(parts) + "   (Ctrl+C finishes)"
 
 
-def _where(connection: Client) -> str:
-    s = connection.snapshot(since=NO_SERIES)
-    rec = s["recording"]
-    return f"{s['instrument']} #{s['serial_number']} on {s['port']}, recording to {rec['path'] if rec else 'nothing'}"
+def _where(s: Snapshot) -> str:
+    unit, rec = unit_in_words(s["instrument"], s["serial_number"]), s["recording"]
+    return f"{unit} on {s['port']}, recording to {rec['path'] if rec else 'nothing'}"
 
 
 @contextlib.contextmanager

@@ -40,11 +40,14 @@ def command(name: Name = None, json: Json = False) -> None:
 
 
 def _line(s: "Snapshot") -> str:
+    from imutui.session.identity import unit_in_words
+
+    unit = unit_in_words(s["instrument"], s["serial_number"])
     rec = s["recording"]
     file = f"recording to {rec['path']} ({rec['seconds']:.0f} s, {rec['bytes']} bytes)" if rec else "not recording"
     measured = f"{s['measured_hz']:.2f}" if s["measured_hz"] else "–"
     return (
-        f"{s['name']} (pid {s['pid']}): {s['instrument']} #{s['serial_number']} on {s['port']}, {s['state']},"
+        f"{s['name']} (pid {s['pid']}): {unit} on {s['port']}, {s['state']},"
         f" {s['kind']}, asked {s['rate_hz']:g} Hz measured {measured}, lost {s['lost_packets']},"
         f" bad checksums {s['bad_checksums']}, {file}"
     )

@@ -19,6 +19,7 @@ from imutui.session import exit_codes, observe, operator_guide, previous_log, re
 from imutui.session.absence import Absence, line_rate_hz
 from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.event_log import EventLog
+from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import check_live, effects_of, motion_of, reconfigured
 from imutui.session.observe import AcquisitionView
@@ -124,6 +125,9 @@ class Acquisition:
         if not self._lifecycle.streaming.is_set():
             self._lifecycle.first_packet()
             self.event("acquisition", f"connected to {self._info.port}, first packet")
+            unsaid = not_said(self._info.serial_number, self._info.firmware)
+            if unsaid is not None:
+                self.event("acquisition", unsaid, WARNING)
         if stamp.lost:
             self.event("acquisition", f"{stamp.lost} packets lost")
         if self._duration_from_ns is None:

@@ -19,7 +19,8 @@ from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES
 from imutui.instrument.port import Port
 from imutui.session import exit_codes, ipc, live_filter, zeroing
 from imutui.session.acquisition import ERROR, Acquisition
-from imutui.session.handshake import Identity, InstrumentError
+from imutui.session.handshake import InstrumentError
+from imutui.session.identity import Identity
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan

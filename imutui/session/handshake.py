@@ -6,16 +6,14 @@
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
 
 from imutui.instrument.crossbow import (
+    PACKET_BYTES,
     POWER_UP_BAUD,
     AskSerialNumber,
     AskVersion,
     BaudReady,
     BaudSet,
-    Command,
     Decoder,
     Discarded,
     MeasureBaud,
@@ -32,11 +30,14 @@ from imutui.instrument.crossbow import (
 )
 from imutui.instrument.port import Port
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
+from imutui.session.identity import Identity
+from imutui.session.replies import PATIENCE_S, QUICK_S, Asker
 
 _QUIET_S = 0.06
 _QUIET_LIMIT_S = 1.0
-_REPLY_S = 0.4
+_PONG_S = 0.2
 _TRIES = 3
+_PONG = encode(Pong())
 SPEEDS = (POWER_UP_BAUD, 57600, 115200, 19200, 9600)
 _OTHERS = re.compile(
     r"IMU[ -]?(300|400C[ABCE]|440|5\d\d|6\d\d)\S*|AHRS\S*|\bVG\S*|\bRGA\S*|\bNAV\S*|DMU\S*|HDX\S*|\bMTI\S*", re.I
@@ -45,28 +46,9 @@ _OTHERS = re.compile(
 # what a virtual unit's version ends in when there is more to say
 _MORE = re.compile(r"VIRTUAL .*\+(\d{1,2})$")
 
-T = TypeVar("T")
-
 
 class InstrumentError(Exception):
     """The instrument is not there, is another one, or does not behave; the message says what to do next."""
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What the unit says of itself.
-
-    Attributes
-    ----------
-    serial_number, version : str
-        Empty where it did not answer.
-    source : str
-        Where a virtual unit's readings come from, if it says so.
-    """
-
-    serial_number: str
-    version: str
-    source: str = ""
 
 
 def open_dialogue(
@@ -76,6 +58,7 @@ def open_dialogue(
     *,
     accept: Callable[[Identity], None] = lambda identity: None,
     speeds: Sequence[int] = SPEEDS,
+    patience_s: float = PATIENCE_S,
 ) -> Identity:
     """Stop the unit, find its speed, identify it, set speed and scaled mode; it is polled afterwards.
 
@@ -91,6 +74,8 @@ def open_dialogue(
         Raises InstrumentError to refuse a unit for what it says of itself, before anything of it is changed.
     speeds : sequence of int
         Where to look for it, besides the speed of the port and the wanted one.
+    patience_s : float
+        How long a reply may take.
 
     Returns
     -------
@@ -104,13 +89,13 @@ def open_dialogue(
         If the line goes away.
     """
     say("waiting for the instrument to answer a ping")
-    find_speed(port, baud, speeds)
-    identity = identify(port)
+    find_speed(port, baud, speeds, patience_s)
+    identity = identify(port, patience_s)
     accept(identity)
     check_model(port, identity)
     if port.baud != baud:
-        _move_speed(port, baud, say)
-    if not set_scaled(port):
+        _move_speed(Asker(port, patience_s), baud, say)
+    if not set_scaled(port, patience_s):
         raise InstrumentError(
             f"{port.name}: the unit answers a ping but not the command for scaled mode, so its packets could not be"
             " trusted. Power it off and on, then connect again."
@@ -118,65 +103,64 @@ def open_dialogue(
     return identity
 
 
-def identify(port: Port) -> Identity:
+def identify(port: Port, patience_s: float = PATIENCE_S) -> Identity:
     """What a unit that is polled, on a quiet line at its own speed, says of itself."""
-    number = ask(port, AskSerialNumber(), SerialNumber)
-    version = ask(port, AskVersion(), Version)
+    asker = Asker(port, patience_s)
+    number = asker.ask(AskSerialNumber(), SerialNumber)
+    version = asker.ask(AskVersion(), Version)
+    # who answers the one and not the other is asked once more: a byte may have been lost
+    if version is not None and number is None:
+        number = asker.ask(AskSerialNumber(), SerialNumber, asker.usual_s)
+    if number is not None and version is None:
+        version = asker.ask(AskVersion(), Version, asker.usual_s)
     text = one_line(version.text, NAME_LIMIT) if version else ""
-    return Identity(str(number.number) if number else "", text, _source(port, text))
+    return Identity(str(number.number) if number else "", text, _source(asker, text), asker.slowest_s)
 
 
-def _source(port: Port, version: str) -> str:
+def _source(asker: Asker, version: str) -> str:
     """What a virtual unit says of its readings behind its version; "" of a real one, which is asked nothing more."""
     announced = _MORE.search(version)
     if announced is None:
         return ""
     for _ in range(_TRIES):
-        pieces = [ask(port, AskVersion(), Version) for _ in range(int(announced[1]))]
+        pieces = [asker.ask(AskVersion(), Version) for _ in range(int(announced[1]))]
         told = [piece.text for piece in pieces if piece is not None]
         if len(told) == len(pieces):
             return one_line("".join(told), NOTE_LIMIT)
         # a piece was lost: from the beginning
-        ask(port, Ping(), Pong)
-        ask(port, AskVersion(), Version)
+        asker.ask(Ping(), Pong)
+        asker.ask(AskVersion(), Version)
     return ""
 
 
-def ask(port: Port, command: Command, kind: type[T], timeout: float = _REPLY_S) -> T | None:
-    """Send a command on a quiet line and wait for its reply; None if it does not come."""
-    decoder = Decoder()
-    decoder.expect_reply(command)
-    port.write(encode(command))
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        data = port.read(decoder.missing)
-        for event in decoder.feed(data) if data else decoder.quiet():
-            if isinstance(event, kind):
-                return event
-    return None
-
-
-def set_scaled(port: Port) -> bool:
-    """Set scaled mode on a quiet line; whether the unit says that it is set."""
-    return any(ask(port, SetMode(Mode.SCALED), ModeSet) is not None for _ in range(_TRIES))
+def set_scaled(port: Port, patience_s: float = QUICK_S) -> bool:
+    """Set scaled mode on a quiet line; whether the unit says that it is set, the last time with so much patience."""
+    asker = Asker(port, QUICK_S)
+    waits = (QUICK_S,) * (_TRIES - 1) + (patience_s,)
+    return any(asker.ask(SetMode(Mode.SCALED), ModeSet, wait) is not None for wait in waits)
 
 
 def stop_stream(port: Port) -> bytes:
     """Send `P`, wait until the line is quiet, flush; returns what came meanwhile."""
     port.write(encode(StopStream()))
-    heard = b""
-    deadline = time.monotonic() + _QUIET_LIMIT_S
-    quiet_since = time.monotonic()
-    while time.monotonic() < deadline and time.monotonic() - quiet_since < _QUIET_S:
-        data = port.read(64)
-        if data:
-            heard += data
-            quiet_since = time.monotonic()
+    heard = _await_quiet(port, _QUIET_S, _QUIET_LIMIT_S)
     port.discard_input()
     return heard
 
 
-def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS) -> None:
+def _await_quiet(port: Port, quiet_s: float, limit_s: float) -> bytes:
+    """Read until nothing has come for so long, or the limit is reached; returns what came."""
+    heard = b""
+    began = quiet_since = time.monotonic()
+    while time.monotonic() - began < limit_s and time.monotonic() - quiet_since < quiet_s:
+        data = port.read(64)
+        if data:
+            heard += data
+            quiet_since = time.monotonic()
+    return heard
+
+
+def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS, patience_s: float = PATIENCE_S) -> None:
     """Stop the unit and find the speed at which it answers a ping; the port is left at it.
 
     Parameters
@@ -187,6 +171,9 @@ def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS) -> None:
         Tried next.
     speeds : sequence of int
         Tried then.
+    patience_s : float
+        How long an answer may take. At most speeds none is waited for so long: a slow unit is looked for at the first
+        two once more, when no quick one was found.
 
     Raises
     ------
@@ -196,31 +183,60 @@ def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS) -> None:
         If the line goes away.
     """
     heard, first = b"", port.baud
+    likely = [first, wanted]  # and those at which something answered that was not quick
     for speed in dict.fromkeys((first, wanted, *speeds)):
-        port.set_baud(speed)
-        heard += stop_stream(port)
-        for _ in range(_TRIES if speed == first else 1):
-            decoder = Decoder()
-            decoder.expect_reply(Ping())
-            port.write(encode(Ping()))
-            pong, noise = _await_pong(port, decoder)
+        pong, noise = _ping_at(port, speed, _PONG_S, _TRIES if speed == first else 1)
+        heard += noise
+        if pong and (speed == first or (len(likely) == 2 and _is_quick(port))):
+            return
+        likely += [speed] if pong else []
+    for speed in dict.fromkeys(likely) if patience_s > QUICK_S else ():
+        for _ in range(2):
+            pong, noise = _ping_at(port, speed, patience_s, 1)
             heard += noise
             if pong:
+                # more was asked than this, and is answered still
+                _await_quiet(port, patience_s, 2.0 * patience_s)
                 return
-            if noise:
-                heard += stop_stream(port)
+            if not noise:
+                break
     raise InstrumentError(_no_answer(port, heard))
 
 
-def _await_pong(port: Port, decoder: Decoder) -> tuple[bool, bytes]:
+def _is_quick(port: Port) -> bool:
+    """Whether a unit that has answered a ping is quick: else that was the late answer to one at an earlier speed.
+
+    To be asked once: the next time its answer may be late, too.
+    """
+    return Asker(port, _PONG_S, tries=1).ask(AskSerialNumber(), SerialNumber) is not None
+
+
+def _ping_at(port: Port, speed: int, patience_s: float, tries: int) -> tuple[bool, bytes]:
+    """Whether a unit answers a ping at a speed, and what else was heard there."""
+    port.set_baud(speed)
+    heard = stop_stream(port)
+    for _ in range(tries):
+        pong, noise = _ping(port, patience_s)
+        heard += noise
+        if pong:
+            return True, heard
+        if noise:
+            heard += stop_stream(port)
+    return False, heard
+
+
+def _ping(port: Port, patience_s: float) -> tuple[bool, bytes]:
+    decoder = Decoder()
+    decoder.expect_reply(Ping())
+    port.write(encode(Ping()))
     noise = b""
-    deadline = time.monotonic() + _REPLY_S / 2
-    while time.monotonic() < deadline:
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline and len(noise) < PACKET_BYTES:
         data = port.read(decoder.missing)
         for event in decoder.feed(data):
             if isinstance(event, Pong):
-                # a pong amid other bytes is one of their bytes: a unit answers `H` and nothing else
-                rest = port.read(18)
+                # a pong amid other bytes is one of their bytes: a unit answers `H` and nothing else, late ones too
+                rest = port.read(PACKET_BYTES).strip(_PONG)
                 return not noise and not rest, noise + rest
             if isinstance(event, Discarded):
                 noise += event.data
@@ -241,12 +257,12 @@ def _no_answer(port: Port, heard: bytes) -> str:
     )
 
 
-def _move_speed(port: Port, baud: int, say: Callable[[str], None]) -> None:
-    found = port.baud
+def _move_speed(asker: Asker, baud: int, say: Callable[[str], None]) -> None:
+    port, found = asker.port, asker.port.baud
     say(f"moving the line from {found} to {baud} baud")
-    if ask(port, RequestBaud(), BaudReady) is not None:
+    if asker.ask(RequestBaud(), BaudReady) is not None:
         port.set_baud(baud)
-        if ask(port, MeasureBaud(), BaudSet) is not None:
+        if asker.ask(MeasureBaud(), BaudSet) is not None:
             return
     raise InstrumentError(
         f"{port.name}: the unit answers at {found} baud and will not go to {baud}."

@@ -13,7 +13,9 @@ from imutui.instrument.crossbow import PACKET_BYTES, Ping, StopStream, encode
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
 from imutui.session import handshake
-from imutui.session.handshake import Identity, InstrumentError
+from imutui.session.handshake import InstrumentError
+from imutui.session.identity import Identity
+from imutui.session.replies import QUICK_S
 
 _LOOK_S = 0.2
 _REFUSED_S = 1.0
@@ -210,7 +212,11 @@ def _set_up(port: Port, known: KnownUnit, *, thorough: bool) -> Identity:
             raise DifferentUnitError(f"{known.in_words()}; {port.lasting_name} has {why}")
 
     speeds = handshake.SPEEDS if thorough else _QUICK_SPEEDS
-    return handshake.open_dialogue(port, known.baud, say=lambda text: None, accept=accept, speeds=speeds)
+    # a quick unit is asked again soon: who waits long for an answer misses its return
+    patience_s = max(QUICK_S, 3.0 * known.identity.slowest_reply_s)
+    return handshake.open_dialogue(
+        port, known.baud, say=lambda text: None, accept=accept, speeds=speeds, patience_s=patience_s
+    )
 
 
 def refusal(known: Identity, found: Identity) -> str | None:
