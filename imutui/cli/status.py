@@ -1,42 +1,54 @@
 """`imutui status`."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import typer
+
+from imutui.cli.exit_codes import INSTRUMENT, tell
 from imutui.cli.options import Json, Name
 
 if TYPE_CHECKING:
+    from imutui.session.overview import Answer
     from imutui.session.snapshot import GuideSnapshot, Snapshot
 
 
 def command(name: Name = None, json: Json = False) -> None:
-    """Say which acquisitions run.
+    """Say which acquisitions run: all of them, or the one that is named.
 
     For each: instrument, state, rate, losses, the file it records to, the room on its disk, what its filter takes, and
     how far the operator has been guided.
 
     Example: imutui status
     """
-    from imutui.cli.exit_codes import tell
-    from imutui.session import client
+    from imutui.session import client, overview
 
-    names = [name] if name is not None else client.running()
-    states, connecting = [], []
-    for one in names:
-        try:
-            states.append(client.attach(one).snapshot(since=2**62))
-        except client.SessionConnectingError:
-            connecting.append(one)
+    names = client.running()
+    if name is not None and name not in names:
+        client.attach(name)  # says what runs instead
+    answers = overview.ask(names if name is None else [name])
     if json:
         from imutui.logbook.json_text import dumps
 
-        told = [{key: value for key, value in state.items() if key != "series"} for state in states]
-        print(dumps(told + [{"name": one, "state": "connecting"} for one in connecting]))
-    elif not names:
-        tell("no acquisition is running")
-    for state in [] if json else states:
-        tell("\n  ".join([_line(state), *_more(state)]))
-    for one in [] if json else connecting:
-        tell(f"{one}: connecting to its instrument")
+        print(dumps([_document(answer) for answer in answers]))
+    else:
+        tell("\n".join(_text(answer) for answer in answers) or "no acquisition is running")
+    if any(answer.missing == overview.SILENT for answer in answers):
+        raise typer.Exit(INSTRUMENT)
+
+
+def _document(answer: "Answer") -> Mapping[str, object]:
+    if answer.snapshot is None:
+        return {"name": answer.name, "state": answer.missing}
+    return {key: value for key, value in answer.snapshot.items() if key != "series"}
+
+
+def _text(answer: "Answer") -> str:
+    if answer.snapshot is not None:
+        return "\n  ".join([_line(answer.snapshot), *_more(answer.snapshot)])
+    if answer.missing == "connecting":
+        return f"{answer.name}: connecting to its instrument"
+    return f"{answer.name}: its process lives, but does not answer; it may be busy. Try again in a few seconds."
 
 
 def _line(s: "Snapshot") -> str:

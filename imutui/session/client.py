@@ -272,7 +272,9 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     # the process outlives this one by design; a thread takes its exit status so that no zombie stays
     threading.Thread(target=process.wait, daemon=True).start()
     if not answer["ok"]:
-        raise SessionError(answer["error"], answer["exit_code"])
+        name = _holder(plan.port) if answer["exit_code"] == exit_codes.INSTRUMENT else None
+        held = name is not None and name != plan.name
+        raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
     return Client(plan.name)
 
 
@@ -296,11 +298,26 @@ def probe(port: str) -> ProbeAnswer:
     """
     from imutui.session import port_probe
 
+    name = _holder(port)
+    return port_probe.probe(port) if name is None else port_probe.not_answered(port, _in_use(port, name))
+
+
+def _holder(port: str) -> str | None:
+    """Name of this user's acquisition that has a port."""
+    from imutui.session import port_probe
+
     for name in running():
         with contextlib.suppress(SessionError):
             if port_probe.same_port(str(Client(name).snapshot(since=NO_SERIES)["port"]), port):
-                return port_probe.not_answered(port, f'{port} is in use by the acquisition "{name}": `imutui attach`.')
-    return port_probe.probe(port)
+                return name
+    return None
+
+
+def _in_use(port: str, name: str | None) -> str:
+    return (
+        f'{port} is in use by the acquisition "{name}". `imutui attach --name {name}` shows it, `imutui stop --name'
+        f" {name}` ends it; another unit is on another port."
+    )
 
 
 def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport:

@@ -1,0 +1,95 @@
+"""Several units on several ports, recorded at once: one list of them, and words for whoever does not say which."""
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.commands import imutui
+from helpers.places import own_places
+from helpers.processes import end_owner, wait_until
+from helpers.units import virtual
+
+from imutui.logbook import reader
+from imutui.session import client
+from imutui.session.client import Client, SessionError
+from imutui.session.plan import Plan
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
+    """Acquisitions "a" and "b", each recording a unit of its own."""
+    folder = tmp_path_factory.mktemp("two")
+    with pytest.MonkeyPatch.context() as patch, virtual() as first, virtual() as second:
+        runtime = own_places(patch, folder)
+        ports = {"a": first, "b": second}
+        asked = {
+            name: Plan(port, name=name, note=name, record=True, filter="none", logs=str(folder))
+            for name, port in ports.items()
+        }
+        yield {name: client.start(plan) for name, plan in asked.items()}
+        for lock in (runtime / "imutui").glob("*.lock"):
+            end_owner(lock)
+
+
+def test_one_status_lists_all(two: dict[str, Client]) -> None:
+    """State, rate, losses and file of each, for people and as one document; --name is for one."""
+    wait_until(lambda: all(c.snapshot(2**62)["measured_hz"] for c in two.values()))
+    lines = imutui("status").stdout.splitlines()
+    for name in two:
+        (line,) = [line for line in lines if line.startswith(f"{name} (pid {two[name].pid})")]
+        assert all(word in line for word in ("running", "asked 133 Hz measured 1", "lost ", f"_{name}.mcap"))
+    document = json.loads(imutui("status", "--json").stdout)
+    assert [(state["name"], state["state"]) for state in document] == [("a", "running"), ("b", "running")]
+    assert all(state["free_bytes"] and state["recording"]["path"] for state in document)
+    assert [state["name"] for state in json.loads(imutui("status", "--name", "b", "--json").stdout)] == ["b"]
+    assert "Running: a, b." in imutui("status", "--name", "c", check=4).stderr
+
+
+@pytest.mark.parametrize("line", [["stop"], ["mark", "door"], ["attach"]])
+def test_whoever_does_not_say_which_is_told_which_there_are(two: dict[str, Client], line: list[str]) -> None:
+    """Nothing is stopped or marked by chance."""
+    if line == ["attach"]:
+        with pytest.raises(SessionError, match=r"a, b\. Say which with --name"):
+            client.attach()
+        return
+    assert "a, b. Say which with --name" in imutui(*line, check=2).stderr
+    assert client.running() == ["a", "b"]
+
+
+def test_a_port_that_one_of_them_has_is_refused_by_that_ones_name(two: dict[str, Client]) -> None:
+    """What has it, how to see it and how to end it; neither is disturbed."""
+    port = two["b"].snapshot(2**62)["port"]
+    error = imutui("record", "--port", port, "--name", "c", check=4).stderr
+    assert f'{port} is in use by the acquisition "b"' in error
+    assert "imutui attach --name b" in error
+    assert client.running() == ["a", "b"]
+
+
+def test_one_that_hangs_costs_no_other_its_line(two: dict[str, Client], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is listed as such, and the exit code says that not all is well."""
+    monkeypatch.setattr(Client._ask, "__defaults__", (0.5,))
+    os.kill(two["a"].pid, signal.SIGSTOP)
+    try:
+        text = imutui("status", check=4).stdout
+        told: list[dict[str, Any]] = json.loads(imutui("status", "--json", check=4).stdout)
+    finally:
+        os.kill(two["a"].pid, signal.SIGCONT)
+    assert "a: its process lives, but does not answer" in text
+    assert "b (pid " in text
+    assert [state["state"] for state in told] == ["does not answer", "running"]
+
+
+def test_each_is_stopped_by_its_name(two: dict[str, Client]) -> None:
+    """Its file is finished and holds its own unit's packets; the other goes on."""
+    imutui("mark", "at b", "--name", "b")
+    logs = {}
+    for name, left in (("a", ["b"]), ("b", [])):
+        logs[name] = Path(json.loads(imutui("stop", "--name", name, "--json").stdout)["log"])
+        assert client.running() == left
+    read = {name: reader.read(log) for name, log in logs.items()}
+    assert all(log.finished and log.info.acquisition == name for name, log in read.items())
+    assert ["at b" in [event.text for event in log.events] for log in read.values()] == [False, True]
