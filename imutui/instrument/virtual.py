@@ -47,7 +47,7 @@ __all__ = [
     "transfer_s",
 ]
 
-# How late, in wall time, bytes may still leave when the process was held up; what is older is lost.
+# How late, in wall time, bytes may still leave a plain line when the process was held up; what is older is lost.
 _BACKLOG_S = 1.0
 
 # How often to look at `stop` when nothing else happens, and how often at a host's full queue.
@@ -125,7 +125,7 @@ def serve(
             # never beyond what happens to the port, so that each byte meets the port that there was
             now = min(time.monotonic() - began, wire.next_port_change(last))
             baud = pty.host_baud()
-            if now - last > _BACKLOG_S:
+            if line is None and now - last > _BACKLOG_S:
                 wire.forget(now - _BACKLOG_S, baud)
             if pty in readable:
                 _hear(unit, wire, pty.read(), now, baud, log)

@@ -1,0 +1,242 @@
+"""Acquisitions of every kind of unit and line that a scenario can make: nothing crashes, the file holds what came.
+
+The acquisition runs in this process, on pseudo-terminals, many at a time: most of each is waiting.
+"""
+
+import re
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.units import served
+
+from imutui.instrument.messages import POWER_UP_BAUD, Mode, Packet
+from imutui.instrument.port import Port
+from imutui.instrument.virtual import FaultyLine, LineFault, Reading, UnitOptions, VirtualUnit
+from imutui.logbook import reader
+from imutui.session import exit_codes, handshake, reconnection
+from imutui.session.engine import Engine
+from imutui.session.handshake import InstrumentError
+from imutui.session.plan import Plan
+from imutui.session.snapshot import NO_SERIES, Snapshot
+
+LIMIT_S = 60.0
+
+
+class Numbered:
+    """Readings of a unit at rest but about X, where each tells its number, so that packets can be told apart."""
+
+    def reading(self, k: int) -> Reading:
+        return Reading((k % 8192 * 300.0 / 2**15, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
+
+
+@dataclass
+class Run:
+    """One acquisition of a second or two, and what its unit did.
+
+    Attributes
+    ----------
+    refused : str
+        Why it did not begin.
+    sent : list of Packet
+        What the unit sent.
+    lost : int
+        Packets between the first and the last that were recorded, less those.
+    seen : Snapshot or None
+        Its last.
+    """
+
+    refused: str = ""
+    sent: list[Packet] = field(default_factory=list)
+    lost: int = 0
+    exit_code: int = 0
+    seen: Snapshot | None = None
+    log: reader.Log = field(default_factory=lambda: reader.Log(Path()))
+
+    @property
+    def lost_said(self) -> int:
+        """What the acquisition counted."""
+        assert self.seen is not None
+        return self.seen["lost_packets"]
+
+    @property
+    def events(self) -> list[str]:
+        return [event.text for event in self.log.events]
+
+    def event(self, *words: str) -> str:
+        """The one event that has these words."""
+        (text,) = [text for text in self.events if all(word in text for word in words)]
+        return text
+
+
+def went_well(run: Run, lost: int = 0) -> None:
+    """Nothing is missing but what the line lost, and nothing is said of anything else."""
+    assert not run.refused
+    assert run.exit_code == 0
+    assert run.lost == lost
+
+
+def losing(count: int) -> Callable[[Run], None]:
+    return lambda run: went_well(run, count)
+
+
+def stuttered(run: Run) -> None:
+    """The packet that came in two pieces may be missing, none else."""
+    assert run.exit_code == 0
+    assert run.lost <= 1
+
+
+def bounded(run: Run) -> None:
+    """The unit was found again; what the gap says that it may have cost holds the truth."""
+    assert run.exit_code == 0
+    least, most = map(int, re.findall(r"between (\d+) and (\d+) packets lost", run.event("gap of"))[0])
+    assert least <= run.lost <= most
+
+
+def silent_without_power(run: Run) -> None:
+    """Back on another port, the unit is set up as at the beginning."""
+    bounded(run)
+    assert "it had stopped sending" in run.event("gap of")
+
+
+def ran_on(run: Run) -> None:
+    """Back on another port, the unit was sending still."""
+    bounded(run)
+    assert "sending still" in run.event("gap of")
+
+
+def refused_another(run: Run) -> None:
+    """The other unit is named, the file ends with the loss, and the exit code says so."""
+    assert run.exit_code == exit_codes.INSTRUMENT
+    assert "serial number 7" in run.event("refused")
+    assert run.lost == 0
+
+
+def refused_speed(run: Run) -> None:
+    """A unit that cannot change its speed is told apart from one that is not there."""
+    assert "will not go to 57600" in run.refused
+    assert "--baud 38400" in run.refused
+
+
+def stuck_in_voltage_mode(run: Run) -> None:
+    """What comes is recorded, whole."""
+    assert run.lost == 0
+
+
+def answered_late(run: Run) -> None:
+    """Waited for, or refused in words."""
+    assert run.refused or run.lost == 0
+
+
+def known_by_its_text(run: Run) -> None:
+    """The version counts as it came, without a frame around it."""
+    went_well(run)
+    assert run.log.info.firmware == "VIRTUAL SIM PLAIN"
+
+
+@dataclass(frozen=True)
+class Personality:
+    """What a unit and its line are like, and what must be true of a recording of it."""
+
+    check: Callable[[Run], None] = went_well
+    faults: tuple[LineFault, ...] = ()
+    unit: UnitOptions = field(default_factory=UnitOptions)
+    bursts_s: float = 0.0
+    seconds: float = 1.5
+    baud: int = POWER_UP_BAUD
+
+
+def fault(kind: str, at: float = 0.5, **how: Any) -> tuple[LineFault, ...]:
+    return (LineFault(at, kind, **how),)
+
+
+PERSONALITIES = {
+    "plain": Personality(),
+    "drops bytes": Personality(losing(1), fault("drop_bytes", count=7)),
+    "adds garbage": Personality(went_well, fault("garbage", count=40)),
+    "turns bits": Personality(losing(3), fault("bit_flips", count=3)),
+    "loses packets": Personality(losing(2), fault("lose_packets", count=2)),
+    "is silent": Personality(losing(40), fault("silence", seconds=0.3)),
+    "stalls": Personality(went_well, fault("stall", seconds=0.7)),
+    "has a backlog": Personality(went_well, fault("backlog", count=60)),
+    "stutters": Personality(stuttered, fault("stutter", seconds=0.2)),
+    "pauses": Personality(went_well, fault("pause", seconds=0.5)),
+    "bursts": Personality(stuttered, bursts_s=0.016),
+    "runs fast": Personality(unit=UnitOptions(clock_skew_ppm=200.0)),
+    "answers late": Personality(answered_late, unit=UnitOptions(reply_delay_s=0.7)),
+    "answers in plain text": Personality(
+        known_by_its_text, unit=UnitOptions(version="VIRTUAL SIM PLAIN", version_plain_text=True)
+    ),
+    "has no auto-baud": Personality(refused_speed, unit=UnitOptions(auto_baud=False), baud=57600),
+    "keeps at a ping": Personality(unit=UnitOptions(ping="keeps")),
+    "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
+    "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
+    "is reset": Personality(bounded, fault("reset"), seconds=4.0),
+    "falls into voltage mode": Personality(stuck_in_voltage_mode, fault("mode_change")),
+    "hangs up": Personality(ran_on, fault("hang_up", seconds=0.3), seconds=2.5),
+    "loses its power": Personality(silent_without_power, fault("hang_up", seconds=0.3, power=True), seconds=2.5),
+    "is another": Personality(refused_another, fault("hang_up", seconds=0.3, serial_number=7), seconds=2.5),
+}
+
+
+def acquired(it: Personality, folder: Path) -> Run:
+    """Record a unit of this personality, and compare what was recorded with what it sent."""
+    run = Run()
+    unit, line = VirtualUnit(Numbered(), it.unit, seed=3), FaultyLine(it.faults, seed=3, bursts_s=it.bursts_s)
+    folder.mkdir()
+
+    def sent(packet: Packet, sampled_ns: int) -> None:
+        run.sent.append(packet)
+
+    device = served(unit, line=line, link=folder / "imu", on_packet=sent)
+    with device as path, Port(path, POWER_UP_BAUD) as port:
+        plan = Plan(path, logs=str(folder), record=True, filter="none", duration_s=it.seconds, baud=it.baud)
+        try:
+            identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
+        except InstrumentError as error:
+            run.refused = str(error)
+            return run
+        engine = Engine(plan, port, identity)
+        engine.start()
+        assert engine.lifecycle.ended.wait(LIMIT_S)
+        assert engine.lifecycle.error is None
+        assert engine.result is not None
+        run.seen = engine.call(lambda acquisition: acquisition.snapshot(NO_SERIES), late=True)
+        run.exit_code = engine.exit_code
+    run.log = reader.read(Path(engine.result["log"]), raw=True)
+    assert run.log.finished
+    assert not run.log.damage
+    numbers = recorded(run)
+    run.lost = numbers[-1] - numbers[0] + 1 - len(numbers)
+    return run
+
+
+def recorded(run: Run) -> list[int]:
+    """Number among those sent of each packet that was recorded; each was sent, and they are in order."""
+    words = [(*packet.rates, *packet.accels, packet.temperature, packet.ticks) for packet in run.sent]
+    numbers, start = [], 0
+    for packet in run.log.raw:
+        start = words.index((*packet.counts, packet.temperature, packet.ticks), start) + 1
+        numbers.append(start - 1)
+    return numbers
+
+
+def test_a_host_lives_with_every_personality(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing crashes or is invented, what is missing is what was lost, what cannot go well is said. All at once."""
+    monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 1.0)  # a unit that was reset is asked sooner than usual
+
+    def went(name: str) -> str:
+        it = PERSONALITIES[name]
+        try:
+            it.check(acquired(it, home / name))
+        except Exception:  # noqa: BLE001 - of all, what went wrong with which
+            return f"--- a unit that {name}:\n{traceback.format_exc()}"
+        return ""
+
+    with ThreadPoolExecutor(len(PERSONALITIES)) as pool:
+        wrong = [text for text in pool.map(went, PERSONALITIES) if text]
+    assert not wrong, "\n".join(wrong)
