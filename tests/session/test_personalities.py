@@ -46,6 +46,8 @@ class Run:
         What the unit sent.
     lost : int
         Packets between the first and the last that were recorded, less those.
+    modes : set of Mode
+        What the unit meant by those that were recorded.
     seen : Snapshot or None
         Its last.
     """
@@ -53,6 +55,7 @@ class Run:
     refused: str = ""
     sent: list[Packet] = field(default_factory=list)
     lost: int = 0
+    modes: set[Mode] = field(default_factory=set)
     exit_code: int = 0
     seen: Snapshot | None = None
     log: reader.Log = field(default_factory=lambda: reader.Log(Path()))
@@ -122,9 +125,11 @@ def refused_speed(run: Run) -> None:
     assert "--baud 38400" in run.refused
 
 
-def stuck_in_voltage_mode(run: Run) -> None:
-    """What comes is recorded, whole."""
-    assert run.lost == 0
+def set_up_again(run: Run) -> None:
+    """Not one packet of voltages is taken for a reading; the unit is set up again."""
+    bounded(run)
+    assert run.event("measures in volts")
+    assert run.modes == {Mode.SCALED}
 
 
 def answered_late(run: Run) -> None:
@@ -176,7 +181,7 @@ PERSONALITIES = {
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
     "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
     "is reset": Personality(bounded, fault("reset"), seconds=4.0),
-    "falls into voltage mode": Personality(stuck_in_voltage_mode, fault("mode_change")),
+    "falls into voltage mode": Personality(set_up_again, fault("mode_change")),
     "hangs up": Personality(ran_on, fault("hang_up", seconds=0.3), seconds=2.5),
     "loses its power": Personality(silent_without_power, fault("hang_up", seconds=0.3, power=True), seconds=2.5),
     "is another": Personality(refused_another, fault("hang_up", seconds=0.3, serial_number=7), seconds=2.5),
@@ -211,6 +216,7 @@ def acquired(it: Personality, folder: Path) -> Run:
     assert run.log.finished
     assert not run.log.damage
     numbers = recorded(run)
+    run.modes = {run.sent[number].mode for number in numbers}
     run.lost = numbers[-1] - numbers[0] + 1 - len(numbers)
     return run
 
