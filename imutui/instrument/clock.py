@@ -1,26 +1,53 @@
 """From the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
 
-The counter steps precisely but wraps every 52 ms and its tick is known to 0.6 % only; the host's stamps are absolute
-but late by whatever the operating system felt like. A two-state Kalman filter (instant, tick) takes the best of both:
-it is fed the least late arrival of every half second, since no packet arrives early.
+A packet's counter says to the microsecond when it was sampled, but not after how many wraps of 52 ms; its arrival
+tells that, unless the host or the line was held up. So a packet that comes in time, or follows the one before byte by
+byte, is stamped at once. After a pause packets are held, a fraction of a second, until those behind them show whether
+the line was late, and nothing is missing, or was silent: a backlog comes faster than the unit can send.
+
+`host_time` has the counter against the host's clock, `packet_count` the counter against the grid of packets.
 """
 
+import math
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
-NOMINAL_TICK_NS = 790.0
+from imutui.instrument.host_time import NOMINAL_TICK_NS, HostTime
+from imutui.instrument.packet_count import PacketGrid
+
 WRAP = 1 << 16
-_TICK_SD = 0.006 * NOMINAL_TICK_NS
-_TICK_WALK = 1e-8 * NOMINAL_TICK_NS
-_ANCHOR_SD_NS = 10.0e6
-_LEAST_LATE_SD_NS = 0.3e6
-_LATE_NS = 20.0e6
-# a tick that is off by two standard deviations makes the first whole block so early
-_EARLY_NS = 5.0e6
-_BLOCK = 64
-_AMBIGUOUS_NS = 25.0e6
-# blocks in a row that may be early while a backlog is read, up to 3 s of it; and late before it is no wrap that went
-_MOST_EARLY = 6
-_MOST_LATE = 3
+_FEWEST = 3
+_OPENING_NS = 250e6
+# a packet that comes so soon after the one before needs no other witness that no wrap went by unseen
+_SOON_NS = 46e6
+# a packet may seem so much early where the estimate is off
+_SLACK_NS = 4e6
+# a line that has caught up no further for so long is in time
+_CAUGHT_UP_NS = 60e6
+_GAIN_NS = 2e6
+_LONGEST_HOLD_NS = 0.5e9
+_MOST_HELD = 4096
+# how well the tick must be known to tell wraps apart after a pause
+_AMBIGUOUS_NS = 0.25 * WRAP * NOMINAL_TICK_NS
+_LOOP_NS = 7.5e6
+_POLL_UNCERTAINTY_NS = 20e6
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A stretch without packets, or with damaged ones, longer than between two that follow each other.
+
+    Attributes
+    ----------
+    seconds : float
+        From the last packet's sampling before it to the first one's after it.
+    lost_min, lost_max : int
+        Bounds of how many packets the unit sent and the host did not get: equal where the bytes decide it.
+    """
+
+    seconds: float
+    lost_min: int
+    lost_max: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +57,19 @@ class Stamp:
     Attributes
     ----------
     monotonic_ns : int
-        Host's monotonic clock, ns.
-    lost : int
-        Packets that are missing before this one.
+        Host's monotonic clock, ns; never later than the arrival.
     by_host : bool
         Whether the counter could not help, so that the instant is the time of arrival less the line's time.
+    uncertainty_ns : int
+        How far from the truth it may be.
+    gap : Gap or None
+        What is missing, or may be, before this one.
     """
 
     monotonic_ns: int
-    lost: int
     by_host: bool
+    uncertainty_ns: int = 0
+    gap: Gap | None = None
 
 
 def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
@@ -60,20 +90,15 @@ def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
     return host_ns - round((ticks - last_ticks) % WRAP * NOMINAL_TICK_NS)
 
 
-class _Least:
-    """The least late arrival of a block of packets."""
+@dataclass(frozen=True, slots=True)
+class _Packet:
+    """A packet as it arrived: see `Clock.take`; `step` in ticks since the one before, less whole wraps."""
 
-    def __init__(self) -> None:
-        self.innovation = float("inf")
-        self.ticks_since = 0
-        self.count = 0
-
-    def add(self, innovation: float, step: int) -> None:
-        """Take a packet, `step` ticks after the one before."""
-        self.count += 1
-        self.ticks_since += step
-        if innovation < self.innovation:
-            self.innovation, self.ticks_since = innovation, 0
+    arrival_ns: float
+    step: int
+    contiguous: bool
+    quiet: bool
+    follows: bool
 
 
 class Clock:
@@ -90,27 +115,27 @@ class Clock:
     def __init__(self, line_ns: float, *, polled: bool = False) -> None:
         self._line_ns = line_ns
         self._polled = polled
+        self._time = HostTime()
+        self._grid = PacketGrid(line_ns / NOMINAL_TICK_NS)
         self._ticks: int | None = None
         self._host_ns = 0
-        self._origin = 0
-        self._instant = 0.0
-        self._tick = NOMINAL_TICK_NS
-        self._P = [0.0, 0.0, 0.0]
-        self._period: float | None = None
+        self._opened = False
+        self._held: list[_Packet] = []
+        self._held_ticks = 0
+        self._least_late = 0.0
+        self._least_late_at = 0.0
+        self._gap_from_ns: int | None = None
         self._last = 0
-        self._step = 0
-        self._block = 1
-        self._least = _Least()
-        self._early = 0
-        self._late = 0
 
     @property
     def tick_ns(self) -> float:
         """Length of the counter's tick as estimated so far, ns."""
-        return self._tick
+        return self._time.tick_ns
 
-    def stamp(self, ticks: int, host_ns: int, *, contiguous: bool) -> Stamp:
-        """Instant of one packet.
+    def take(
+        self, ticks: int, host_ns: int, *, contiguous: bool, quiet: bool = False, requested_ns: int | None = None
+    ) -> list[Stamp]:
+        """Take one packet; returns stamps of the oldest packets that have none yet, as far as they are sure.
 
         Parameters
         ----------
@@ -119,99 +144,190 @@ class Clock:
         host_ns : int
             Monotonic clock when its last byte was read.
         contiguous : bool
-            Whether it followed the previous packet without a byte between: then no wrap was missed.
+            Whether it followed the previous packet without a byte between.
+        quiet : bool
+            Whether the host waited since then, and found the line without a byte.
+        requested_ns : int or None
+            When it was asked for, of a polled packet.
         """
         arrival = host_ns - self._line_ns
-        if self._ticks is None or self._polled:
-            self._anchor(ticks, host_ns, arrival)
-            return self._emit(0, by_host=True)
-        step = (self._ticks - ticks) % WRAP
-        elapsed = host_ns - self._host_ns
+        if self._polled:
+            return [self._by_arrival(arrival, requested_ns)]
+        step = 0 if self._ticks is None else (self._ticks - ticks) % WRAP
+        soon = host_ns - self._host_ns < _SOON_NS
         self._ticks, self._host_ns = ticks, host_ns
-        if not contiguous:
-            expected = arrival - self._origin - self._instant
-            if elapsed * (self._P[2] ** 0.5 / self._tick) > _AMBIGUOUS_NS:
-                lost = self._missing(expected / self._tick)
-                self._anchor(ticks, host_ns, arrival)
-                return self._emit(lost, by_host=True)
-            step += WRAP * max(0, round((expected / self._tick - step) / WRAP))
-        elif self._period is None or step:
-            self._period = step if self._period is None else self._period + (step - self._period) / 16.0
-        lost = 0 if contiguous else self._missing(step)
-        lost += self._advance(step, arrival)
-        return self._emit(lost, by_host=False)
+        is_next = self._grid.may_be_next if self._held else self._grid.is_next
+        follows = contiguous and soon and self._opened and is_next(step)
+        packet = _Packet(arrival, step, contiguous, quiet, follows)
+        if not self._opened:
+            return self._take_opening(packet)
+        if self._held and not soon:
+            return self._resume(caught_up=quiet or self._in_step()) + self._take(packet)
+        return self._take(packet)
 
-    def interrupt(self) -> None:
-        """Take note that packets were not asked for since the last one: the next begins a new stretch, none is lost.
+    def due(self, now_ns: int) -> list[Stamp]:
+        """Stamps of packets that were held while nothing came behind them that could have made them sure."""
+        waited = now_ns - self._host_ns
+        return self.release() if self._held and waited > _OPENING_NS else []
+
+    def release(self) -> list[Stamp]:
+        """Stamps of all packets held, by what is known."""
+        if not self._held:
+            return []
+        return self._resume(caught_up=False) if self._opened else self._open()
+
+    def interrupt(self, *, lossy: bool = False) -> list[Stamp]:
+        """Take note that the next packet begins a new stretch; returns stamps of those held.
 
         The length of the tick stays known.
+
+        Parameters
+        ----------
+        lossy : bool
+            Whether packets may have been sent meanwhile: the next stamp has the gap. Otherwise none was asked for.
         """
-        self._ticks = None
+        stamps = self.release()
+        self._gap_from_ns = self._last if lossy and self._last else None
+        self._opened, self._ticks = False, None
+        return stamps
 
-    def _anchor(self, ticks: int, host_ns: int, arrival: float) -> None:
-        self._ticks, self._host_ns = ticks, host_ns
-        self._origin = int(arrival)
-        self._instant = arrival - self._origin
-        self._P = [_ANCHOR_SD_NS**2, 0.0, _TICK_SD**2 if self._P[2] == 0.0 else self._P[2]]
-        self._step, self._block, self._least = 0, 1, _Least()
+    # -- the first packets of a stretch ---------------------------------------------------------------------------
 
-    def _advance(self, step: int, arrival: float) -> int:
-        """Go on by so many ticks; returns packets found missing."""
-        p, c, q = self._P
-        self._step = step
-        self._instant += step * self._tick
-        self._P = [p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2]
-        self._least.add(arrival - self._origin - self._instant, step)
-        if self._least.count < self._block:
-            return 0
-        # the first blocks are short, so that a late first packet is put right at once
-        least, self._least, self._block = self._least, _Least(), min(2 * self._block, _BLOCK)
-        whole = least.count == _BLOCK
-        early = least.innovation < -_EARLY_NS or (not whole and least.innovation < 0.0)
-        self._early = self._early + whole if early else 0
-        self._late = self._late + 1 if whole and least.innovation > _LATE_NS else 0
-        if self._late > _MOST_LATE:
-            self._forget(least.innovation)
-        elif self._late:
-            return self._catch_up(least.innovation)
-        elif early and self._early <= _MOST_EARLY:
-            self._move(least.innovation)
-        elif whole or least.innovation < _LATE_NS:
-            self._update(least.innovation, least.ticks_since)
-        return 0
+    def _take_opening(self, packet: _Packet) -> list[Stamp]:
+        self._held.append(packet)
+        span = packet.arrival_ns - self._held[0].arrival_ns
+        # a backlog takes no time: what is behind it tells how late it was
+        whole = (span >= _OPENING_NS and len(self._held) >= _FEWEST) or len(self._held) >= _MOST_HELD
+        return self._open() if whole else []
 
-    def _move(self, innovation: float) -> None:
-        """Correct the instant alone: no packet arrives early, so those before were late. The tick is not to blame."""
-        self._instant += innovation
-        self._P = [_ANCHOR_SD_NS**2, 0.0, self._P[2]]
+    def _open(self) -> list[Stamp]:
+        """Begin with the least late of the packets held."""
+        held, self._held = self._held, []
+        steps = [0] + [self._opening_step(before, packet) for before, packet in pairwise(held)]
+        known = [step for step, packet in zip(steps[1:], held[1:], strict=True) if packet.contiguous]
+        if known:
+            self._grid.learn(known)
+        if not known or not self._grid.known:
+            # too few packets, or a counter that stands still
+            self._ticks = None
+            return [self._by_arrival(packet.arrival_ns, None) for packet in held]
+        self._time.anchor([packet.arrival_ns for packet in held], list(accumulate(steps)))
+        self._opened = True
+        gap, self._gap_from_ns = self._gap_since(self._gap_from_ns, held[0].arrival_ns), None
+        at = self._time.instant_ns - round(sum(steps) * self.tick_ns)
+        stamps = []
+        for step, packet in zip(steps, held, strict=True):
+            at += round(step * self.tick_ns)
+            lost = self._grid.packets(step, contiguous=packet.contiguous) - 1 if step else 0
+            gap = Gap(step * self.tick_ns / 1e9, lost, lost) if lost else gap
+            stamps.append(self._emit(at, packet, step, gap, by_host=not step))
+            gap = None
+        return stamps
 
-    def _forget(self, innovation: float) -> None:
-        """Begin to learn the tick anew: late in block after block, it is wrong, and no wraps are missing."""
-        self._tick = NOMINAL_TICK_NS
-        self._P[2] = _TICK_SD**2
-        self._move(innovation)
-        self._late = 0
+    def _opening_step(self, before: _Packet, packet: _Packet) -> int:
+        """Ticks between two packets of the opening; wraps by arrival where bytes are missing."""
+        if packet.contiguous:
+            return packet.step
+        late = packet.arrival_ns - before.arrival_ns - packet.step * self.tick_ns
+        return packet.step + WRAP * max(0, round(late / (WRAP * self.tick_ns)))
 
-    def _update(self, innovation: float, ticks_since: int) -> None:
-        p, c, q = self._P
-        # it was seen some ticks ago: H = (1, -ticks_since)
-        a, b = p - ticks_since * c, c - ticks_since * q
-        S = a - ticks_since * b + _LEAST_LATE_SD_NS**2
-        self._instant += a / S * innovation
-        self._tick += b / S * innovation
-        self._P = [p - a * a / S, c - a * b / S, q - b * b / S]
+    def _gap_since(self, last_ns: int | None, arrival_ns: float) -> Gap | None:
+        if last_ns is None:
+            return None
+        silent = arrival_ns - last_ns
+        return Gap(silent / 1e9, 0, math.ceil(silent / (self._grid.spacing * self.tick_ns)))
 
-    def _catch_up(self, late: float) -> int:
-        """Add wraps that went unseen: when for half a second no packet came near its time, whole wraps are missing."""
-        wraps = max(1, round(late / (WRAP * self._tick)))
-        self._instant += wraps * WRAP * self._tick
-        return 0 if self._period is None else round(wraps * WRAP / self._period)
+    # -- packets after those --------------------------------------------------------------------------------------
 
-    def _missing(self, step: float) -> int:
-        return 0 if not self._period else max(0, round(step / self._period) - 1)
+    def _take(self, packet: _Packet) -> list[Stamp]:
+        wrap_ns = WRAP * self.tick_ns
+        if self._held:
+            return self._hold(packet)
+        late = self._time.lateness(packet.arrival_ns, packet.step)
+        if packet.follows or late < wrap_ns - _SLACK_NS:
+            return [self._advance(packet, 0)]
+        self._held_ticks, self._least_late, self._least_late_at = 0, late, packet.arrival_ns
+        return self._hold(packet)
 
-    def _emit(self, lost: int, *, by_host: bool) -> Stamp:
-        # a correction backwards must not stop time: the stamp goes on by a quarter of its step at least
-        least = self._last + max(1, round(0.25 * self._step * self._tick))
-        self._last = max(least, self._origin + round(self._instant))
-        return Stamp(self._last, lost, by_host)
+    def _hold(self, packet: _Packet) -> list[Stamp]:
+        """Hold a packet until the line has caught up with the time."""
+        self._held.append(packet)
+        self._held_ticks += packet.step
+        late = self._time.lateness(packet.arrival_ns, self._held_ticks)
+        if late < self._least_late - _GAIN_NS:
+            self._least_late, self._least_late_at = late, packet.arrival_ns
+        in_time = late < WRAP * self.tick_ns - _SLACK_NS
+        if in_time or packet.arrival_ns - self._least_late_at > _CAUGHT_UP_NS:
+            return self._resume(caught_up=True)
+        too_long = packet.arrival_ns - self._held[0].arrival_ns > _LONGEST_HOLD_NS or len(self._held) >= _MOST_HELD
+        return self._resume(caught_up=False) if too_long else []
+
+    def _in_step(self) -> bool:
+        """Whether the packets held came no faster than the unit sends."""
+        ticks = sum(packet.step for packet in self._held[1:])
+        return self._held[-1].arrival_ns - self._held[0].arrival_ns > 0.5 * ticks * self.tick_ns > 0.0
+
+    def _resume(self, *, caught_up: bool) -> list[Stamp]:
+        """Stamps of the packets held: how late the least late of them is tells how many wraps went by unseen."""
+        held, self._held = self._held, []
+        most = max(0, math.floor((self._least_late + _SLACK_NS) / (WRAP * self.tick_ns)))
+        joint, wraps = self._joint(held, most, caught_up=caught_up)
+        stamps = [self._advance(packet, 0) for packet in held[:joint]]
+        if wraps and self._least_late * self._time.tick_sd_ns / self.tick_ns > _AMBIGUOUS_NS:
+            # so long a pause that the tick, as far as it is known, can't tell wraps apart: begin anew
+            self._gap_from_ns, self._opened, self._held = self._last, False, held[joint:]
+            return stamps
+        doubt = 0.0 if caught_up else self._least_late
+        return stamps + [self._advance(p, wraps if k == 0 else 0, doubt) for k, p in enumerate(held[joint:])]
+
+    def _joint(self, held: list[_Packet], most: int, *, caught_up: bool) -> tuple[int, int]:
+        """Which packet held has unseen wraps before it, and how many.
+
+        A line that has caught up shows the number, and the packet is the one that did not follow byte by byte. Before
+        that there are no more than the counter demands.
+        """
+        grid = self._grid
+        broken = [
+            k for k, p in enumerate(held) if not (p.follows or (k == 0 and p.contiguous and grid.is_next(p.step)))
+        ]
+        if most == 0 or (not caught_up and not broken):
+            return 0, 0
+        regular = [k for k in broken if grid.is_regular(held[k].step + WRAP * most)]
+        joint = (regular or broken or [0])[-1]
+        if caught_up:
+            return joint, most
+        return joint, next((n for n in range(most) if grid.is_regular(held[joint].step + WRAP * n)), most)
+
+    # -- one stamp ------------------------------------------------------------------------------------------------
+
+    def _advance(self, packet: _Packet, wraps: int, doubt_ns: float = 0.0) -> Stamp:
+        """Go on to a packet; returns its stamp, with what is missing before it."""
+        step = packet.step + WRAP * wraps
+        packets, regular = self._grid.count(step), self._grid.is_regular(step)
+        moved = self._time.advance(step, packet.arrival_ns)
+        self._grid.advance(step, packets)
+        missing, seconds = packets - 1, step * self.tick_ns / 1e9
+        gap = None
+        if wraps and (packet.quiet or packet.contiguous or not regular):
+            # the unit may have sent nothing meanwhile, or everything
+            gap = Gap(seconds, 0, missing + (not regular))
+        elif moved > WRAP * self.tick_ns - _SLACK_NS:
+            gap = Gap(seconds + moved / 1e9, 0, math.ceil(moved / (self._grid.spacing * self.tick_ns)))
+        elif missing:
+            gap = Gap(seconds, missing, missing)
+        return self._emit(self._time.instant_ns, packet, step, gap, doubt_ns=doubt_ns)
+
+    def _by_arrival(self, arrival_ns: float, requested_ns: int | None) -> Stamp:
+        """Stamp of a packet whose counter says nothing: not before it was asked for, nor after it came."""
+        uncertain = _POLL_UNCERTAINTY_NS if requested_ns is None else arrival_ns - requested_ns + _LOOP_NS
+        self._last = max(self._last + 1, round(arrival_ns))
+        return Stamp(self._last, True, round(uncertain))
+
+    def _emit(
+        self, at_ns: int, packet: _Packet, step: int, gap: Gap | None, *, by_host: bool = False, doubt_ns: float = 0.0
+    ) -> Stamp:
+        # a correction backwards must not stop time: the stamp goes on by a quarter of its step, if the arrival allows
+        onward = max(at_ns, self._last + round(0.25 * step * self.tick_ns))
+        self._last = max(self._last + 1, min(onward, round(packet.arrival_ns)))
+        uncertain = round(self._time.uncertainty_ns + doubt_ns) + abs(self._last - at_ns)
+        return Stamp(self._last, by_host, uncertain, gap)

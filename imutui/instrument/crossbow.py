@@ -175,6 +175,18 @@ class Decoder:
         events = self._search.close(self._inbox)
         return self._and_then_nothing(events + self._inbox.drop(self._inbox.end))
 
+    def pause(self) -> list[Event]:
+        """Take note that the line is quiet for the moment, while a stream is expected to go on.
+
+        A good packet that waited for a witness is released. The beginning of a packet is kept: a line that was held up
+        brings the rest later, and if it brings something else, the sum tells.
+
+        Returns
+        -------
+        list of Event
+        """
+        return self._search.release(self._inbox) if isinstance(self._search, PacketSearch) else []
+
     @property
     def missing(self) -> int:
         """Bytes still needed to complete the next packet or reply, 1 to 18.

@@ -73,6 +73,12 @@ class PacketSearch:
             self._due = inbox.end
         return events
 
+    def release(self, inbox: Inbox) -> list[Event]:
+        """Accept a good frame that waited for the next one to vouch for it; the beginning of another one stays."""
+        waits_for_witness = inbox.unjudged >= PACKET_BYTES
+        events = self._accept(inbox, inbox.scan) if waits_for_witness else []
+        return events + self.scan(inbox)
+
     def missing(self, inbox: Inbox) -> int:
         """Bytes up to the end of the frame that has begun."""
         return PACKET_BYTES - inbox.unjudged % PACKET_BYTES

@@ -97,7 +97,7 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield "It holds no temperature: effects of temperature can't be traced in it."
     if found.unknown:
         yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
-    told = [event for event in a.events if event.name != "mark" and _worth_a_word(event.text)]
+    told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
     for event in told[:SHOWN]:
         yield f"{log.at(event.stamp_ns)}: {event.text}"
 

@@ -18,6 +18,7 @@ _EARLIEST_NS = 946_684_800_000_000_000  # 2000: before that it is no UTC but som
 _LIMITS = (-32768, 32767)
 _EVERY_HZ = 133.0
 _FEW, _SHARE = 2, 0.1
+_SURELY_MORE = 1.7
 
 
 def _times(log: CheckContext) -> Iterator[Finding]:
@@ -113,20 +114,33 @@ def _polled_rate(log: CheckContext, rate_hz: float) -> Iterator[Finding]:
 def _line(log: CheckContext) -> Iterator[Finding]:
     """What was lost on the line, by the recorder's count and by the packets themselves."""
     told = {key: _integer(log.audit.diagnostics.get(key)) for key in ("lost_packets", "bad_checksums")}
+    certain = told["lost_packets"]
+    # logs of before had no bounds
+    most = max(certain, _integer(log.audit.diagnostics.get("lost_packets_max")))
     lost, where = _lost_packets(log)
-    counted = told["lost_packets"]
-    if lost or counted:
-        much = plural(max(lost, counted), "packet")
-        what = f"{much} were lost on the line."
-        differ = abs(lost - counted) > max(_FEW, _SHARE * counted)
+    if lost or most:
+        what = _how_many(certain, most) if most else f"{plural(lost, 'packet')} {_were(lost)} lost on the line."
+        slack = max(_FEW, _SHARE * most)
+        differ = not certain - slack <= lost <= most + slack
         if log.raw is not None and not log.polled and differ and not damage_text.lossy(log.found):
             what = (
-                f"{counted:,} packets were lost by the recorder's count, {lost:,} by the times of those that are there."
+                f"{_how_many(certain, most)[:-1]} by the recorder's count, {lost:,} by the times of those that are"
+                " there."
             )
         yield Finding("lost", what, where, _CABLE)
     if told["bad_checksums"]:
         what = f"{plural(told['bad_checksums'], 'packet')} came with a wrong checksum and were dropped."
         yield Finding("checksums", what, "by the recorder's count", _CABLE)
+
+
+def _how_many(certain: int, most: int) -> str:
+    if certain == most:
+        return f"{plural(certain, 'packet')} {_were(certain)} lost on the line."
+    return f"Between {certain:,} and {most:,} packets were lost: while the line was silent the unit may have sent some."
+
+
+def _were(count: int) -> str:
+    return "was" if count == 1 else "were"
 
 
 _CABLE = "Check the cable, the ground and the line speed; replay and trace take what is there."
@@ -137,16 +151,22 @@ def _lost_packets(log: CheckContext) -> tuple[int, str]:
     if log.raw is None or log.raw.size < 3 or log.polled:
         return 0, "by the recorder's count"
     steps = np.diff(log.raw["publish_ns"].astype(np.float64))
-    period = float(np.median(steps))
+    period = _mean_step(steps)
     # what the file itself lost is told by the messages' numbers
     inside = np.diff(log.raw["sequence"].astype(np.int64)) == 1
     flagged = (log.audit.packets["flags"][1:] & schemas.FLAG_LOST_BEFORE) > 0
-    missing = np.where(inside & (flagged | (steps > 1.5 * period)), np.rint(steps / period) - 1.0, 0.0)
+    # a line that sets the pace makes steps of one and of two periods of the unit's loop
+    missing = np.where(inside & (flagged | (steps > _SURELY_MORE * period)), np.rint(steps / period) - 1.0, 0.0)
     places = np.flatnonzero(missing > 0)
     if not places.size:
         return 0, "by the recorder's count"
     first = log.at(int(log.raw["publish_ns"][places[0]]))
     return int(missing.sum()), f"in {plural(int(places.size), 'place')}, first {first}"
+
+
+def _mean_step(steps: np.ndarray) -> float:
+    """Mean step from packet to packet where none is missing."""
+    return float(steps[steps < _SURELY_MORE * np.median(steps)].mean())
 
 
 def _counter(log: CheckContext) -> Iterator[Finding]:
@@ -156,12 +176,13 @@ def _counter(log: CheckContext) -> Iterator[Finding]:
         return
     steps = np.diff(log.raw["publish_ns"].astype(np.float64))
     ticks = np.mod(-np.diff(p["ticks"].astype(np.int64)), 65536)
-    contiguous = (np.diff(log.raw["sequence"].astype(np.int64)) == 1) & (steps < 1.5 * np.median(steps))
+    usual_step = _mean_step(steps)
+    contiguous = (np.diff(log.raw["sequence"].astype(np.int64)) == 1) & (steps < 1.5 * usual_step)
     contiguous &= (p["flags"][1:] & (schemas.FLAG_LOST_BEFORE | schemas.FLAG_HOST_STAMP)) == 0
     if contiguous.sum() < 3:
         return
     usual = float(np.median(ticks[contiguous]))
-    off = np.flatnonzero(contiguous & (np.abs(ticks - usual) > 0.25 * usual))
+    off = np.flatnonzero(contiguous & (np.abs(ticks - usual) > 0.6 * usual))
     if off.size:
         what = f"The unit's time counter jumps in {plural(int(off.size), 'place')} without a packet missing."
         where = f"first {log.at(int(log.raw['publish_ns'][off[0] + 1]))}"

@@ -2,8 +2,11 @@
 
 import math
 import time
+from dataclasses import replace
 
 from filters.imu import LOOP_HZ
+from imutui.instrument.clock import Gap, Stamp
+from imutui.session.packet_stamps import gap_text
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.snapshot import ReconnectingSnapshot
 from imutui.session.timebase import Timebase
@@ -57,13 +60,17 @@ class Absence:
         self.since_ns = before_ns
         self._found = event.found
 
-    def over(self, stamp_ns: int) -> str | None:
-        """A packet has come, sampled then; returns what to say if it is the first one after the unit was away."""
+    def over(self, stamp: Stamp) -> str | None:
+        """A packet has come; returns what to say if it is the first one after the unit was away."""
         if not self._found or self.since_ns is None:
             return None
         before_ns, found = self.since_ns, self._found
         self.since_ns, self._found = None, ""
-        return f"{gap_in_words(self._timebase, before_ns, stamp_ns, self._rate_hz)}; the unit is back: {found}"
+        if stamp.gap is None:
+            seconds = (stamp.monotonic_ns - before_ns) / 1e9
+            stamp = replace(stamp, gap=Gap(seconds, 0, math.floor(seconds * self._rate_hz * _FASTEST)))
+        between = f"{_utc(self._timebase, before_ns)} to {_utc(self._timebase, stamp.monotonic_ns)} UTC"
+        return f"{gap_text(stamp)}, {between}; the unit is back: {found}"
 
     def snapshot(self, now_ns: int) -> ReconnectingSnapshot | None:
         """For viewers; None while the unit is there."""
@@ -80,24 +87,6 @@ class Absence:
             f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
             f" {self._waits_for}. What came is recorded and the file is finished."
         )
-
-
-def gap_in_words(timebase: Timebase, before_ns: int, after_ns: int, rate_hz: float) -> str:
-    """Length of a gap, its ends, and how many packets it may have cost.
-
-    Parameters
-    ----------
-    timebase : Timebase
-        Monotonic to UTC.
-    before_ns, after_ns : int
-        Sampling instants of the last packet before and the first one after, monotonic.
-    rate_hz : float
-        Packets a second, had they come.
-    """
-    seconds = (after_ns - before_ns) / 1e9
-    most = math.floor(seconds * rate_hz * _FASTEST)
-    between = f"{_utc(timebase, before_ns)} to {_utc(timebase, after_ns)} UTC"
-    return f"gap of {seconds:.3f} s, {between}, in it between 0 and {most} packets lost"
 
 
 def line_rate_hz(sampling: str, rate_hz: float) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from filters.motion.profile import Profile
-from imutui.instrument.clock import Clock
+from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
@@ -23,6 +23,7 @@ from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.metadata import check_live, effects_of, motion_of, reconfigured
 from imutui.session.observe import AcquisitionView
+from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
@@ -74,7 +75,7 @@ class Acquisition:
         self.result: ResultDocument | None = None
         self._plan = plan
         self._info = info
-        self._clock = clock
+        self._stamps = PacketStamps(clock)
         self._reader = reader
         self._lifecycle = lifecycle
         self._started_ns = time.monotonic_ns()
@@ -105,7 +106,20 @@ class Acquisition:
     # -- what comes from the reader -------------------------------------------------------------------------------
 
     def packet(self, arrival: PacketArrival) -> None:
-        """Use a packet. Raises OSError if the disk is full."""
+        """Use a packet, as soon as its stamp is sure. Raises OSError if the disk is full."""
+        self._use(self._stamps.take(arrival))
+
+    def held_packets(self) -> None:
+        """Use packets that were held long enough for others to make their stamps sure. Raises OSError."""
+        self._use(self._stamps.due(time.monotonic_ns()))
+
+    def _use(self, packets: list[StampedPacket]) -> None:
+        for one in packets:
+            # what was read while the worker was held up may be of after the end
+            if not self._has_all_data():
+                self._use_one(one.arrival, one.stamp)
+
+    def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
         packet = arrival.packet
         if self._begins_recording:
             # not before: a unit that sends nothing must not cost the file that --force would replace
@@ -113,7 +127,6 @@ class Acquisition:
             self._begin_recording(self._plan.note, Path(self._plan.output) if self._plan.output else None)
         elif self._is_file_full(arrival.host_ns):
             self._rotate()
-        stamp = self._clock.stamp(packet.ticks, arrival.host_ns, contiguous=arrival.contiguous)
         bad, discarded = self._line_errors
         self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
         self._pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
@@ -128,15 +141,12 @@ class Acquisition:
             unsaid = not_said(self._info.serial_number, self._info.firmware)
             if unsaid is not None:
                 self.event("acquisition", unsaid, WARNING)
-        if stamp.lost:
-            self.event("acquisition", f"{stamp.lost} packets lost")
+        back = self._absence.over(stamp)
+        if back is not None or stamp.gap is not None:
+            self.event("gap", back or gap_text(stamp), WARNING)
         if self._duration_from_ns is None:
             self._duration_from_ns = self._pipeline.started_ns
-        # a stamp that is ahead of its packet's arrival ends nothing
-        self._data_until_ns = min(stamp.monotonic_ns, arrival.host_ns)
-        back = self._absence.over(stamp.monotonic_ns)
-        if back is not None:
-            self.event("acquisition", back, WARNING)
+        self._data_until_ns = stamp.monotonic_ns
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
@@ -146,7 +156,7 @@ class Acquisition:
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
         before = self._recent.rates_dps()
-        self._clock.interrupt()
+        self._use(self._stamps.interrupt())
         self._recent.interrupt()
         self._polled_rate.interrupt()
         self._begin_run(None)
@@ -175,8 +185,8 @@ class Acquisition:
                 said = self._absence.still(event)
             case LineReturned():
                 said = None  # with the first packet, which is next
+                self._use(self._stamps.interrupt(lossy=True))
                 self._absence.returned(event, self._last_stamp_ns)
-                self._clock.interrupt()
                 self._recent.interrupt()
                 self._polled_rate.interrupt()
         if said is not None:
@@ -213,11 +223,16 @@ class Acquisition:
         Counted through all files of a recording. The packet that completes the last period may be on its way, hence
         the leeway.
         """
+        end_ns = self._end_ns()
+        return end_ns is not None and (self._has_all_data() or now_ns >= end_ns + _LEEWAY_NS)
+
+    def _end_ns(self) -> int | None:
         duration, since = self._plan.duration_s, self._duration_from_ns
-        if duration is None or since is None:
-            return False
-        end_ns = since + round(duration * 1e9)
-        return self._data_until_ns >= end_ns or now_ns >= end_ns + _LEEWAY_NS
+        return None if duration is None or since is None else since + round(duration * 1e9)
+
+    def _has_all_data(self) -> bool:
+        end_ns = self._end_ns()
+        return end_ns is not None and self._data_until_ns >= end_ns
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
@@ -242,6 +257,7 @@ class Acquisition:
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
+        self._use(self._stamps.release())
         if self._recording is not None:
             self._finish_recording(self._recording)
 
@@ -330,6 +346,7 @@ class Acquisition:
         """
         if self._recording is None:
             raise ValueError("nothing is being recorded")
+        self._use(self._stamps.release())
         result = self._finish_recording(self._recording)
         if self._guide is not None:
             self._guide.recording_ended(time.monotonic_ns())
@@ -449,7 +466,8 @@ class Acquisition:
     def _is_file_full(self, now_ns: int) -> bool:
         """Whether the recording goes on in another file, from this packet on."""
         started = self._pipeline.started_ns
-        if self._recording is None or started is None or self._lifecycle.state != "running":
+        end_ns = self._lifecycle.stopping_since_ns
+        if self._recording is None or started is None or (end_ns is not None and now_ns >= end_ns):
             return False
         return self._recording.is_full((now_ns - started) / 1e9)
 

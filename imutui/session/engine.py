@@ -195,6 +195,7 @@ class Engine:
         while self._reader.is_alive() or not self._queue.empty():
             with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
                 self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
+            self._acquisition.held_packets()
             if time.monotonic() >= next_second:
                 self._acquisition.every_second()
                 next_second = max(next_second + 1.0, time.monotonic())

@@ -20,11 +20,24 @@ from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, Still
 
 @dataclass(frozen=True, slots=True)
 class PacketArrival:
-    """A packet as it was read; `requested_ns` is when it was asked for, None if it came by itself."""
+    """A packet as it was read.
+
+    Attributes
+    ----------
+    host_ns : int
+        When its last byte was read, monotonic.
+    contiguous, quiet : bool
+        Whether it followed the packet before byte by byte; whether the line was found without a byte in between.
+    bad_checksums, discarded_bytes : int
+        Of the line so far.
+    requested_ns : int or None
+        When it was asked for; None if it came by itself.
+    """
 
     packet: Packet
     host_ns: int
     contiguous: bool
+    quiet: bool
     bad_checksums: int
     discarded_bytes: int
     requested_ns: int | None = None
@@ -183,28 +196,34 @@ class Reader:
         """Hand on the packets among what came when the silence was over."""
         host_ns, decoder = time.monotonic_ns(), Decoder()
         decoder.expect_packets(Mode.SCALED, streaming=True)
-        packets = [event for event in (*decoder.feed(heard), *decoder.quiet()) if isinstance(event, Packet)]
-        for packet in packets:
-            self._arrived(packet, host_ns, decoder, contiguous=False)
-        if packets:
-            self._count(decoder)
+        events = [*decoder.feed(heard), *decoder.quiet()]
+        if not any(isinstance(event, Packet) for event in events):
+            return
+        contiguous = False
+        for event in events:
+            if isinstance(event, Packet):
+                self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous)
+            contiguous = isinstance(event, Packet)
+        self._count(decoder)
 
     def _stream(self) -> None:
         """Let the unit stream until there is something else to do."""
         decoder = Decoder()
         decoder.expect_packets(Mode.SCALED, streaming=True)
         self._port.write(encode(StartStream()))
-        contiguous = False
+        contiguous = quiet = False
         while not self._wake.is_set():
             data = self._port.read(decoder.missing)
             host_ns = time.monotonic_ns()
-            events = decoder.feed(data) if data else decoder.quiet()
+            quiet |= not data
+            events = decoder.feed(data) if data else decoder.pause()
             # a packet that waited for the next one to vouch for it arrived before that one did
             newest = next((event.ticks for event in reversed(events) if isinstance(event, Packet)), 0)
             for event in events:
                 if isinstance(event, Packet):
-                    self._arrived(event, arrival_before(host_ns, event.ticks, newest), decoder, contiguous=contiguous)
-                    contiguous = True
+                    arrived_ns = arrival_before(host_ns, event.ticks, newest)
+                    self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet)
+                    contiguous, quiet = True, False
                 elif isinstance(event, Discarded):
                     contiguous = False
         self._count(decoder)
@@ -234,6 +253,7 @@ class Reader:
         counters: Decoder | Poller,
         *,
         contiguous: bool = False,
+        quiet: bool = True,
         requested_ns: int | None = None,
     ) -> None:
         if self._poll_hz is None and self._last is not None and measurement_mode.is_volts(packet, self._last):
@@ -246,7 +266,7 @@ class Reader:
         bad = self._bad_checksums + counters.bad_checksums
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
-        self._emit(PacketArrival(packet, host_ns, contiguous, bad, discarded, requested_ns))
+        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, bad, discarded, requested_ns))
 
     def _answers_in_volts(self, packet: Packet, poller: Poller) -> bool:
         """Whether a unit that is polled forgot its mode: where a packet may say so, it is set and another asked for."""

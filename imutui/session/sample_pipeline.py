@@ -28,10 +28,14 @@ _RATE_SPAN_NS = 10_000_000_000
 
 @dataclass(slots=True)
 class LineCounters:
-    """What came over the line, and what did not, since the run of samples began."""
+    """What came over the line, and what did not, since the run of samples began.
+
+    `lost_packets` are certain; `lost_packets_max` counts those too that a silent unit may have sent.
+    """
 
     packets: int = 0
     lost_packets: int = 0
+    lost_packets_max: int = 0
     bad_checksums: int = 0
     discarded_bytes: int = 0
 
@@ -114,6 +118,7 @@ class SamplePipeline:
         self._axes = info.axes()
         self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
         self._at_limit = False
+        self._uncertainty_ns = 0  # the largest since it was last written
         self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
 
     def packet(self, packet: Packet, stamp: Stamp, host_ns: int) -> None:
@@ -126,7 +131,7 @@ class SamplePipeline:
             self.started_ns = stamp.monotonic_ns
             self._flush()  # the first packet is on the disk before the filter is loaded, which takes its time
         self.counters.packets += 1
-        self.counters.lost_packets += stamp.lost
+        self._count_lost(stamp)
         if self._averager is None:
             values = np.array(counts, float)
             self._sample(Sample(stamp.monotonic_ns, values, float(packet.temperature), 1), host_ns, valid=not at_limit)
@@ -137,6 +142,12 @@ class SamplePipeline:
                 self._at_limit = False
             self._at_limit |= at_limit
 
+    def _count_lost(self, stamp: Stamp) -> None:
+        self._uncertainty_ns = max(self._uncertainty_ns, stamp.uncertainty_ns)
+        if stamp.gap is not None:
+            self.counters.lost_packets += stamp.gap.lost_min
+            self.counters.lost_packets_max += stamp.gap.lost_max
+
     def add_line_errors(self, bad_checksums: int, discarded_bytes: int) -> None:
         """Take what the line has cost since the packet before."""
         self.counters.bad_checksums += bad_checksums
@@ -145,11 +156,12 @@ class SamplePipeline:
     def poll_unanswered(self) -> None:
         """Take note that a packet was asked for and did not come."""
         self.counters.lost_packets += 1
+        self.counters.lost_packets_max += 1
 
     def _write_raw(self, writer: LogWriter, packet: Packet, stamp: Stamp, host_ns: int, *, at_limit: bool) -> None:
         p, q, r = packet.rates
         x, y, z = packet.accels
-        flags = schemas.FLAG_LOST_BEFORE if stamp.lost else 0
+        flags = schemas.FLAG_LOST_BEFORE if stamp.gap is not None else 0
         flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
         flags |= schemas.FLAG_LIMIT if at_limit else 0
         raw = schemas.RawPacket(
@@ -196,12 +208,14 @@ class SamplePipeline:
         rates = np.full(3, np.nan) if self.info.reference == "turned" else np.zeros(3)
         reference = schemas.table_reference(utc, self.info.reference, angles, rates)
         self._writer.message(schemas.REFERENCE, reference, utc, utc)
-        found = ["packets were lost or damaged"] if self.counters.lost_packets or self.counters.bad_checksums else []
+        damaged = self.counters.lost_packets_max or self.counters.bad_checksums
+        found = ["packets were lost or damaged"] if damaged else []
         if self.info.sampling == "polled" and polled_rate.finding(self.info.rate_hz, self.rate.hz()) is not None:
             found.append("the asked rate is not kept")
         level, text = int(bool(found)), "; ".join(found) or "ok"
         values = self._diagnostics(now_ns)
         self._writer.message(schemas.DIAGNOSTICS, schemas.diagnostics(utc, level, text, values), utc, utc)
+        self._uncertainty_ns = 0
         self._flush()
 
     def _flush(self) -> None:
@@ -219,8 +233,10 @@ class SamplePipeline:
             "packets": str(self.counters.packets),
             "samples": str(self.samples),
             "lost_packets": str(self.counters.lost_packets),
+            "lost_packets_max": str(self.counters.lost_packets_max),
             "bad_checksums": str(self.counters.bad_checksums),
             "resynchronised_bytes": str(self.counters.discarded_bytes),
+            "stamp_uncertainty_ms": f"{self._uncertainty_ns / 1e6:.3f}" if self._uncertainty_ns else "",
             "flush_age_s": f"{age:.3f}",
         }
 

@@ -497,6 +497,40 @@ def test_quiet_discards_a_packet_that_was_cut_off() -> None:
     assert decoder.feed(encode(fourth)) == [fourth]
 
 
+def test_a_packet_may_pause_in_its_middle() -> None:
+    """A stream's line that is quiet for a while keeps what it has of a packet, and delivers it with the rest."""
+    for cut in range(1, PACKET_BYTES):
+        decoder = streaming_decoder()
+        first, second, third, fourth = stream(4)
+        decoder.feed(on_the_line([first, second]))
+        assert decoder.feed(encode(third)[:cut]) == []
+        assert decoder.pause() == decoder.pause() == []
+        assert decoder.feed(encode(third)[cut:]) == [third]
+        assert decoder.feed(encode(fourth)) == [fourth]
+        assert decoder.discarded_bytes == decoder.bad_checksums == 0
+
+
+def test_a_packet_that_pauses_for_ever_costs_none_of_those_behind_it() -> None:
+    """If something else comes than its rest, its sum is wrong, and the next packet is found all the same."""
+    decoder = streaming_decoder()
+    sent = stream(8)
+    decoder.feed(on_the_line(sent[:2]))
+    decoder.feed(encode(sent[2])[:9])
+    decoder.pause()
+    assert packets_of(decoder.feed(on_the_line(sent[4:]))) == sent[4:]
+    assert decoder.discarded_bytes == 9
+    assert decoder.bad_checksums == 1
+
+
+def test_a_pause_releases_a_packet_that_waits_for_its_witness() -> None:
+    """The single packet that a stream leaves behind is delivered when the line falls quiet."""
+    decoder = streaming_decoder()
+    packet = PACKETS[2][0]
+    assert decoder.feed(encode(packet)) == []
+    assert decoder.pause() == [packet]
+    assert decoder.pause() == []
+
+
 def test_a_polled_packet_needs_no_witness() -> None:
     """Polled packets come one by one, at any counter, each with its last byte."""
     decoder = Decoder()

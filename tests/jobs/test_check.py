@@ -8,7 +8,7 @@ from mcap.reader import NonSeekingReader
 from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
-from imutui.instrument.clock import Stamp
+from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.crossbow import Mode, Packet
 from imutui.jobs.check import check
 from imutui.logbook import schemas
@@ -46,7 +46,9 @@ def recorded(
         ticks = round(-k * LOOP_NS / TICK_NS) % 65536
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550, ticks)
         instant = k * LOOP_NS
-        pipeline.packet(packet, Stamp(instant, dropped, False), instant + 2_000_000)
+        pipeline.packet(
+            packet, Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None), instant + 2_000_000
+        )
         dropped = 0
         if instant >= second * 1_000_000_000:
             pipeline.flush(instant + 2_000_000)

@@ -73,7 +73,7 @@ def recorded(path: Path, sampling: str) -> dict[str, Any]:
         if 900 < k < 910:
             counts[0] = 32767  # at the limit: no reading, but a temperature
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + k // 20 + int(rng.integers(3)), k)
-        stamp = Stamp(k * 7_518_797, 0, False)
+        stamp = Stamp(k * 7_518_797, False)
         pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
     document = finish_file(writer, pipeline, 2000 * 7_518_797)
     assert document["alarms"] == pipeline.filter.estimator.alarms()  # type: ignore[union-attr]

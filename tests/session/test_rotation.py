@@ -139,7 +139,7 @@ def feed(pipeline: SamplePipeline, first: int, last: int) -> None:
         counts = [int(x) for x in NOISE[k] * 40 + [0, 0, 0, 0, 0, 5461]]
         warmth = 350.0 * np.sin(k / 2500.0)
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550 + int(warmth), k)
-        stamp = Stamp(k * 7_518_797, 0, False)
+        stamp = Stamp(k * 7_518_797, False)
         pipeline.packet(packet, stamp, stamp.monotonic_ns + 2_000_000)
 
 

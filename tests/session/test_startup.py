@@ -52,7 +52,7 @@ def test_the_first_packet_is_on_the_disk_before_the_filter_is_loaded(
     monkeypatch.setattr(live_filter, "PLAIN", unprepared)
     info = SessionInfo(sampling="polled", rate_hz=20.0)
     pipeline = SamplePipeline(info, Timebase(START), LogWriter(path, info, "", START))
-    pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, 0, True), 2_000_000)
+    pipeline.packet(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0), Stamp(0, True), 2_000_000)
     assert on_disk == [1]
     assert pipeline.filter is not None
     assert pipeline.filter.estimator is None

@@ -1,0 +1,168 @@
+"""The host's time of a unit's counter: a two-state Kalman filter (instant, tick); no I/O, reads no clock.
+
+The counter steps precisely, but its tick is known to 0.6 % only. The host's stamps are absolute, but late by whatever
+the operating system, an adapter or a network felt like, and never early. So the filter is fed the least late arrival
+of many, and one that is later than expected says little.
+"""
+
+NOMINAL_TICK_NS = 790.0
+_TICK_SD = 0.006 * NOMINAL_TICK_NS
+_TICK_WALK = 1e-8 * NOMINAL_TICK_NS
+# the least of n arrivals that are late by up to twice their mean: about an nth of that, and adapters' bursts repeat
+_LEAST_LATE_SD_NS = 0.15e6
+_SD_OF_LEAST = 8.0
+# a block that is off by so many standard deviations, and so much, was late, or those before it were
+_SURPRISE = 4.0
+_SURPRISING_NS = 5.0e6
+_ANCHOR_SD_NS = 0.5e6
+_MOVED_SD_NS = 5.0e6
+_LATE_NS = 20.0e6
+_FIRST_BLOCK, _BLOCK = 16, 64
+# blocks in a row that may be late before the tick is to blame
+_MOST = 3
+_FLOOR_NS = 0.5e6
+
+
+class _Block:
+    """Some packets in a row, and the least late of them."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.count = 0
+        self.total = 0.0
+        self.least = float("inf")
+        self.ticks_since = 0
+        self.ticks = 0
+        self.first_ns = self.last_ns = 0.0
+
+    def is_backlog(self, tick_ns: float) -> bool:
+        """Whether they came faster than the unit sends: of how late they were nothing is to be learnt."""
+        return self.last_ns - self.first_ns < 0.5 * self.ticks * tick_ns
+
+    def add(self, late: float, step: int, arrival_ns: float) -> None:
+        """Take a packet, `step` ticks after the one before, and how late it is."""
+        self.count += 1
+        self.ticks += step
+        self.first_ns = arrival_ns if self.count == 1 else self.first_ns
+        self.last_ns = arrival_ns
+        self.total += min(late, _LATE_NS)
+        self.ticks_since += step
+        if late < self.least:
+            self.least, self.ticks_since = late, 0
+
+
+class HostTime:
+    """When the unit's counter stood where, on the host's monotonic clock.
+
+    Attributes
+    ----------
+    tick_ns : float
+        Length of a tick of the counter.
+    """
+
+    def __init__(self) -> None:
+        self.tick_ns = NOMINAL_TICK_NS
+        self._origin = 0
+        self._instant = 0.0
+        self._P = [0.0, 0.0, _TICK_SD**2]
+        self._spread = 0.0
+        self._block = _Block(_FIRST_BLOCK)
+        self._early = 0
+        self._late = 0
+
+    @property
+    def instant_ns(self) -> int:
+        """Host's time of the newest packet's sampling."""
+        return self._origin + round(self._instant)
+
+    @property
+    def tick_sd_ns(self) -> float:
+        """Standard deviation of the tick's length."""
+        return float(self._P[2] ** 0.5)
+
+    @property
+    def uncertainty_ns(self) -> float:
+        """How far the newest instant may be from the truth: three standard deviations, and how late arrivals are."""
+        return 3.0 * float(self._P[0] ** 0.5) + self._spread + _FLOOR_NS
+
+    def anchor(self, arrivals: list[float], ticks: list[int]) -> None:
+        """Begin with the least late of some arrivals; the length of the tick stays as known.
+
+        Parameters
+        ----------
+        arrivals : list of float
+            Host's time when each packet could have arrived had nothing held it up, ns.
+        ticks : list of int
+            Counter's steps since the first of them, of each.
+        """
+        self._origin = int(arrivals[0])
+        since = [a - self._origin - t * self.tick_ns for a, t in zip(arrivals, ticks, strict=True)]
+        least = min(range(len(since)), key=since.__getitem__)
+        self._spread = sum(since) / len(since) - since[least]
+        sd = _ANCHOR_SD_NS + self._spread / len(since)
+        self._instant = since[least] + ticks[least] * self.tick_ns
+        self._P = [sd * sd, 0.0, self._P[2]]
+        self._block = _Block(_FIRST_BLOCK)
+        self._early = self._late = 0
+        self._go_on(ticks[-1] - ticks[least])
+
+    def lateness(self, arrival_ns: float, step: int) -> float:
+        """How late a packet is that arrives `step` ticks after the newest one was sampled, ns."""
+        return arrival_ns - self._origin - self._instant - step * self.tick_ns
+
+    def advance(self, step: int, arrival_ns: float) -> float:
+        """Go on to a packet, `step` ticks after the newest one; returns by how much instants were found late."""
+        self._go_on(step)
+        block = self._block
+        block.add(self.lateness(arrival_ns, 0), step, arrival_ns)
+        return self._use(block) if block.count >= block.size else 0.0
+
+    def _go_on(self, step: int) -> None:
+        p, c, q = self._P
+        self._instant += step * self.tick_ns
+        self._P = [p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2]
+
+    def _use(self, block: _Block) -> float:
+        least = block.least
+        if least > _LATE_NS and block.is_backlog(self.tick_ns):
+            self._block = _Block(block.size)
+            return 0.0
+        self._block = _Block(min(2 * block.size, _BLOCK))
+        spread = max(0.0, block.total / block.count - least)
+        self._spread += 0.5 * (spread - self._spread)
+        sd = max(_LEAST_LATE_SD_NS, _SD_OF_LEAST * spread / block.count)
+        surprise = max(_SURPRISING_NS, _SURPRISE * (self._variance(block.ticks_since) + sd * sd) ** 0.5)
+        self._late = self._late + 1 if least > surprise else 0
+        self._early = self._early + 1 if least < -surprise else 0
+        if self._late and self._late <= _MOST:
+            return 0.0  # perhaps no packet of the block came in time
+        if self._early or self._late:
+            return self._move(least)
+        self._update(least, block.ticks_since, sd)
+        return 0.0
+
+    def _move(self, innovation: float) -> float:
+        """Correct the instant at once, and the tick soon.
+
+        No packet arrives early: those before were late. Late in block after block, the tick is wrong, or wraps went by.
+        """
+        self._instant += innovation
+        tick_sd = _TICK_SD if max(self._late, self._early) > _MOST else 0.0
+        self._P = [_MOVED_SD_NS**2, 0.0, max(self._P[2], tick_sd**2)]
+        self._late = 0
+        self._block = _Block(_FIRST_BLOCK)
+        return max(0.0, innovation)
+
+    def _variance(self, ticks_since: int) -> float:
+        """Of the instant so many ticks ago, ns²."""
+        p, c, q = self._P
+        return p - 2.0 * ticks_since * c + ticks_since * ticks_since * q
+
+    def _update(self, innovation: float, ticks_since: int, sd: float) -> None:
+        p, c, q = self._P
+        # it was seen some ticks ago: H = (1, -ticks_since)
+        a, b = p - ticks_since * c, c - ticks_since * q
+        S = a - ticks_since * b + sd * sd
+        self._instant += a / S * innovation
+        self.tick_ns += b / S * innovation
+        self._P = [p - a * a / S, c - a * b / S, q - b * b / S]

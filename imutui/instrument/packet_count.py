@@ -1,0 +1,105 @@
+"""How many packets a step of the unit's time counter spans; no I/O, knows no host time.
+
+Where the unit's loop sets the pace, every packet steps by one period. Where the line does, a packet carries the newest
+sample: its step is now one period, now two, and only the mean is a packet's time on the line. Both are one rule: the
+counter stays within half a period of a regular grid, and a packet that is missing shifts it by a whole step.
+"""
+
+from collections.abc import Sequence
+
+_TOLERANCE = 0.02
+_SPREAD_DECAY = 1.0 / 256.0
+_PHASE_GAIN = 1.0 / 64.0
+_SPACING_GAIN = 1.0 / 4096.0
+_MOST_SPREAD = 0.45
+_ALIKE = 1.6
+
+
+class PacketGrid:
+    """Regular grid of a stream's packets, in ticks of the unit's counter.
+
+    Parameters
+    ----------
+    line_ticks : float
+        Time that a packet spends on the line: none follows sooner.
+
+    Attributes
+    ----------
+    spacing : float
+        Ticks from packet to packet in the mean; 0 until `learn` is told.
+    """
+
+    def __init__(self, line_ticks: float) -> None:
+        self.spacing = 0.0
+        self._line = line_ticks
+        self._paced_by_line = False
+        self._phase = 0.0
+        self._spread = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a grid: a counter that stands still makes none."""
+        return self.spacing >= 0.5 * self._line
+
+    def learn(self, steps: Sequence[int]) -> None:
+        """Find the grid from a stretch of packets that follow each other.
+
+        Parameters
+        ----------
+        steps : sequence of int
+            Ticks from each to the next, at least one.
+        """
+        median = sorted(steps)[len(steps) // 2]
+        usual = [step for step in steps if step <= _ALIKE * median]
+        mean = sum(usual) / len(usual)
+        # no packet leaves before the one before it has
+        self._paced_by_line = mean < (1.0 + _TOLERANCE) * self._line
+        self.spacing = (self._line if self._paced_by_line else mean) if median > 0 else 0.0
+        at, phases = 0.0, [0.0]
+        for step in steps if self.known else ():
+            at += step - self.packets(step) * self.spacing
+            phases.append(at)
+        middle = (max(phases) + min(phases)) / 2.0
+        self._phase, self._spread = at - middle, (max(phases) - min(phases)) / 2.0
+
+    def packets(self, step: float, *, contiguous: bool = True) -> int:
+        """Packets that a step spans, by its size alone; at least one.
+
+        Parameters
+        ----------
+        step : float
+            Ticks.
+        contiguous : bool
+            Whether no byte came in between: where the line sets the pace, one packet's step may be another's twice.
+        """
+        return 1 if contiguous and self._paced_by_line else max(1, round(step / self.spacing))
+
+    def count(self, step: float) -> int:
+        """Packets that a step spans, by where it leads on the grid; at least one."""
+        return max(1, round((step + self._phase) / self.spacing))
+
+    def is_regular(self, step: float) -> bool:
+        """Whether a step leads onto the grid, as whole packets do."""
+        return abs(step + self._phase - self.count(step) * self.spacing) <= self._tolerance
+
+    def is_next(self, step: float) -> bool:
+        """Whether a step is that of the very next packet."""
+        return self.count(step) == 1 and self.is_regular(step)
+
+    def may_be_next(self, step: float) -> bool:
+        """Whether a step may be that of the very next packet, from wherever it is on the grid."""
+        return abs(step - self.spacing) <= self._tolerance + self._spread
+
+    def advance(self, step: float, packets: int) -> None:
+        """Take a step that spans so many packets."""
+        self._phase += step - packets * self.spacing
+        if abs(self._phase) > _MOST_SPREAD * self.spacing:
+            self._phase = 0.0  # the unit began anew: so does the grid
+            return
+        self._spread = max(abs(self._phase), self._spread * (1.0 - _SPREAD_DECAY))
+        self.spacing += _SPACING_GAIN * self._phase
+        self._phase -= _PHASE_GAIN * self._phase
+
+    @property
+    def _tolerance(self) -> float:
+        return min(_MOST_SPREAD * self.spacing, _TOLERANCE * self.spacing + 1.2 * self._spread)
