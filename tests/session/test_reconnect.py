@@ -130,7 +130,8 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     texts = [event.text for event in reader.read(log).events]
     assert str(link) in only(texts, "went away")
     assert f"serial number {SERIAL}" in only(texts, "the unit is back")
-    assert len(live["gaps"]) == 1
+    # a busy machine may hold up the unit as well, by less
+    assert len([gap for gap in live["gaps"] if gap["seconds"] > 0.5]) == 1
     assert without_timings(live) == without_timings(json.loads(imutui("replay", str(log), "--json", check=1).stdout))
     assert "finished" in imutui("check", str(log), check=1).stdout
     assert json.loads(imutui("info", str(log), "--json").stdout)["finished"]
