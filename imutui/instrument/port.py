@@ -89,6 +89,10 @@ class Port:
         device = self.lasting_name
         if "://" not in device and not Path(device).exists():
             raise PortError(f"{device} is not there")
+        if device.startswith("/dev/pts/"):
+            raise PortError(
+                f"{device} is a pseudo-terminal: its number is soon another's, only a link leads to it again"
+            )
         if is_terminal(device):
             raise PortError(f"{device} is somebody's terminal by now")
         self._serial = _open(self.name, device, baud)

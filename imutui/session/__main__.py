@@ -27,6 +27,7 @@ from imutui.session.requests import Reply, Request, StartReport
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
 _START_GRACE_S = 5.0
+_TERMINATED_GRACE_S = 1.2
 
 
 def main() -> int:
@@ -59,7 +60,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
     engine = Engine(plan, port, identity)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: engine.request_stop())
+        signal.signal(number, lambda *_: engine.terminate())
     engine.start()
     end_reported = threading.Event()
 
@@ -76,10 +77,14 @@ def _acquire(plan: Plan, port: Port) -> int:
     while not engine.lifecycle.ended.wait(0.5):
         pass
     # who started it may not have asked yet how it goes; it must hear how it went
-    end_reported.wait(max(0.0, begun + _START_GRACE_S - time.monotonic()))
-    server.wait_idle(_LAST_REPLIES_S)
-    server.shutdown()
+    report_by = begun + _START_GRACE_S
+    asked_ns = engine.lifecycle.stopping_since_ns
+    if engine.lifecycle.terminated and asked_ns is not None:
+        report_by = min(report_by, asked_ns / 1e9 + _TERMINATED_GRACE_S)
+    end_reported.wait(max(0.0, report_by - time.monotonic()))
+    # the server's own end would take it up to half a second more, and nobody finds it any longer
     ipc.socket_path(plan.name).unlink(missing_ok=True)
+    server.wait_idle(_LAST_REPLIES_S)
     if engine.lifecycle.error is not None:
         print(visible(engine.lifecycle.error), file=sys.stderr)
     return engine.exit_code
@@ -177,4 +182,9 @@ def _say(message: StartReport) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    # everything is closed; an interpreter that ends would wait for a compiler in another thread to let it
+    os._exit(code)

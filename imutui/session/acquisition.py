@@ -42,6 +42,7 @@ INFORMATION, WARNING, ERROR = 20, 30, 40
 """Levels of events, as /rosout has them."""
 
 _LEEWAY_NS = 250_000_000
+_FILTER_PATIENCE_S = 0.8
 
 
 class Acquisition:
@@ -259,6 +260,8 @@ class Acquisition:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
         self._use(self._stamps.release())
         if self._recording is not None:
+            if self._lifecycle.terminated and self._pipeline.filter is not None:
+                self._pipeline.filter.leave_out_unless_ready(_FILTER_PATIENCE_S)
             self._finish_recording(self._recording)
 
     def abandon_zeroing(self, message: str) -> None:

@@ -162,6 +162,11 @@ class Engine:
         self.lifecycle.stop()
         self._reader.stop()
 
+    def terminate(self) -> None:
+        """End as `request_stop` does, but wait for no filter that is not ready: the process has to go."""
+        self.lifecycle.terminated = True
+        self.request_stop()
+
     # -- worker ---------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:

@@ -25,6 +25,8 @@ class Lifecycle:
         What must be said at the end of one that did not fail.
     stopping_since_ns : int or None
         When the end was first asked for, monotonic.
+    terminated : bool
+        Whether a signal asked for the end, as who shuts the machine down does: it is waited for some seconds only.
     streaming, ended : threading.Event
         Set with the first packet, and when nothing more will happen.
     """
@@ -35,6 +37,7 @@ class Lifecycle:
         self.exit_code = 0
         self.findings: list[EndFinding] = []
         self.stopping_since_ns: int | None = None
+        self.terminated = False
         self.streaming = threading.Event()
         self.ended = threading.Event()
 

@@ -149,6 +149,14 @@ class LiveFilter:
 
         return effects.memory() if isinstance(effects, CausalEffects) else ""
 
+    def leave_out_unless_ready(self, patience_s: float) -> None:
+        """Give up the estimates if the step is still being loaded or compiled by then; a replay will make them."""
+        if self._first_ns is not None and not self.preparation.ready.wait(patience_s):
+            self.failure = self.failure or (
+                "the acquisition was ended before the filter was compiled, as it is the first time on a machine:"
+                " the recording is complete, and `imutui replay` makes its estimates"
+            )
+
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Use all that still waits; yield as `sample`."""
         if self.failure is None and self._first_ns is not None:

@@ -32,9 +32,9 @@ from imutui.tui.pages.base import PAGES, Page
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
-from imutui.tui.terminal import glyphs
+from imutui.tui.terminal import glyphs, textual_private
 from imutui.tui.terminal.appearance import Appearance
-from imutui.tui.terminal.driver import measured
+from imutui.tui.terminal.driver import Terminal, measured
 from imutui.tui.terminal.shown_text import ControlCharacterFilter
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
@@ -136,6 +136,12 @@ class ImutuiApp(App[int]):
     def page(self) -> Page | None:
         """The page in front, also under a dialog."""
         return self.context.front
+
+    @property
+    def terminal_is_gone(self) -> bool:
+        """Whether the terminal that this was shown in has gone away."""
+        driver = textual_private.driver_of(self)
+        return isinstance(driver, Terminal) and driver.is_gone
 
     def finish(self) -> None:
         """After the UI has gone: wait for what was being started, so that it does not run on unseen."""
@@ -300,6 +306,9 @@ def run(
     app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, appearance=appearance)
     code = app.run()
     app.finish()
+    if app.terminal_is_gone:
+        # what an interpreter does at its end takes longer than all of the above, and nobody waits for it
+        os._exit(app.return_code or 0 if code is None else code)
     for line in app.farewell:
         print(visible(line), file=sys.stderr)
     return app.return_code or 0 if code is None else code

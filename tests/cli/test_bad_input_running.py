@@ -257,28 +257,6 @@ def test_a_mark_needs_a_recording(home: Path) -> None:
 # -- signals and pipes ------------------------------------------------------------------------------------------------
 
 
-def test_ctrl_c_finishes_the_file(home: Path) -> None:
-    """Exit 130, with the result of what was recorded."""
-    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
-        run.send_signal(signal.SIGINT)
-        out, err = run.communicate(timeout=LIMIT_S)
-    assert run.returncode == 130, err
-    assert "Traceback" not in err
-    log = reader.read(home / "out.mcap")
-    assert log.finished
-    assert json.loads(out)["samples"] == log.stamp_ns.size
-
-
-def test_sigterm_to_the_acquisition_finishes_the_file(home: Path) -> None:
-    """As `imutui stop` does: the foreground ends with 0 and the result."""
-    with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:
-        os.kill(client.attach().pid, signal.SIGTERM)
-        out, err = run.communicate(timeout=LIMIT_S)
-    assert run.returncode == 0, err
-    assert json.loads(out)["finished"]
-    assert reader.read(home / "out.mcap").finished
-
-
 def test_sigterm_to_the_foreground_finishes_the_file(home: Path) -> None:
     """`timeout 60 imutui record`, a service manager and a container stop it so; they expect a whole file."""
     with Device(GOOD) as device, recording_to(home / "out.mcap", device.port) as run:

@@ -54,6 +54,12 @@ def test_a_line_is_opened_again_where_its_adapter_is_now(
         assert os.read(master, 1) == b"P"
 
 
+def test_a_pseudo_terminal_named_by_its_number_is_not_opened_again(device: str) -> None:
+    """The next virtual instrument may have that number, and the same serial number."""
+    with Port(device, 38400) as line, pytest.raises(PortError, match="soon another's"):
+        line.reopen(38400)
+
+
 def test_a_pseudo_terminal_that_became_somebodys_terminal_is_left_alone(tmp_path: Path, device: str) -> None:
     """The number of a virtual instrument that ended is soon given to a shell."""
     _, slave = os.openpty()

@@ -1,9 +1,7 @@
 """Rebuilding logs, by the job that people call: whole files in, damaged ones in, nothing lost that was whole."""
 
 import contextlib
-import os
 import random
-import signal
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,9 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.commands import imutui
-from helpers.processes import LIMIT_S, command_line, started, wait_until
-from helpers.units import virtual
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap.writer import Writer
@@ -24,7 +19,7 @@ from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, file_lock, reader, schemas, summary
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import TIMINGS
-from imutui.logbook.scan import RECOVERED, scan
+from imutui.logbook.scan import RECOVERED
 from imutui.logbook.writer import LogWriter
 
 START = 1_795_257_000_000_000_000
@@ -264,28 +259,3 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
         with pytest.raises(ValueError, match="being written"):
             recover(tmp_path / "a.mcap", out, True)
     assert (tmp_path / "a.mcap").read_bytes() == before
-
-
-def test_a_recorder_that_was_killed_leaves_a_log_that_recovers(home: Path) -> None:
-    """kill -9 of a real acquisition: its file is held while it lives; after that all it wrote is recovered."""
-    wish = ("--rate", "133", "-o", "a.mcap", "--filter", "none")
-    with virtual() as port, started(command_line("record", "--port", port, *wish)) as follower:
-        path = home / "a.mcap"
-        wait_until(lambda: path.exists() and (summary.read(path).samples or 0) > 200)
-        assert summary.read(path).state == "being written"
-        refused = imutui("recover", str(path), "-o", "out.mcap", check=2)
-        assert "being written" in refused.stderr
-        pid = int(imutui("status", "--json").stdout.split('"pid": ')[1].split(",")[0])
-        os.kill(pid, signal.SIGKILL)
-        follower.communicate(timeout=LIMIT_S)
-    brief = summary.read(path)
-    assert brief.state == "unfinished"
-    source = reader.read(path)
-    assert brief.samples == source.stamp_ns.size
-    assert brief.seconds == pytest.approx(source.seconds()[-1], abs=1e-9)
-    imutui("recover", str(path), "-o", "out.mcap")
-    log = reader.read(home / "out.mcap", raw=True)
-    assert np.array_equal(log.stamp_ns, source.stamp_ns)
-    assert log.finished
-    assert scan(home / "out.mcap").damages == []
-    assert messages(home / "out.mcap") == messages(path)

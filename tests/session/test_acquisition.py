@@ -4,12 +4,9 @@ The unit at the other end is served by the test's own process, but where the acq
 """
 
 import json
-import os
-import signal
 import socket
 import stat
 import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -22,14 +19,14 @@ import pytest
 import unit_time
 from helpers.commands import imutui, imutui_process
 from helpers.places import own_places
-from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.processes import LIMIT_S, wait_until
 from helpers.tap import packets_of
 from helpers.units import virtual
 
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
 from imutui.session import client, ipc
-from imutui.session.client import SessionError, SessionGoneError
+from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
 
 PROFILE = """
@@ -151,32 +148,6 @@ def test_a_measured_recording_played_to_the_wire_comes_back_count_for_count(
     assert np.allclose(live["final"]["gyro_bias_dps"], still, atol=0.015)
 
 
-def test_kill_nine_loses_a_second_at_most(home: Path) -> None:
-    """What was recorded up to the last flush is read from the unfinished file; the viewer is told; nothing lives on."""
-    connection = client.start(plan(home))
-    wait_until(lambda: connection.snapshot(2**62)["packets"] > 3 * 133)
-    state = connection.snapshot(2**62)
-    path = Path(state["recording"]["path"])
-    children = [int(p) for p in Path(f"/proc/{connection.pid}/task/{connection.pid}/children").read_text().split()]
-    os.kill(connection.pid, signal.SIGKILL)
-    with pytest.raises(SessionGoneError, match="imutui replay"):
-        while True:
-            connection.snapshot()
-    result = replayed(path, code=1)
-    assert not result["finished"]
-    assert result["samples"] >= state["recording"]["samples"] - 2 * 133
-    assert result["duration_s"] > state["recording"]["seconds"] - 2.0
-    wait_until(
-        lambda: (
-            not any(
-                Path(f"/proc/{child}/cmdline").exists() and Path(f"/proc/{child}/cmdline").read_text()
-                for child in children
-            )
-        )
-    )
-    assert client.running() == []
-
-
 def test_a_demo_recovers_known_biases(home: Path) -> None:
     """The main job, whole: exit 0, biases within 3 sd of the truth, sds below 0.6 mg and 0.05 deg/s, a finished log."""
     with unit_time.own():
@@ -228,29 +199,6 @@ def test_each_recording_of_an_acquisition_is_a_log_of_its_own(start: Start) -> N
     assert len({r["log"] for r in results}) == 2
     for result in results:
         assert without_timings(result) == without_timings(replayed(result["log"], code=1))
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_to_end_finishes_the_file(start: Start, number: signal.Signals) -> None:
-    """SIGTERM and SIGINT to the acquisition: an indexed file, and who follows is told."""
-    connection = start(rate_hz=20.0)
-    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 20)
-    path = connection.snapshot(2**62)["recording"]["path"]
-    os.kill(connection.pid, number)
-    told = connection.wait(60.0)
-    assert told is not None
-    assert told["log"] == path
-    wait_until(lambda: client.running() == [])
-    assert reader.read(Path(path)).finished
-
-
-def test_a_hangup_does_not_end_the_acquisition(start: Start) -> None:
-    """A closed terminal sends SIGHUP; recording goes on."""
-    connection = start(rate_hz=20.0)
-    os.kill(connection.pid, signal.SIGHUP)
-    before = connection.snapshot(2**62)["recording"]["samples"]
-    wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > before + 20)
-    connection.stop()
 
 
 def test_one_acquisition_a_name(start: Start) -> None:
@@ -311,30 +259,6 @@ def test_the_series_is_handed_out_once(watched: client.Client) -> None:
     t = np.array(first["t"] + second["t"])
     assert np.all(np.diff(t) > 0)
     assert np.median(np.diff(t)) == pytest.approx(0.0075, abs=2e-4)
-
-
-def test_ctrl_c_in_the_foreground_finishes_the_file(home: Path) -> None:
-    """`record` interrupted: exit 130, the result on stdout, the file finished."""
-    with started(command_line("record", "--port", "virtual", "--rate", "20", "--json")) as record:
-        wait_until(lambda: client.running() == ["default"])
-        connection = attached()
-        wait_until(lambda: connection.snapshot(2**62)["recording"]["samples"] > 20)
-        record.send_signal(signal.SIGINT)
-        out, err = record.communicate(timeout=LIMIT_S)
-    assert record.returncode == 130, err
-    assert "Traceback" not in err
-    assert reader.read(Path(json.loads(out)["log"])).finished
-
-
-def attached() -> client.Client:
-    """The running acquisition, as soon as it answers."""
-    deadline = time.monotonic() + 30.0
-    while True:
-        try:
-            return client.attach()
-        except SessionError:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
 
 
 def test_a_viewer_that_waits_piece_by_piece_leaves_nothing_behind(watched: client.Client) -> None:

@@ -53,6 +53,27 @@ def test_samples_wait_while_the_step_is_compiled_and_then_all_count() -> None:
     assert last.nis == estimates[-1].nis
 
 
+def test_who_is_told_to_go_waits_for_no_compiler_and_says_what_is_left_out() -> None:
+    """The samples are recorded all the same; with the step ready nothing is given up."""
+    prepared()
+    live = LiveFilter(SessionInfo(rate_hz=20.0))
+    gyro, accel = samples(30)
+    live_filter.PLAIN.ready.clear()
+    try:
+        for k in range(30):
+            assert list(live.sample(FIRST_NS + k * 50_000_000, gyro[k], accel[k])) == []
+        live.leave_out_unless_ready(0.01)
+        assert live.failure is not None
+        assert "imutui replay" in live.failure
+        assert list(live.finish()) == []
+    finally:
+        live_filter.PLAIN.ready.set()
+    other = LiveFilter(SessionInfo(rate_hz=20.0))
+    list(other.sample(FIRST_NS, gyro[0], accel[0]))
+    other.leave_out_unless_ready(0.01)
+    assert other.failure is None
+
+
 def test_marks_before_the_first_sample_count_as_they_do_in_a_replay() -> None:
     """A mark 0.2 s early begins the first dwell, whose rows are used from 2 s after it."""
     profile = Profile((Dwell((0.0, 0.0, 0.0), 60.0),), align="marks")

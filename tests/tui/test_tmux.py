@@ -9,13 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import virtual
 from unit_time import acquire
 
-from imutui.instrument.clock import WRAP
 from imutui.logbook import reader
 from imutui.session import client, plan
 from imutui.session.plan import Plan
@@ -175,29 +173,6 @@ def test_the_demo_shows_itself_and_leaves_nothing_behind(home: Path, terminal: T
     terminal.wait_for("finished")
     wait_until(lambda: client.running() == [] and not any(Path(f"/proc/{c}").exists() for c in children))
     assert len(list(terminal.logs.glob("*demo.mcap"))) == 1
-
-
-def test_a_terminal_put_aside_or_closed_costs_nothing(home: Path, terminal: Terminal) -> None:
-    """Ctrl+Z and fg, then the terminal killed under the UI: the acquisition goes on and its file has every packet."""
-    terminal.type(f"{sys.executable} -m imutui demo\n")
-    terminal.wait_for("● REC", "measured")
-    connection = client.attach("demo")
-    terminal.press("C-z")
-    wait_until(lambda: "measured" not in terminal.screen())
-    terminal.type("echo shell$((20 + 22))\n")
-    terminal.wait_for("shell42")
-    goes_on(connection)
-    terminal.type("fg\n")
-    terminal.wait_for("● REC", "measured", "? help")
-    terminal.close()
-    goes_on(connection)
-    result = connection.stop()
-    assert result is not None
-    assert result["lost_packets"] == 0
-    log = reader.read(Path(result["log"]), raw=True)
-    assert log.finished
-    steps = -np.diff([packet.ticks for packet in log.raw]) % WRAP
-    assert np.all(np.abs(steps - np.median(steps)) < 0.1 * np.median(steps))
 
 
 def goes_on(connection: client.Client) -> None:

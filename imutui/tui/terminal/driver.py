@@ -25,6 +25,8 @@ _WINDOW_S = 1.0
 _PROBE = "\x1b[?2026$p"
 _PROBE_EVERY_S = 1.0
 _LEAVE_S = 1.5
+# of a terminal that is gone nothing is left to put in order
+_GONE_S = 0.5
 _HANGUP = 128 + signal.SIGHUP
 
 
@@ -167,6 +169,11 @@ class Terminal(LinuxDriver, Measured):
         if self.meter.ask():
             self.write(_PROBE)
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether the terminal has gone away, so that nobody waits for what is still done."""
+        return self._gone.is_set() and self._has_hung_up(0)
+
     def write(self, data: str) -> None:
         """Write; counted here only if the file behind is not."""
         if self._measured:
@@ -221,7 +228,7 @@ class Terminal(LinuxDriver, Measured):
         self._application.post_message(messages.ExitApp())
 
     def _leave(self) -> None:
-        if not self._closed.wait(_LEAVE_S):
+        if not self._closed.wait(_GONE_S if self.is_gone else _LEAVE_S):
             os._exit(_HANGUP)
 
 

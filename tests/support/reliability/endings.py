@@ -1,0 +1,173 @@
+"""The recorder is killed, or told to end."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from helpers import loopback
+from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.readers import packets_by_reader
+from helpers.tap import packets_of
+
+from imutui.jobs.recover import recover
+from imutui.logbook import reader, summary
+from imutui.session import client
+from imutui.session.plan import Plan
+from reliability.setting import (
+    NOTHING_NEW,
+    PERIOD_S,
+    Acquired,
+    acquiring,
+    has_ended,
+    log_packets,
+    seconds_until_ended,
+)
+
+
+@dataclass(frozen=True)
+class Killed:
+    """What a kill -9 cost.
+
+    Attributes
+    ----------
+    lost_s : float
+        Packets that had reached the host's queue and are not in the file, in seconds.
+    held : int
+        Packets in the file.
+    read : dict
+        Packets that others read in the file once it was recovered, by reader.
+    """
+
+    lost_s: float
+    held: int
+    read: dict[str, int]
+
+
+def kill_nine(folder: Path, seconds: float) -> Killed:
+    """Kill a recorder after so many seconds of packets, and recover its file; a unit of its own ends with it."""
+    tap = folder / "tap"
+    plan = Plan("virtual", logs=str(folder / "logs"), record=True, filter="none", virtual=("--tap", str(tap)))
+    connection = client.start(plan)
+    wait_until(lambda: connection.snapshot(NOTHING_NEW)["packets"] * PERIOD_S > seconds)
+    path = Path(connection.snapshot(NOTHING_NEW)["recording"]["path"])
+    assert summary.read(path).state == "being written"
+    family = loopback.family(connection.pid)
+    os.kill(connection.pid, signal.SIGKILL)
+    sent = packets_of(tap)
+    wait_until(lambda: all(has_ended(pid) for pid in family))
+    held = [tuple(row[1:]) for row in log_packets(path).tolist()]
+    assert held == sent[: len(held)], "nothing is lost but the end"
+    _tell_viewer(connection)
+    return Killed((len(sent) - len(held)) * PERIOD_S, len(held), packets_by_reader(recovered(path)))
+
+
+def _tell_viewer(connection: client.Client) -> None:
+    try:
+        connection.snapshot()
+    except client.SessionGoneError as error:
+        assert "imutui replay" in str(error)
+    else:
+        raise AssertionError("it answers still")
+
+
+def recovered(path: Path) -> Path:
+    """A whole file made of an unfinished one, beside it."""
+    output = path.with_name(f"{path.stem}_recovered.mcap")
+    assert summary.read(path).state == "unfinished"
+    recover(path, output)
+    assert np.array_equal(reader.read(output).stamp_ns, reader.read(path).stamp_ns)
+    return output
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How an end that was asked for went.
+
+    Attributes
+    ----------
+    file_s, gone_s : float
+        Until the file had its footer, and until the process was gone, s.
+    exit_code : int
+        Of the acquisition, as whoever follows it is told.
+    """
+
+    file_s: float
+    gone_s: float
+    exit_code: int
+
+
+def after_a_hangup(it: Acquired) -> None:
+    """After it was told that a terminal has gone, which is not its own: it goes on."""
+    os.kill(it.client.pid, signal.SIGHUP)
+    it.goes_on()
+
+
+def in_a_flush(it: Acquired) -> None:
+    """Just as bytes go to the disk."""
+    size = it.path.stat().st_size
+    path = it.path
+    wait_until(lambda: path.stat().st_size > size)
+
+
+def told_to_end(folder: Path, number: signal.Signals, when: Callable[[Acquired], None]) -> Ended:
+    """Send a signal to a recorder."""
+    with acquiring(folder) as it:
+        it.goes_on()
+        path = it.path
+        with ThreadPoolExecutor(1) as pool:
+            told = pool.submit(it.client.wait, LIMIT_S)
+            when(it)
+            ended = _timed(path, it.client.pid, lambda: os.kill(it.client.pid, number))
+            told.result(LIMIT_S)
+    return ended
+
+
+def _timed(path: Path, pid: int, end: Callable[[], None], code: Callable[[], int] = lambda: 0) -> Ended:
+    since = time.monotonic()
+    end()
+    wait_until(lambda: _has_footer(path))
+    file_s = time.monotonic() - since
+    gone_s = seconds_until_ended(pid, since)
+    assert reader.read(path).finished
+    return Ended(file_s, gone_s, code())
+
+
+def interrupted(folder: Path) -> Ended:
+    """Ctrl+C under `imutui record` in the foreground."""
+    path = folder / "out.mcap"
+    line = command_line("record", "--port", "virtual", "--rate", "20", "--filter", "none", "--json", "-o", str(path))
+    with started(line, cwd=folder) as run:
+        wait_until(lambda: path.exists() and client.running() != [])
+        connection = _attached()
+        wait_until(lambda: connection.snapshot(NOTHING_NEW)["packets"] > 50)
+        ended = _timed(path, run.pid, lambda: run.send_signal(signal.SIGINT), lambda: run.wait(LIMIT_S))
+        out, err = run.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in err
+    assert json.loads(out)["samples"] == reader.read(path).stamp_ns.size
+    return ended
+
+
+def _attached() -> client.Client:
+    found: list[client.Client] = []
+
+    def answers() -> bool:
+        try:
+            found.append(client.attach())
+        except client.SessionError:
+            return False
+        return True
+
+    wait_until(answers)
+    return found[0]
+
+
+def _has_footer(path: Path) -> bool:
+    with path.open("rb") as stream:
+        stream.seek(-8, os.SEEK_END)
+        return stream.read() == b"\x89MCAP0\r\n"
