@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from imutui.session.overview import Answer
     from imutui.session.snapshot import GuideSnapshot, Snapshot
 
+_HOUR_S = 3600.0
+
 
 def command(name: Name = None, json: Json = False) -> None:
     """Say which acquisitions run: all of them, or the one that is named.
@@ -70,14 +72,18 @@ def _more(s: "Snapshot") -> list[str]:
     from imutui.tui.messages import silence
 
     slow = finding(s["rate_hz"], s["measured_hz"]) if s["sampling"] == "polled" else None
-    return [line for line in (silence(s), slow, _room(s), _filter(s), _guide(s["guide"])) if line]
+    # a rate that is too low now is told by its own line
+    said = [text for text in s["findings"] if text != slow]
+    return [line for line in (silence(s), slow, *said, _room(s), _filter(s), _guide(s["guide"])) if line]
 
 
 def _room(s: "Snapshot") -> str:
     parts = [f"free {s['free_bytes'] / 1e9:.1f} GB"] if s["free_bytes"] is not None else []
     rec = s["recording"]
     if rec is not None and rec["to_full_s"] is not None and rec["bytes_per_s"] is not None:
-        parts.append(f"full in {rec['to_full_s'] / 3600.0:.1f} h at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
+        parts.append(f"full in {_until(rec['to_full_s'])} at {rec['bytes_per_s'] / 1e3:.1f} kB/s")
+    if s["min_free_bytes"]:
+        parts.append(f"recording leaves {s['min_free_bytes'] / 1e6:g} MB")
     if rec is not None and rec["part"] > 1:
         parts.append(f"part {rec['part']} of the recording")
     both = ((s["rotate_minutes"], "minutes"), (s["rotate_mb"], "MB"))
@@ -85,6 +91,10 @@ def _room(s: "Snapshot") -> str:
     if limits:
         parts.append(f"another file after {' or '.join(limits)}")
     return ", ".join(parts)
+
+
+def _until(seconds: float) -> str:
+    return f"{seconds / 60.0:.0f} min" if seconds < _HOUR_S else f"{seconds / _HOUR_S:.1f} h"
 
 
 def _filter(s: "Snapshot") -> str:

@@ -4,6 +4,7 @@ import errno
 import hashlib
 import io
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -88,8 +89,41 @@ def _make_folder(folder: Path) -> list[Path]:
 
 
 def is_at(descriptor: int, path: Path) -> bool:
-    """Whether an open file is the one that a path leads to."""
+    """Whether an open file is the one that a path leads to. Raises OSError if its disk does not say."""
+    mine = os.fstat(descriptor)
     try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except OSError:
+        return os.path.samestat(mine, path.stat())
+    except (FileNotFoundError, NotADirectoryError):
         return False
+    except PermissionError:  # of a folder: it can't be looked into, and written to it is all the same
+        return mine.st_nlink > 0
+
+
+@dataclass(frozen=True, slots=True)
+class Whereabouts:
+    """Where an open file is.
+
+    Attributes
+    ----------
+    path : Path or None
+        A path that leads to it; None if none is known.
+    has_name : bool
+        Whether it has a name on its disk, known or not; a file without one is gone when it is closed.
+    """
+
+    path: Path | None
+    has_name: bool
+
+
+def find(descriptor: int, path: Path) -> Whereabouts:
+    """Where an open file is that was made at `path`. Raises OSError if its disk does not say."""
+    if is_at(descriptor, path):
+        return Whereabouts(path, True)
+    if not os.fstat(descriptor).st_nlink:
+        return Whereabouts(None, False)
+    # the kernel follows a file that is renamed; of a disk that was unmounted it knows the path from there
+    try:
+        now = Path(f"/proc/self/fd/{descriptor}").readlink()
+        return Whereabouts(now if is_at(descriptor, now) else None, True)
+    except OSError:
+        return Whereabouts(None, True)

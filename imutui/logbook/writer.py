@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 import imutui
 from imutui.logbook import checksum_file, file_lock, log_stream, schemas
+from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
 from imutui.logbook.summary import CONFIGURATION, SUMMARY
@@ -158,15 +159,26 @@ class LogWriter:
             self.attach(SUMMARY, "application/json", text.encode(), now_ns)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self.flush_file()
-            self._file.close()
         except OSError as error:
             self._abandon(error)
             raise
         self.sha256 = self._raw_file.sha256()
-        if self._has_checksum:
-            # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
-            with contextlib.suppress(OSError):
+        # the log is whole without it, and `check` does not miss it: a disk that is full by now harms nothing
+        with contextlib.suppress(OSError):
+            if self._has_checksum and log_stream.is_at(self._file.fileno(), self.path):
                 checksum_file.write(self.path, self.sha256, self._mode)
+        with contextlib.suppress(OSError):  # all of it is on the disk
+            self._file.close()
+
+    def find(self) -> Whereabouts:
+        """Where the file is; raises OSError if its disk does not say."""
+        return log_stream.find(self._file.fileno(), self.path)
+
+    def give_up(self) -> None:
+        """Close the file as it is: its name or its disk has gone."""
+        self._broken = True
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def flush_file(self) -> None:
         """See the file's last bytes onto the disk."""
@@ -189,8 +201,7 @@ class LogWriter:
             with contextlib.suppress(OSError):  # a disk that has gone can't be put right
                 os.ftruncate(descriptor, self._good)
                 os.fsync(descriptor)
-            if self.is_empty and log_stream.is_at(descriptor, self.path):
-                with contextlib.suppress(OSError):
+                if self.is_empty and log_stream.is_at(descriptor, self.path):
                     self.path.unlink()
         finally:
             os.close(descriptor)

@@ -12,12 +12,13 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
 from imutui.plain_text import visible
 from imutui.session import exit_codes, handshake, ipc
-from imutui.session.disk_space import disk_message
+from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
@@ -37,6 +38,9 @@ def main() -> int:
     sys.setswitchinterval(_SWITCH_S)
     plan = Plan.loads(sys.stdin.readline())
     try:
+        if plan.record:  # before the unit is touched
+            folder = Path(plan.output).parent if plan.output else Path(plan.logs)
+            DiskGuard(plan.min_free_mb).refuse(folder)
         with _name(plan), _port(plan) as port:
             return _acquire(plan, port)
     except NameTakenError:

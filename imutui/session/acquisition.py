@@ -43,6 +43,7 @@ INFORMATION, WARNING, ERROR = 20, 30, 40
 
 _LEEWAY_NS = 250_000_000
 _FILTER_PATIENCE_S = 0.8
+_MOST_FINDINGS = 20
 
 
 class Acquisition:
@@ -103,6 +104,7 @@ class Acquisition:
         self._duration_from_ns: int | None = None
         self._data_until_ns = 0
         self._has_recorded = False
+        self._is_out_of_space = False
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
@@ -126,8 +128,8 @@ class Acquisition:
             # not before: a unit that sends nothing must not cost the file that --force would replace
             self._begins_recording = False
             self._begin_recording(self._plan.note, Path(self._plan.output) if self._plan.output else None)
-        elif self._is_file_full(arrival.host_ns):
-            self._rotate()
+        elif self._recording is not None and self._is_full(self._recording, arrival.host_ns):
+            self._rotate(self._recording)
         bad, discarded = self._line_errors
         self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
         self._pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
@@ -198,7 +200,7 @@ class Acquisition:
         now = time.monotonic_ns()
         self._pipeline.flush(now)
         if self._recording is not None:
-            self._recording.measure_growth(now)
+            self._look_after_file(self._recording, now)
         if self._guide is not None:
             self._guide.advance(now)
         silent_s = (now - self._reader.last_packet_ns) / 1e9
@@ -224,6 +226,8 @@ class Acquisition:
         Counted through all files of a recording. The packet that completes the last period may be on its way, hence
         the leeway.
         """
+        if self._is_out_of_space:
+            return True
         end_ns = self._end_ns()
         return end_ns is not None and (self._has_all_data() or now_ns >= end_ns + _LEEWAY_NS)
 
@@ -253,7 +257,8 @@ class Acquisition:
             self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s))
 
     def _find(self, exit_code: int, text: str) -> None:
-        self._lifecycle.findings.append({"exit_code": exit_code, "text": text})
+        if len(self._lifecycle.findings) < _MOST_FINDINGS:  # a folder that is emptied each second is known by then
+            self._lifecycle.findings.append({"exit_code": exit_code, "text": text})
         self.event("acquisition", text, WARNING)
 
     def finish(self) -> None:
@@ -271,7 +276,16 @@ class Acquisition:
 
     def disk_message(self, error: OSError) -> str:
         """Words for a disk that does not take what is written."""
-        return disk_message(None if self._recording is None else self._recording.writer, error)
+        said = disk_message(None if self._recording is None else self._recording.writer, error)
+        before = [finding["text"] for finding in self._lifecycle.findings if finding["exit_code"] == exit_codes.DISK]
+        return " ".join([said, *before])
+
+    def disk_failed(self, error: OSError) -> None:
+        """Go on in another file if the disk of the present one has gone; raises the error if that is not what it is."""
+        recording = self._recording
+        if recording is None or recording.writer.is_empty or recording.look(error) is None:
+            raise error
+        self._rotate(recording)
 
     # -- what viewers ask for -------------------------------------------------------------------------------------
 
@@ -289,6 +303,7 @@ class Acquisition:
             info=self._info,
             state=self._lifecycle.state,
             error=self._lifecycle.error,
+            findings=tuple(finding["text"] for finding in self._lifecycle.findings),
             zeroing=self._zeroing is not None,
             reconnecting=self._absence.snapshot(now),
             follows_profile=isinstance(self._motion, Profile),
@@ -343,17 +358,16 @@ class Acquisition:
         Raises
         ------
         ValueError
-            If nothing is being recorded.
+            If nothing is being recorded, or the file is lost.
         OSError
             If the disk does not take the end.
         """
         if self._recording is None:
             raise ValueError("nothing is being recorded")
-        self._use(self._stamps.release())
-        result = self._finish_recording(self._recording)
-        if self._guide is not None:
-            self._guide.recording_ended(time.monotonic_ns())
-        self.event("acquisition", f"finished {result['log']}")
+        recording = self._recording
+        result = self._end_recording(recording)
+        if recording.vanished is not None and not result["finished"]:
+            raise ValueError(recording.vanished.words)
         return result
 
     def configure(self, changes: FilterChanges) -> None:
@@ -466,26 +480,62 @@ class Acquisition:
         """What this acquisition recorded before it was started anew, if that is to be told."""
         return previous_log.find(Path(self._plan.logs), self._info, finished_too=self._plan.unattended)
 
-    def _is_file_full(self, now_ns: int) -> bool:
+    def _is_full(self, recording: Recording, now_ns: int) -> bool:
         """Whether the recording goes on in another file, from this packet on."""
         started = self._pipeline.started_ns
         end_ns = self._lifecycle.stopping_since_ns
-        if self._recording is None or started is None or (end_ns is not None and now_ns >= end_ns):
+        if started is None or (end_ns is not None and now_ns >= end_ns):
             return False
-        return self._recording.is_full((now_ns - started) / 1e9)
+        return recording.is_full((now_ns - started) / 1e9)
 
-    def _rotate(self) -> None:
-        recording = self._recording
-        assert recording is not None
-        before = recording.writer.path.name
-        self.event("acquisition", f"continued in {recording.parts.next_path().name}")
-        self._finish_recording(recording)
+    def _look_after_file(self, recording: Recording, now_ns: int) -> None:
+        """See whether the file is where it was made, and how much room its disk has."""
+        recording.measure_growth(now_ns)
+        if self._lifecycle.state == "running" and recording.look() is not None:
+            self._rotate(recording)
+            return
+        path, guard = recording.writer.path, recording.guard
+        free = self._free_space.free_bytes(path.parent, now_ns)
+        short = guard.warn(guard.seconds_left(free, recording.growth.bytes_per_s()))
+        if short is not None:
+            self.event("acquisition", short, WARNING)
+        full = guard.stop(path, free)
+        if full is not None:
+            self._find(exit_codes.DISK, full)
+            self._end_recording(recording)
+            self._is_out_of_space = self._plan.record
+
+    def _rotate(self, recording: Recording) -> None:
+        self._finish_recording(recording, recording.parts.next_path())
+        before, vanished = recording.writer.path.name, recording.vanished
         recording.next_file()
         self._recording = recording
         self._begin_run(recording)
-        self.event("acquisition", f"part {recording.parts.number}, continues {before}")
+        why = "" if vanished is None else f": {vanished.words}"
+        self.event("acquisition", f"part {recording.parts.number}, continues {before}{why}")
 
-    def _finish_recording(self, recording: Recording) -> "ResultDocument":
+    def _finish_recording(self, recording: Recording, following: Path | None = None) -> "ResultDocument":
+        """Finish the present file, and say so if it is not where it was made; `following` is the next one, if any."""
+        vanished = recording.look()
+        goes_on = None if following is None else f"continued in {following.name}"
+        if vanished is not None and vanished.is_lost:
+            self._pipeline.release_file()
+        if vanished is not None:
+            self._find(exit_codes.DISK, vanished.words + (f" Recording goes on: {goes_on}." if goes_on else ""))
+        elif goes_on is not None:
+            self.event("acquisition", goes_on)
         self.result = recording.finish_file(self._pipeline, time.monotonic_ns())
         self._recording = None
+        if recording.vanished is not vanished and recording.vanished is not None:
+            self._find(exit_codes.DISK, recording.vanished.words)
         return self.result
+
+    def _end_recording(self, recording: Recording) -> "ResultDocument":
+        """Finish the recording; the acquisition goes on without one."""
+        self._use(self._stamps.release())
+        result = self._finish_recording(recording)
+        if self._guide is not None:
+            self._guide.recording_ended(time.monotonic_ns())
+        if result["finished"]:
+            self.event("acquisition", f"finished {result['log']}")
+        return result

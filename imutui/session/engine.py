@@ -198,12 +198,15 @@ class Engine:
     def _loop(self) -> None:
         next_second = time.monotonic() + 1.0
         while self._reader.is_alive() or not self._queue.empty():
-            with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
-                self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
-            self._acquisition.held_packets()
-            if time.monotonic() >= next_second:
-                self._acquisition.every_second()
-                next_second = max(next_second + 1.0, time.monotonic())
+            try:
+                with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
+                    self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
+                self._acquisition.held_packets()
+                if time.monotonic() >= next_second:
+                    self._acquisition.every_second()
+                    next_second = max(next_second + 1.0, time.monotonic())
+            except OSError as error:
+                self._acquisition.disk_failed(error)
             if not self._duration_over and self._acquisition.is_over(time.monotonic_ns()):
                 self._duration_over = self.lifecycle.stopping_since_ns is None
                 self.request_stop()

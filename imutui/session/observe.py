@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe_filter
+from imutui.session.disk_space import DiskGuard
 from imutui.session.event_log import EventLog
 from imutui.session.live_filter import LiveFilter
 from imutui.session.metadata import effect_labels
@@ -34,6 +35,8 @@ class AcquisitionView:
         As they are in force.
     state, error : str, str or None
         See `imutui.session.lifecycle.Lifecycle`.
+    findings : tuple of str
+        What must be said at the end, so far.
     zeroing : bool
         Whether packets pause for the unit to zero its rate sensors.
     reconnecting : ReconnectingSnapshot or None
@@ -62,6 +65,7 @@ class AcquisitionView:
     info: SessionInfo
     state: SessionState
     error: str | None
+    findings: tuple[str, ...]
     zeroing: bool
     reconnecting: ReconnectingSnapshot | None
     follows_profile: bool
@@ -90,6 +94,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "pid": os.getpid(),
         "state": view.state,
         "error": view.error,
+        "findings": list(view.findings),
         "instrument": info.instrument,
         "serial_number": info.serial_number,
         "firmware": info.firmware,
@@ -118,6 +123,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "rotate_minutes": plan.rotate_minutes,
         "rotate_mb": plan.rotate_mb,
         "free_bytes": view.free_bytes,
+        "min_free_bytes": DiskGuard(plan.min_free_mb).min_free_bytes,
         "marks": view.events.marks(pipeline.started_ns),
         "reference": {"name": plan.reference, "file": plan.reference_file[0], "profile": view.follows_profile},
         "effects": list(effect_labels(plan.effects)),
@@ -134,6 +140,7 @@ def _recording(
     recording: Recording, pipeline: SamplePipeline, free_bytes: int | None, now_ns: int
 ) -> RecordingSnapshot:
     rate = recording.growth.bytes_per_s()
+    left_s = recording.guard.seconds_left(free_bytes, rate)
     started, flushed = pipeline.started_ns, pipeline.flushed_ns
     return {
         "path": str(recording.writer.path),
@@ -143,7 +150,7 @@ def _recording(
         "flush_age_s": (now_ns - flushed) / 1e9 if flushed is not None else None,
         "marks": pipeline.marks,
         "bytes_per_s": rate,
-        "to_full_s": free_bytes / rate if rate and free_bytes is not None else None,
+        "to_full_s": left_s,
         "part": recording.parts.number,
     }
 

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 from imutui.logbook import power_on
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import previous_log
-from imutui.session.disk_space import GrowthRate
+from imutui.session import previous_log, vanished_file
+from imutui.session.disk_space import DiskGuard, GrowthRate
 from imutui.session.metadata import attach, default_path
 from imutui.session.plan import Plan
 from imutui.session.rotation import RecordingParts
 from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.vanished_file import VanishedFile
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -47,17 +48,23 @@ class Recording:
         All files so far.
     growth : GrowthRate
         How fast they grow.
+    guard : DiskGuard
+        When their disk has no room for more.
+    vanished : VanishedFile or None
+        What became of the present file, if it is not where it was made any more.
 
     Raises
     ------
     FileExistsError
         If the file exists and the plan does not let it be replaced.
     OSError
-        If the disk does not take it.
+        If the disk does not take it, or has no room for it.
     """
 
     def __init__(self, plan: Plan, info: SessionInfo, note: str, path: Path | None) -> None:
         path = path or default_path(Path(plan.logs), info.serial_number, note)
+        self.guard = DiskGuard(plan.min_free_mb)
+        self.guard.refuse(path.parent)
         own = _new_id()
         self.info = replace(info, note=note, log_id=own, power_on=own)
         self._next_info = self.info
@@ -65,31 +72,72 @@ class Recording:
         self.writer = _open(path, self.info, plan, overwrite=plan.overwrite)
         self.parts = RecordingParts(path, plan.rotate_minutes, plan.rotate_mb)
         self.growth = GrowthRate()
+        self.vanished: VanishedFile | None = None
 
     def is_full(self, seconds: float) -> bool:
         """Whether the present file, of so many seconds, has had its time or size and another may follow."""
         return self._plan.rotates and self.parts.is_full(seconds, self.writer.size)
 
+    def look(self, error: OSError | None = None) -> VanishedFile | None:
+        """What became of the present file, if it vanished; `error` is what its disk answered, if not that it is full.
+
+        It is found once: a file that was renamed is the present one under its new name, and is finished there.
+        """
+        if self.vanished is None:
+            self.vanished = (
+                vanished_file.look(self.writer) if error is None else vanished_file.unreachable(self.writer, error)
+            )
+            if self.vanished is not None and self.vanished.now_at is not None:
+                self.writer.path = self.vanished.now_at
+        return self.vanished
+
     def next_file(self) -> None:
-        """Begin the next file; the present one is finished. Raises OSError."""
+        """Begin the next file; the present one is finished. Raises OSError.
+
+        After one that vanished the folder is made again, where there is one to make it in.
+        """
         path = self.parts.next_path()
+        if self.vanished is not None:
+            path.parent.mkdir(exist_ok=True)
+            self._leave_reference()
+            self.vanished = None
         self.info = replace(self._next_info, log_id=_new_id())
         self.parts.number += 1
         self.writer = _open(path, self.info, self._plan, overwrite=False)
+
+    def _leave_reference(self) -> None:
+        # a profile or trajectory is told from the recording's first sample on, so this file can't be filtered with it
+        if self._plan.reference_file[0]:
+            self._plan = replace(self._plan, filter="none", reference="gravity", reference_file=("", ""))
+            self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
 
     def measure_growth(self, now_ns: int) -> None:
         """Take note of the present file's size; once a second."""
         self.growth.add(now_ns, self.writer.size)
 
     def finish_file(self, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
-        """Finish the present file; returns its result, with all parts so far if there are several. Raises OSError."""
-        result = finish_file(self.writer, pipeline, now_ns)
+        """Finish the present file; returns its result, with all parts so far if there are several. Raises OSError.
+
+        One that is lost is given up: its result says that it is not finished, and it is no part.
+        """
+        try:
+            result = None if self._is_lost else finish_file(self.writer, pipeline, now_ns)
+        except OSError as error:
+            if self.look(error) is None:
+                raise
+            result = None
+        if result is None:
+            result = _given_up(self.writer, pipeline, now_ns)
         # what the next file says of this one, should there be a next one
-        sha256, first_ns = str(result["log_sha256"]), pipeline.first_stamp_ns or 0
+        sha256, first_ns = result["log_sha256"] or "", pipeline.first_stamp_ns or 0
         following = power_on.continued(self.info, self.info, self.writer.path, sha256, first_ns)
         memory = "" if pipeline.filter is None else pipeline.filter.memory()
         self._next_info = previous_log.told(replace(following, memory=memory), None)
-        return self.parts.add_result(result)
+        return self.parts.add_result(result) if result["finished"] else result
+
+    @property
+    def _is_lost(self) -> bool:
+        return self.vanished is not None and self.vanished.is_lost
 
 
 def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
@@ -114,6 +162,16 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     writer.finish(result_document(pipeline, writer.path, None), pipeline.utc_ns(now_ns))
     pipeline.release_file()
     return result_document(pipeline, writer.path, writer.sha256)
+
+
+def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
+    """Result of a run of samples whose file is lost."""
+    pipeline.release_file()
+    pipeline.use_waiting(now_ns)
+    writer.give_up()
+    result = result_document(pipeline, writer.path, None)
+    result["finished"] = False
+    return result
 
 
 def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "ResultDocument":

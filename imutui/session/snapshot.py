@@ -31,7 +31,10 @@ class MarkLine(TypedDict):
 
 
 class RecordingSnapshot(TypedDict):
-    """The file that is being written; `to_full_s` until the disk is full, `part` its number in a rotation, from 1."""
+    """The file that is being written; `part` its number among the recording's, from 1.
+
+    `to_full_s` is how long the disk has room, but for what is kept free of it.
+    """
 
     path: str
     bytes: int
@@ -172,12 +175,16 @@ class FilterSnapshot(TypedDict):
 
 
 class Snapshot(TypedDict):
-    """Everything a screen shows of an acquisition."""
+    """Everything a screen shows of an acquisition.
+
+    `findings` are what will have to be said at its end, so far; `min_free_bytes` is what recording leaves of a disk.
+    """
 
     name: str
     pid: int
     state: SessionState
     error: str | None
+    findings: list[str]
     instrument: str
     serial_number: str
     firmware: str
@@ -206,6 +213,7 @@ class Snapshot(TypedDict):
     rotate_minutes: float
     rotate_mb: float
     free_bytes: int | None
+    min_free_bytes: int
     marks: list[MarkLine]
     reference: ReferenceSnapshot
     effects: list[str]

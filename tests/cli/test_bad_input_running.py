@@ -176,8 +176,9 @@ def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(home: Path) -> Non
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 200 KiB with 32 left; skips where none can be mounted."""
+def small_disk(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A disk of 200 KiB with 32 left, of which nothing is kept free; skips where none can be mounted."""
+    monkeypatch.setenv("IMUTUI_PATHS_MIN_FREE_MB", "0")
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]

@@ -41,6 +41,8 @@ def _chosen(view: View) -> tuple[str, str]:
         return view.notice
     if view.frozen:
         return "wait", "FROZEN view: the acquisition goes on. space follows it again."
+    if now is not None and now["findings"]:
+        return "bad", now["findings"][-1]
     events = now["events"] if now is not None else []
     return "event", event_text(events[-1]) if events else ""
 

@@ -116,7 +116,8 @@ class FakeClient:
         values = MEANS + SDS * self._noise[numbers % 4096]
         newest = MEANS + SDS * self._noise[max(count - 1, 0) % 4096]
         return {
-            "name": self.name, "pid": self.pid, "state": "running", "error": None, "instrument": "IMU400CD-200",
+            "name": self.name, "pid": self.pid, "state": "running", "error": None, "findings": [],
+            "instrument": "IMU400CD-200",
             "serial_number": "9911750", "firmware": "IMU400CD 1.2", "kind": "simulated",
             "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "baud": 38400, "rate_hz": 20.0,
             "sampling": "stream", "measured_hz": 20.001, "packet_hz": 133.31, "packets": count, "lost_packets": 0,
@@ -131,7 +132,8 @@ class FakeClient:
                 for i, (n, u) in enumerate(zip(NAMES, UNITS, strict=True))
             ],
             "statistics_s": 10.0, "filter": estimates(t=seconds),
-            "free_bytes": 52_000_000_000, "operator": "ana", "place": "lab 2", "table": "AC-120", "note": "",
+            "free_bytes": 52_000_000_000, "min_free_bytes": 200_000_000,
+            "operator": "ana", "place": "lab 2", "table": "AC-120", "note": "",
             "rotate_minutes": 0.0, "rotate_mb": 0.0, "logs": "/data/logs", "marks": self.marks,
             "reference": {"name": "level", "file": "", "profile": False}, "effects": [], "guide": None,
             "events": [{"utc": "10:42:00", "name": "acquisition", "text": "started at 20 Hz"}],

@@ -134,3 +134,9 @@ def test_a_wish_takes_decimal_commas_and_refuses_nonsense() -> None:
     assert text.wish(entered).rotate_mb == 0.0
     with pytest.raises(ValueError, match="or every, MB"):
         text.wish({**entered, "rotate_mb": "-1"})
+
+
+def test_little_room_has_a_level() -> None:
+    """A colour from half an hour on, and another when it is time to be quick."""
+    times = {None: "none", 3600.0: "none", 1700.0: "wait", 200.0: "bad"}
+    assert {left: text.room({"to_full_s": left}) for left in times} == times

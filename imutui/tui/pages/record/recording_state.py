@@ -42,7 +42,7 @@ class RecordingState(TextLines):
         size = f"{formatting.size(recording['bytes'])}, {text.growth(recording)}; disk {full}"
         return [
             self._row("file", formatting.shorten_path(recording["path"], width - _NAME)),
-            self._row("size", size),
+            self._row("size", size, text.room(recording)),
             self._row("rotation", f"{text.part(recording, now)}; {formatting.plural(recording['samples'], 'sample')}"),
             self._row("disk", flushed, level),
         ]

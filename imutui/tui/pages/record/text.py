@@ -10,6 +10,8 @@ from imutui.tui.messages import RecordingResult
 FLUSH_LIMIT_S = 3.0
 """Age of the last flush above which the disk does not keep up: one is due every second."""
 HOUR_S = 3600.0
+WARN_S, HURRY_S = 1800.0, 300.0
+"""Time until the disk has no room for more that is worth a colour, and that is worth to be quick."""
 FIELDS = {
     "operator": "operator",
     "place": "place",
@@ -48,6 +50,14 @@ def fill_words(recording: RecordingSnapshot, free_bytes: float | None) -> str:
     if seconds is None:
         return free
     return f"full in {until_full(float(seconds))}, {free}"
+
+
+def room(recording: RecordingSnapshot) -> str:
+    """Level of the time until the disk has no room for more."""
+    seconds = recording["to_full_s"]
+    if seconds is None or seconds > WARN_S:
+        return "none"
+    return "wait" if seconds > HURRY_S else "bad"
 
 
 def until_full(seconds: float) -> str:

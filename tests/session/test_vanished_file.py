@@ -1,0 +1,256 @@
+"""The file of a running recording is removed, renamed or out of reach: noticed, said, and gone on from in a new file.
+
+The acquisition runs in the test's own process; its duties of every second are called for when they are wanted.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.acquisitions import acquiring, mounted
+from helpers.commands import imutui
+from helpers.processes import LIMIT_S, wait_until
+from helpers.units import virtual
+
+from imutui.jobs.check import check
+from imutui.jobs.replay import ReplayOptions, replay
+from imutui.logbook import checksum_file, reader, results
+from imutui.logbook.session_info import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.session import client, exit_codes, vanished_file
+from imutui.session.disk_space import disk_message
+from imutui.session.plan import Plan
+
+PROFILE = """
+align = "marks"
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 0.0, 0.0]
+seconds = 600.0
+"""
+
+
+def ticks(*logs: Path) -> np.ndarray:
+    """Time counters of the packets of some logs."""
+    return np.array([packet.ticks for log in logs for packet in reader.read(log, raw=True).raw])
+
+
+def is_unbroken(*logs: Path) -> bool:
+    """Whether the time counter ran down by one period from packet to packet: none is missing, and none is twice."""
+    return np.ptp(np.mod(-np.diff(ticks(*logs)), 65536)) <= 1
+
+
+def events(log: Path) -> list[str]:
+    return [event.text for event in reader.read(log).events]
+
+
+def remove(file: Path) -> None:
+    file.unlink()
+
+
+def remove_folder(file: Path) -> None:
+    shutil.rmtree(file.parent)
+
+
+def replace(file: Path) -> None:
+    file.with_name("new").write_text("somebody else's")
+    file.with_name("new").rename(file)
+
+
+@pytest.mark.parametrize("vanish", [remove, remove_folder, replace])
+def test_a_removed_file_is_said_to_be_lost_and_a_new_one_goes_on(home: Path, vanish: Callable[[Path], None]) -> None:
+    """Within a flush, on the screen, in the new file, at the end; nothing is said to be in the old one."""
+    with acquiring(home) as run:
+        vanish(run.first)
+        run.a_second_passes()
+        state = run.seen()
+        assert state["recording"]["path"] == str(run.second)
+        assert (state["recording"]["part"], state["state"], state["error"]) == (2, "running", None)
+        (said,) = state["findings"]
+        assert all(words in said for words in (str(run.first), "was removed", "lost", "a_p2.mcap"))
+        run.record()
+        result = run.end()
+        assert (result["log"], result["finished"]) == (str(run.second), True)
+        assert "parts" not in result
+        assert run.findings() == [said]
+    assert is_unbroken(run.second)
+    assert any("continues a.mcap" in text and "was removed" in text for text in events(run.second))
+    assert check(run.second)["findings"] == []
+    assert run.first.exists() == (vanish is replace)
+    assert not checksum_file.path_of(run.first).exists()
+    if vanish is replace:
+        assert run.first.read_text() == "somebody else's"
+
+
+def rename(file: Path) -> Path:
+    return file.rename(file.with_name("other.mcap"))
+
+
+def rename_folder(file: Path) -> Path:
+    return file.parent.rename(file.parent.with_name("old logs")) / file.name
+
+
+@pytest.mark.parametrize("move", [rename, rename_folder])
+def test_a_renamed_file_is_finished_where_it_is_now_and_a_new_one_goes_on(
+    home: Path, move: Callable[[Path], Path]
+) -> None:
+    """No packet is lost at the joint and none is in both; both say so, and each has its sum beside it."""
+    with acquiring(home) as run:
+        now_at = move(run.first)
+        run.record()
+        run.record()
+        result = run.end()
+        (said,) = run.findings()
+    assert [part["log"] for part in result["parts"]] == [str(now_at), str(run.second)]
+    assert all(words in said for words in (str(run.first), str(now_at), "a_p2.mcap"))
+    assert is_unbroken(now_at, run.second)
+    for log in (now_at, run.second):
+        document = check(log)
+        assert document["fine"], document["findings"]
+        assert checksum_file.read(log) == document["log_sha256"]
+        assert any(str(now_at) in text for text in events(log))
+    info = reader.read(run.second).info
+    assert (info.part, info.continues, info.continues_sha256) == (2, now_at.name, check(now_at)["log_sha256"])
+
+
+def test_each_file_of_a_recording_whose_file_was_renamed_replays_to_its_live_result(home: Path) -> None:
+    """The filter begins anew with the new file, as with a rotation."""
+    with acquiring(home, filter="spkf", rate_hz=20.0) as run:
+        rename(run.first)
+        run.record()
+        run.record(300)
+        live = run.end()
+    again = replay(run.second, ReplayOptions())
+    skipped = {*results.TIMINGS, "parts"}
+    assert {k: v for k, v in again.items() if k not in skipped} == {k: v for k, v in live.items() if k not in skipped}
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE])
+def test_a_disk_that_has_gone_is_told_from_one_that_is_full(
+    home: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another file goes on, where there can be one; what is said of the old one is what was flushed."""
+    with acquiring(home) as run:
+        gone, sync, flushed = run.first.stat().st_ino, os.fdatasync, run.seen()["recording"]["bytes"]
+
+        def fail(descriptor: int) -> None:
+            if os.fstat(descriptor).st_ino == gone:
+                raise OSError(number, os.strerror(number))
+            sync(descriptor)
+
+        monkeypatch.setattr(os, "fdatasync", fail)
+        with contextlib.suppress(OSError):
+            run.a_second_passes()
+        assert run.seen()["recording"]["part"] == 2
+        run.record()
+        result = run.end()
+        (said,) = run.findings()
+        assert all(words in said for words in (str(run.first), os.strerror(number), "has gone", "a_p2.mcap"))
+        assert result["log"] == str(run.second)
+    assert run.first.stat().st_size >= flushed
+    assert reader.read(run.first).stamp_ns.size >= 20
+    assert check(run.second)["findings"] == []
+
+
+def test_a_file_that_was_removed_just_before_the_end_is_not_said_to_be_finished(home: Path) -> None:
+    """Nobody looked since: the result, the finding and a viewer's answer tell."""
+    with acquiring(home) as run:
+        run.first.unlink()
+        result = run.end()
+        assert (result["log"], result["finished"], result["log_sha256"]) == (str(run.first), False, None)
+        assert [str(run.first) in text and "lost" in text for text in run.findings()] == [True]
+    with acquiring(home) as run:
+        run.first.unlink()
+        with pytest.raises(ValueError, match=r"a\.mcap was removed .* lost"):
+            run.engine.call(lambda acquisition: acquisition.stop_recording())
+        assert run.seen()["recording"] is None
+    assert list((home / "logs").iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_again_ends_the_acquisition(home: Path) -> None:
+    """Exit code 5; what was lost and what could not be made are both said."""
+    with acquiring(home, logs=str(home / "disk" / "logs"), output=str(home / "disk" / "logs" / "a.mcap")) as run:
+        shutil.rmtree(home / "disk")
+        wait_until(run.engine.lifecycle.ended.is_set)
+        error = run.engine.lifecycle.error or ""
+        assert run.engine.exit_code == exit_codes.DISK
+        assert all(words in error for words in ("a.mcap was removed", "lost", "No such file or directory"))
+        assert "holds everything" not in error
+
+
+def test_a_file_that_is_gone_is_never_said_to_hold_anything(tmp_path: Path) -> None:
+    """Nor one that held nothing."""
+    writer = LogWriter(tmp_path / "a.mcap", SessionInfo(), "", 0)
+    full = OSError(errno.ENOSPC, "No space left on device")
+    assert "no file is left" in disk_message(writer, full)
+    writer.imu(0, 0, np.zeros(3), np.zeros(3))
+    writer.flush()
+    assert "holds everything up to its last flush" in disk_message(writer, full)
+    assert vanished_file.look(writer) is None
+    assert vanished_file.unreachable(writer, full) is None
+    writer.path.unlink()
+    assert "not there any more" in disk_message(writer, full)
+
+
+def test_a_profile_is_not_told_from_the_new_files_first_sample(home: Path) -> None:
+    """It is told from the recording's: the new file goes on without a filter, and says nothing of the table."""
+    with acquiring(home, filter="spkf", reference="profile", reference_file=("steps.toml", PROFILE)) as run:
+        run.first.unlink()
+        run.a_second_passes()
+        run.record()
+        assert run.seen()["filter"] is None
+        run.end()
+    log = reader.read(run.second)
+    assert (log.info.filter, log.info.reference, log.info.reference_sha256) == ("none", "gravity", "")
+    assert not any("reference" in name for name in log.attachments)
+
+
+@pytest.fixture
+def stick(home: Path) -> Iterator[Path]:
+    """A disk that can be unmounted."""
+    with mounted(home / "stick", "2m") as folder:
+        yield folder
+
+
+def test_a_disk_that_is_unmounted_is_noticed(home: Path, stick: Path) -> None:
+    """The file is finished on it, for whoever mounts it again; the recording goes on in the folder that was below."""
+    logs = stick / "logs"
+    with acquiring(home, logs=str(logs), output=str(logs / "a.mcap"), min_free_mb=0.0) as run:
+        subprocess.run(["umount", "--lazy", str(stick)], timeout=LIMIT_S, check=True)
+        run.a_second_passes()
+        assert run.seen()["recording"]["path"] == str(logs / "a_p2.mcap")
+        run.record()
+        run.end()
+        (said,) = run.findings()
+        assert "unmounted?" in said
+    assert [path.name for path in sorted(logs.iterdir())] == ["a_p2.mcap", "a_p2.mcap.sha256"]
+    assert check(logs / "a_p2.mcap")["findings"] == []
+
+
+def test_status_and_stop_tell_of_a_vanished_file(home: Path) -> None:
+    """The result is that of the file that is there; the words and exit code 1 say that it is not all."""
+    with virtual() as port:
+        connection = client.start(Plan(port, logs=str(home / "logs"), record=True, filter="none"))
+        first = Path(connection.snapshot(2**62)["recording"]["path"])
+        first.unlink()
+        wait_until(lambda: connection.snapshot(2**62)["recording"]["part"] == 2)
+        assert f"{first} was removed" in imutui("status").stdout
+        stopped = imutui("stop", "--json", check=1)
+    assert json.loads(stopped.stdout)["log"] == str(first.with_name(f"{first.stem}_p2.mcap"))
+    assert f"{first} was removed" in stopped.stderr
+
+
+def test_an_end_that_nobody_asked_for_has_the_exit_code_of_the_disk(home: Path) -> None:
+    """5, as contracts have it, though the rest is finished."""
+    with acquiring(home, duration_s=1.0) as run:
+        run.first.unlink()
+        wait_until(run.engine.lifecycle.ended.is_set)
+        assert run.engine.exit_code == exit_codes.DISK
+        assert run.engine.lifecycle.error is None

@@ -1,0 +1,79 @@
+"""Acquisitions that run in the test's own process, on a unit that it serves, and small disks for them."""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.processes import LIMIT_S, wait_until
+from helpers.units import Still, served
+from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.port import Port
+from imutui.instrument.virtual import UnitOptions, VirtualUnit
+from imutui.session import exit_codes, handshake
+from imutui.session.engine import Engine
+from imutui.session.plan import Plan
+
+
+class Running:
+    """An acquisition that records to logs/a.mcap."""
+
+    def __init__(self, engine: Engine, logs: Path) -> None:
+        self.engine = engine
+        self.first = logs / "a.mcap"
+        self.second = logs / "a_p2.mcap"
+
+    def seen(self) -> Any:
+        return self.engine.call(lambda acquisition: acquisition.snapshot(2**62), late=True)
+
+    def record(self, packets: int = 20) -> None:
+        """Have some packets more in the present file, and onto the disk."""
+        wanted = self.seen()["packets"] + packets
+        wait_until(lambda: self.seen()["packets"] >= wanted)
+        self.a_second_passes()
+
+    def a_second_passes(self) -> None:
+        self.engine.call(lambda acquisition: acquisition.every_second())
+
+    def end(self) -> Any:
+        self.engine.request_stop()
+        assert self.engine.lifecycle.ended.wait(60.0)
+        return self.engine.result
+
+    def findings(self) -> list[str]:
+        assert {finding["exit_code"] for finding in self.engine.lifecycle.findings} <= {exit_codes.DISK}
+        return [finding["text"] for finding in self.engine.lifecycle.findings]
+
+
+@contextmanager
+def acquiring(home: Path, **fields: Any) -> Iterator[Running]:
+    """An acquisition in this process, some packets of which are on the disk."""
+    logs = home / "logs"
+    asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"}
+    with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
+        plan = Plan(path, **(asked | fields))
+        engine = Engine(plan, port, handshake.open_dialogue(port, plan.baud, say=lambda text: None))
+        running = Running(engine, logs)
+        try:
+            engine.start()
+            running.record()
+            yield running
+        finally:
+            running.end()
+
+
+@contextmanager
+def mounted(folder: Path, size: str) -> Iterator[Path]:
+    """A disk of that size, mounted on a new folder; skips the test where none can be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
+    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, timeout=LIMIT_S, check=False).returncode != 0:
+        pytest.skip("a disk can be mounted by root only")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], capture_output=True, timeout=LIMIT_S, check=False)
