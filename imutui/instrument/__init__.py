@@ -2,6 +2,6 @@
 
 `crossbow` bytes to events and back, no I/O, with `messages`, `scaling`, `inbox`, `packet_search` and `reply_search` ·
 `clock` counter to time, no I/O · `port` the only user of pyserial · `unit` an IMU400CD as a state machine, no I/O, with
-`unit_options` and `transmitter` · `faults` of its line · `wire` unit and line as one, no I/O · `virtual` the same on a
-`pseudo_terminal`, with `sent_packets`.
+`unit_options`, `sampling_loop` and `transmitter` · `faults` of its line · `wire` unit and line as one, no I/O ·
+`virtual` the same on a `pseudo_terminal`, with `sent_packets`.
 """

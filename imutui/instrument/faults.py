@@ -86,7 +86,7 @@ class FaultyLine:
         ordered = sorted(faults, key=lambda fault: fault.at)
         self._pending = deque(fault for fault in ordered if fault.kind in LINE_KINDS)
         self._for_unit = deque(fault for fault in ordered if fault.kind in UNIT_KINDS)
-        self._hang_ups = [fault for fault in ordered if fault.kind == "hang_up"]
+        self._hang_ups = deque(fault for fault in ordered if fault.kind == "hang_up")
         self._fate = fate
         self._rng = np.random.default_rng(seed)
         self._bursts_s = bursts_s
@@ -129,6 +129,8 @@ class FaultyLine:
         if self._fate is not None and len(message) == PACKET_BYTES and sent >= self._start:
             lost, late = self._fate(sent - self._start)
         self._begin_faults(left)
+        while self._hang_ups and self._start + self._hang_ups[0].at + self._hang_ups[0].seconds <= sent:
+            self._hang_ups.popleft()
         for end, piece in self._pieces(self._spoiled(b"" if lost else message, left), sent, left):
             self._deliver(piece, end, max(late, 0.0))
 

@@ -45,8 +45,9 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
+from imutui.instrument.sampling_loop import SamplingLoop
 from imutui.instrument.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
-from imutui.instrument.transmitter import SAME_INSTANT_S, Transmitter, same_speed, transfer_s
+from imutui.instrument.transmitter import Transmitter, same_speed, transfer_s
 from imutui.instrument.unit_options import VERSION_CHARACTERS, Reading, Source, UnitOptions
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
@@ -98,7 +99,7 @@ class VirtualUnit:
         self.on_packet: Callable[[Packet, float], None] | None = None
         self._source = source
         self._line = Transmitter()
-        self._loop_start = math.inf  # not started
+        self._loop = SamplingLoop(self.options)
         self._last_sample = -1
         self._last_read = 0
         self._ended = False
@@ -296,7 +297,9 @@ class VirtualUnit:
             return
         self._mode = mode
         if self._streaming:
-            self._pass_by(now)  # each mode has a loop rate, hence a count of samples, of its own
+            self._last_sample = self._loop.last_before(
+                now, self._mode
+            )  # each mode has a loop rate, hence a count of samples, of its own
 
     def _measure_baud(self, now: float, host_baud: int) -> None:
         if now > self._measuring_until:
@@ -311,12 +314,12 @@ class VirtualUnit:
         if self._streaming:
             return
         self._streaming = True
-        self._start_loop(now)
-        self._pass_by(now)
+        self._loop.begin(now)
+        self._last_sample = self._loop.last_before(now, self._mode)
 
     def _send_newest(self, now: float) -> None:
-        self._start_loop(now)
-        packet = self._packet(self._sample_at(now))
+        self._loop.begin(now)
+        packet = self._packet(self._loop.newest(now, self._mode))
         if packet is not None:
             self._line.send(encode(packet), now, self._baud)
 
@@ -325,31 +328,15 @@ class VirtualUnit:
             self._zero_dps = np.zeros(3)
             self._answer(RatesZeroed(), now)
             return
-        self._start_loop(now)
-        self._pass_by(now)
+        self._loop.begin(now)
+        self._last_sample = self._loop.last_before(now, self._mode)
         self._zeroing = _Zeroing(self._last_sample + 1, argument * self.options.zero_samples_per_unit)
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
-    @property
-    def _loop_hz(self) -> float:
-        return self.options.loop_hz if self._mode is Mode.SCALED else self.options.loop_hz_voltage
-
-    def _start_loop(self, now: float) -> None:
-        self._loop_start = min(self._loop_start, now)
-
     def _instant(self, sample: int) -> float:
-        """When the present mode's loop takes `sample`: a product, so that no rounding piles up."""
-        return self._loop_start + sample / self._loop_hz
-
-    def _sample_at(self, instant: float) -> int:
-        """Newest sample that the loop has taken at `instant`."""
-        return math.floor((instant - self._loop_start + SAME_INSTANT_S) * self._loop_hz)
-
-    def _pass_by(self, now: float) -> None:
-        """Leave out the samples before `now`: what follows begins with the loop's next."""
-        newest = self._sample_at(now)
-        self._last_sample = newest - 1 if self._instant(newest) >= now - SAME_INSTANT_S else newest
+        """When the present mode's loop takes a sample."""
+        return self._loop.instant(sample, self._mode)
 
     def _advance(self, now: float) -> None:
         """Do all that falls due by `now`."""
@@ -366,7 +353,7 @@ class VirtualUnit:
 
     def _next_packet(self) -> tuple[int, float]:
         """Sample and start of the stream's next packet: the newest sample when the line is free, or else the next."""
-        newest = -1 if self._line.free_at == -math.inf else self._sample_at(self._line.free_at)
+        newest = self._loop.newest(self._line.free_at, self._mode)
         sample = max(newest, self._last_sample + 1)
         return sample, max(self._instant(sample), self._line.free_at)
 
@@ -388,12 +375,9 @@ class VirtualUnit:
 
     def _read(self, sample: int) -> Reading | None:
         """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
-        k = sample
-        if self._mode is Mode.VOLTAGE:
-            k = math.floor((sample / self.options.loop_hz_voltage + SAME_INSTANT_S) * self.options.loop_hz)
         # a mode whose instants lie otherwise would ask for a reading just before the last one
-        self._last_read = k = max(k, self._last_read)
-        reading = None if self._ended else self._source.reading(k)
+        self._last_read = max(self._loop.reading(sample, self._mode), self._last_read)
+        reading = None if self._ended else self._source.reading(self._last_read)
         self._ended = reading is None
         return reading
 

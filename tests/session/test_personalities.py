@@ -15,9 +15,11 @@ import pytest
 from helpers.processes import wait_until
 from helpers.units import served
 
+from filters.simulation import Effect, Scenario
+from imutui.cli.virtual_readings import SimulatedReadings
 from imutui.instrument.messages import POWER_UP_BAUD, Mode, Packet
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import FaultyLine, LineFault, Reading, UnitOptions, VirtualUnit
+from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source, UnitOptions, VirtualUnit
 from imutui.logbook import reader
 from imutui.session import exit_codes, handshake, reconnection
 from imutui.session.engine import Engine
@@ -129,9 +131,17 @@ def set_up_again(run: Run) -> None:
     assert run.modes == {Mode.SCALED}
 
 
-def answered_late(run: Run) -> None:
-    """Waited for, or refused in words."""
-    assert run.refused or run.lost == 0
+def waited_for(run: Run) -> None:
+    """What the unit says of itself counts, however late it comes."""
+    went_well(run)
+    assert (run.log.info.serial_number, run.log.info.firmware) == ("9911750", UnitOptions().version)
+
+
+def stuck(run: Run) -> None:
+    """Recorded as it came: what it means is told by a trace."""
+    went_well(run)
+    assert len({packet.counts[1] for packet in run.log.raw[60:]}) == 1
+    assert len({packet.counts[2] for packet in run.log.raw[60:]}) > 10
 
 
 def known_by_its_text(run: Run) -> None:
@@ -156,9 +166,16 @@ class Personality:
     check: Callable[[Run], None] = went_well
     faults: tuple[LineFault, ...] = ()
     unit: UnitOptions = field(default_factory=UnitOptions)
+    source: Callable[[], Source] = Numbered
     bursts_s: float = 0.0
     until: Callable[[Snapshot], bool] = for_a_second
     baud: int = POWER_UP_BAUD
+
+
+def with_stuck_channel() -> Source:
+    """Readings whose rate about Y stays what it was at 0.2 s."""
+    effect = Effect("stuck", ("gy",), {"at_s": 0.2, "seconds": 60.0})
+    return SimulatedReadings(Scenario(seed=3, effects=(effect,)))
 
 
 def fault(kind: str, at: float = 0.5, **how: Any) -> tuple[LineFault, ...]:
@@ -178,11 +195,12 @@ PERSONALITIES = {
     "pauses": Personality(went_well, fault("pause", seconds=0.5)),
     "bursts": Personality(stuttered, bursts_s=0.016),
     "runs fast": Personality(unit=UnitOptions(clock_skew_ppm=200.0)),
-    "answers late": Personality(answered_late, unit=UnitOptions(reply_delay_s=0.7)),
+    "answers late": Personality(waited_for, unit=UnitOptions(reply_delay_s=0.7)),
     "answers in plain text": Personality(
         known_by_its_text, unit=UnitOptions(version="VIRTUAL SIM PLAIN", version_plain_text=True)
     ),
     "has no auto-baud": Personality(refused_speed, unit=UnitOptions(auto_baud=False), baud=57600),
+    "has a stuck channel": Personality(stuck, source=with_stuck_channel),
     "keeps at a ping": Personality(unit=UnitOptions(ping="keeps")),
     "resets at a ping": Personality(unit=UnitOptions(ping="resets")),
     "wakes up scaled": Personality(unit=UnitOptions(power_up_mode=Mode.SCALED)),
@@ -199,7 +217,7 @@ PERSONALITIES = {
 def acquired(it: Personality, folder: Path) -> Run:
     """Record a unit of this personality, and compare what was recorded with what it sent."""
     run = Run()
-    unit, line = VirtualUnit(Numbered(), it.unit, seed=3), FaultyLine(it.faults, seed=3, bursts_s=it.bursts_s)
+    unit, line = VirtualUnit(it.source(), it.unit, seed=3), FaultyLine(it.faults, seed=3, bursts_s=it.bursts_s)
     folder.mkdir()
 
     def sent(packet: Packet, sampled_ns: int) -> None:
