@@ -9,8 +9,8 @@ from filters.kalman.settings import GAP_PERIODS
 from imutui.instrument.scaling import Scaling
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding
-from imutui.jobs.quantities import plural
-from imutui.logbook import polled_rate, schemas, unread_channels
+from imutui.jobs.quantities import plural, that_many
+from imutui.logbook import line_advice, polled_rate, schemas, unread_channels
 
 _RATE_OFF = 0.02
 _STAMP_SLACK_NS = 20_000_000
@@ -55,7 +55,7 @@ def _sample_times(log: CheckContext) -> Iterator[Finding]:
     lacks = unread_channels.unread(a.gyro, a.accel) & (a.samples.size > 0)
     bad = np.flatnonzero(~(np.isfinite(np.hstack([a.gyro, a.accel])) | (lacks & ~lacks.all())).all(axis=1))
     if bad.size:
-        what = f"{plural(int(bad.size), 'sample')} are not numbers; a replay refuses the log."
+        what = f"{that_many(int(bad.size), 'sample', 'is no number', 'are not numbers')}; a replay refuses the log."
         where = f"first {log.at(int(a.samples[bad[0]]))}"
         yield Finding("stamps", what, where, "Remove them in the program that wrote the file.")
     heads = a.messages.get(a.imu_topic or "")
@@ -67,7 +67,8 @@ def _sample_times(log: CheckContext) -> Iterator[Finding]:
         yield Finding("stamps", what, f"first {log.at(int(a.samples[k]))}", _CLOCK)
     early = heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS
     if early.any():
-        what = f"{plural(int(early.sum()), 'sample')} are stamped later than they arrived."
+        n = int(early.sum())
+        what = f"{that_many(n, 'sample', 'is', 'are')} stamped later than received."
         yield Finding("stamps", what, f"first {log.at(int(a.samples[int(np.argmax(early))]))}", _CLOCK)
 
 
@@ -119,7 +120,7 @@ def _line(log: CheckContext) -> Iterator[Finding]:
     most = max(certain, _integer(log.audit.diagnostics.get("lost_packets_max")))
     lost, where = _lost_packets(log)
     if lost or most:
-        what = _how_many(certain, most) if most else f"{plural(lost, 'packet')} {_were(lost)} lost on the line."
+        what = _how_many(certain, most) if most else f"{that_many(lost, 'packet', 'was', 'were')} lost on the line."
         slack = max(_FEW, _SHARE * most)
         differ = not certain - slack <= lost <= most + slack
         if log.raw is not None and not log.polled and differ and not damage_text.lossy(log.found):
@@ -127,23 +128,33 @@ def _line(log: CheckContext) -> Iterator[Finding]:
                 f"{_how_many(certain, most)[:-1]} by the recorder's count, {lost:,} by the times of those that are"
                 " there."
             )
-        yield Finding("lost", what, where, _CABLE)
+        yield Finding("lost", what, where, _where_to_look(log, held_up=_held_up(log)))
     if told["bad_checksums"]:
-        what = f"{plural(told['bad_checksums'], 'packet')} came with a wrong checksum and were dropped."
-        yield Finding("checksums", what, "by the recorder's count", _CABLE)
+        what = f"{that_many(told['bad_checksums'], 'packet', 'was', 'were')} dropped: the checksum was wrong."
+        yield Finding("checksums", what, "by the recorder's count", _where_to_look(log))
 
 
 def _how_many(certain: int, most: int) -> str:
     if certain == most:
-        return f"{plural(certain, 'packet')} {_were(certain)} lost on the line."
+        return f"{that_many(certain, 'packet', 'was', 'were')} lost on the line."
     return f"Between {certain:,} and {most:,} packets were lost: while the line was silent the unit may have sent some."
 
 
-def _were(count: int) -> str:
-    return "was" if count == 1 else "were"
+def _where_to_look(log: CheckContext, *, held_up: bool = False) -> str:
+    info = log.audit.info
+    port, firmware = (info.port, info.firmware) if info is not None else ("", "")
+    return line_advice.of_losses(port, firmware, held_up=held_up)
 
 
-_CABLE = "Check the cable, the ground and the line speed; replay and trace take what is there."
+def _held_up(log: CheckContext) -> bool:
+    """Whether most losses follow at once on packets that were read late."""
+    if log.raw is None or not log.raw.size:
+        return False
+    read = log.raw["log_ns"]
+    late = read - log.raw["publish_ns"] > line_advice.HELD_UP_S * 1e9
+    last_late = np.maximum.accumulate(np.where(late, read, np.iinfo(np.int64).min // 2))
+    lost = (log.audit.packets["flags"] & schemas.FLAG_LOST_BEFORE) > 0
+    return bool(lost.any()) and bool(np.mean((read - last_late)[lost] < line_advice.NEAR_S * 1e9) > 0.5)
 
 
 def _lost_packets(log: CheckContext) -> tuple[int, str]:
@@ -208,8 +219,8 @@ def _samples_of_packets(log: CheckContext) -> Iterator[Finding]:
     same &= np.isclose(gyro, a.gyro[:n], rtol=1e-9, atol=1e-9).all(axis=1)
     same &= np.isclose(accel, a.accel[:n], rtol=1e-9, atol=1e-9).all(axis=1)
     if not same.all():
-        k = int(np.argmin(same))
-        what = f"{plural(int(n - same.sum()), 'sample')} are not what their packets say."
+        k, off = int(np.argmin(same)), int(n - same.sum())
+        what = f"{that_many(off, 'sample', 'is not what its', 'are not what their')} packets say."
         yield Finding("samples", what, f"first {log.at(int(a.samples[k]))}", "Trust the packets; write to us.")
 
 
@@ -238,12 +249,12 @@ def _limits(log: CheckContext) -> Iterator[Finding]:
     if at_limit.any():
         rows = np.flatnonzero(at_limit.any(axis=1))
         channels = [name for name, hit in zip(CHANNELS, np.any(at_limit, axis=0).tolist(), strict=True) if hit]
-        what = f"{plural(int(rows.size), 'packet')} have a count at its limit ({' '.join(channels)})."
+        what = f"{that_many(int(rows.size), 'packet', 'has', 'have')} a count at its limit ({' '.join(channels)})."
         first = log.at(int(log.raw["publish_ns"][rows[0]])) if log.raw is not None else ""
         yield Finding("limits", what, f"first {first}", "The filter leaves them out. Turn the table more slowly there.")
     elif not log.audit.valid.all():
         rows = np.flatnonzero(~log.audit.valid)
-        what = f"{plural(int(rows.size), 'sample')} are flagged as no reading."
+        what = f"{that_many(int(rows.size), 'sample', 'is', 'are')} flagged as no reading."
         yield Finding("limits", what, f"first at {log.t[rows[0]]:.3f} s", "The filter leaves them out.")
 
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.crossbow import Scaling
+from imutui.logbook import line_advice
+from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
@@ -101,6 +103,7 @@ class Acquisition:
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
         self._polled_rate = PolledRate(plan.rate_hz)
         self._rate_said = False
+        self._loss_advice = LossAdvice(info.port, info.firmware)
         self._duration_from_ns: int | None = None
         self._data_until_ns = 0
         self._has_recorded = False
@@ -133,7 +136,10 @@ class Acquisition:
         bad, discarded = self._line_errors
         self._line_errors = arrival.bad_checksums, arrival.discarded_bytes
         self._pipeline.add_line_errors(arrival.bad_checksums - bad, arrival.discarded_bytes - discarded)
+        lost = self._pipeline.counters.lost_packets
         self._pipeline.packet(packet, stamp, arrival.host_ns)
+        late_s = (arrival.host_ns - stamp.monotonic_ns) / 1e9
+        self._loss_advice.packet(self._pipeline.counters.lost_packets - lost, arrival.host_ns / 1e9, late_s)
         self._last_stamp_ns = stamp.monotonic_ns
         self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
         if arrival.requested_ns is not None:
@@ -210,7 +216,8 @@ class Acquisition:
             self._reader.ask_again()
         silent = None if away else self._silence.check(silent_s, expected=expected)
         if silent is not None:
-            text = f"no packets for {silent_s:.1f} s: power, cable?" if silent else "packets again"
+            advice = line_advice.of_silence(self._info.port, self._info.firmware)
+            text = f"no packets for {silent_s:.1f} s: {advice}" if silent else "packets again"
             self.event("acquisition", text, WARNING if silent else INFORMATION)
         slow = self._polled_rate.finding()
         if slow is not None and not self._rate_said:
@@ -254,7 +261,8 @@ class Acquisition:
         # as it was when the end was asked for: since then the unit was told to be quiet
         silent_s = (asked_ns - self._reader.last_packet_ns) / 1e9
         if self._silence.is_silent(silent_s):
-            self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s))
+            advice = line_advice.of_silence(self._info.port, self._info.firmware)
+            self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s, advice))
 
     def _find(self, exit_code: int, text: str) -> None:
         if len(self._lifecycle.findings) < _MOST_FINDINGS:  # a folder that is emptied each second is known by then
@@ -299,6 +307,7 @@ class Acquisition:
             started_ns=self._started_ns,
             last_packet_ns=self._reader.last_packet_ns,
             utc_ns=self._timebase.utc_ns(now),
+            loss_advice=self._loss_advice.brief,
             plan=self._plan,
             info=self._info,
             state=self._lifecycle.state,

@@ -4,6 +4,7 @@ import os
 import time
 from dataclasses import dataclass
 
+from imutui.logbook import line_advice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe_filter
 from imutui.session.disk_space import DiskGuard
@@ -31,6 +32,8 @@ class AcquisitionView:
         Monotonic: now, when the acquisition began, when its last packet was read.
     utc_ns : int
         Now, UTC.
+    loss_advice : str
+        Where to look when packets are lost.
     plan, info : Plan, SessionInfo
         As they are in force.
     state, error : str, str or None
@@ -61,6 +64,7 @@ class AcquisitionView:
     started_ns: int
     last_packet_ns: int
     utc_ns: int
+    loss_advice: str
     plan: Plan
     info: SessionInfo
     state: SessionState
@@ -109,6 +113,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "lost_packets": counters.lost_packets,
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
+        "advice": {"losses": view.loss_advice, "silence": line_advice.of_silence(info.port, info.firmware)},
         "silent_s": 0.0 if view.zeroing else (now - view.last_packet_ns) / 1e9,
         "zeroing": view.zeroing,
         "reconnecting": view.reconnecting,

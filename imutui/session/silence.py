@@ -43,9 +43,9 @@ class SilenceMonitor:
         return silent
 
 
-def at_the_end(silence_s: float) -> str:
-    """What to say of a unit that was silent when its acquisition ended, `silence_s` s after its last packet."""
+def at_the_end(silence_s: float, advice: str) -> str:
+    """What to say of a unit that had been silent for so long when its acquisition ended, and where to look."""
     return (
         f"the unit was silent at the end: its last packet came {silence_s:.1f} s before. What came is recorded and the"
-        " file is finished. Check power and cable before the next recording."
+        f" file is finished. Before the next one: {advice}"
     )

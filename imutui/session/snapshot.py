@@ -30,6 +30,13 @@ class MarkLine(TypedDict):
     text: str
 
 
+class LineAdvice(TypedDict):
+    """Where to look, in a few words, when packets are lost or damaged, and when none come."""
+
+    losses: str
+    silence: str
+
+
 class RecordingSnapshot(TypedDict):
     """The file that is being written; `part` its number among the recording's, from 1.
 
@@ -199,6 +206,7 @@ class Snapshot(TypedDict):
     lost_packets: int
     bad_checksums: int
     discarded_bytes: int
+    advice: LineAdvice
     silent_s: float | None
     zeroing: bool
     reconnecting: ReconnectingSnapshot | None

@@ -63,7 +63,8 @@ def silence(snapshot: Snapshot) -> str | None:
     limit = silence_limit_s(None if snapshot.get("sampling") == "stream" else rate)
     if snapshot.get("state") != "running" or silent is None or silent <= limit:
         return None
-    return f"NO DATA for {silent:.1f} s: check power and cable. The acquisition keeps listening."
+    advice = snapshot["advice"]["silence"]
+    return f"NO DATA for {silent:.1f} s: {advice}{'' if advice.endswith('?') else '.'} The acquisition keeps listening."
 
 
 def ended(snapshot: Snapshot | None, error: str | None) -> str:

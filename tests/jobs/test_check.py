@@ -28,10 +28,17 @@ Change = Callable[[str, int, Message], list[Message]]
 
 
 def recorded(
-    path: Path, *, sampling: str = "stream", rate: float = 20.0, lost: int = 0, limit: int | None = None
+    path: Path,
+    *,
+    sampling: str = "stream",
+    rate: float = 20.0,
+    lost: int = 0,
+    limit: int | None = None,
+    port: str = "",
+    held_up: bool = False,
 ) -> Path:
     """A recording as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
-    info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none")
+    info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none", port=port)
     writer = LogWriter(path, info, "x = 1\n", START)
     pipeline = SamplePipeline(info, Timebase(START), writer)
     rng = np.random.default_rng(8)
@@ -46,9 +53,10 @@ def recorded(
         ticks = round(-k * LOOP_NS / TICK_NS) % 65536
         packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550, ticks)
         instant = k * LOOP_NS
-        pipeline.packet(
-            packet, Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None), instant + 2_000_000
-        )
+        # what comes while the computer is held up is read at once when it goes on
+        read = 299 * LOOP_NS if held_up and 100 <= k < 300 else instant
+        stamp = Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None)
+        pipeline.packet(packet, stamp, read + 2_000_000)
         dropped = 0
         if instant >= second * 1_000_000_000:
             pipeline.flush(instant + 2_000_000)
@@ -110,6 +118,13 @@ def test_lost_packets_are_counted_by_their_times_and_against_the_recorder(tmp_pa
     assert document["findings"][1]["what"] == "5 packets were lost on the line."
     assert document["findings"][1]["where"] == "in 1 place, first at 2.243 s"
     assert document["findings"][1]["next"]
+
+
+def test_one_packet_was_lost_and_two_were(tmp_path: Path) -> None:
+    """Sentences agree with their numbers."""
+    for lost, said in ((1, "1 packet was lost on the line."), (2, "2 packets were lost on the line.")):
+        document = check(recorded(tmp_path / f"{lost}.mcap", rate=133.0, lost=lost))
+        assert said in [finding["what"] for finding in document["findings"]]
 
 
 def test_counts_at_their_limit_are_named_by_channel(tmp_path: Path) -> None:
@@ -221,3 +236,17 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         check(tmp_path / "a.mcap")
     with pytest.raises(UnreadableLogError, match="no such file"):
         check(tmp_path / "b.mcap")
+
+
+def test_losses_name_the_cable_only_where_there_is_one(tmp_path: Path) -> None:
+    """On a pseudo-terminal that is said; a computer that read late around the losses is named before anything else."""
+
+    def advice(log: Path) -> str:
+        return str(next(f["next"] for f in check(log)["findings"] if f["code"] == "lost"))
+
+    assert advice(recorded(tmp_path / "a.mcap", rate=133.0, lost=5)).startswith("Check the cable")
+    on_pty = advice(recorded(tmp_path / "b.mcap", rate=133.0, lost=5, port="/dev/pts/3"))
+    assert "pseudo-terminal" in on_pty
+    assert "heck the cable" not in on_pty
+    late = recorded(tmp_path / "c.mcap", rate=133.0, lost=5, port="/dev/pts/3", held_up=True)
+    assert "too busy" in advice(late)

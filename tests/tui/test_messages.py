@@ -12,7 +12,8 @@ from imutui.tui.pages.live.page import first_span
 def test_silence_is_judged_by_the_packet_rate() -> None:
     """Ten seconds are silence for a stream, and normal for one poll in ten seconds."""
     silent = {"state": "running", "silent_s": 10.0, "rate_hz": 0.1, "sampling": "stream"}
-    assert "NO DATA for 10.0 s" in str(messages.silence(silent))
+    silent["advice"] = {"silence": "check power and cable"}
+    assert "NO DATA for 10.0 s: check power and cable." in str(messages.silence(silent))
     assert messages.silence({**silent, "sampling": "polled"}) is None
     assert messages.silence({**silent, "sampling": "polled", "silent_s": 31.0}) is not None
 

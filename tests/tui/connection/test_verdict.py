@@ -170,6 +170,7 @@ def test_old_estimates_are_not_green() -> None:
     """With a silent line nothing is estimated, however good the last numbers were; a hiccup is no reason."""
     assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
     silent = {"state": "running", "silent_s": 8.0, "rate_hz": 20.0, "sampling": "stream"}
+    silent["advice"] = {"silence": "check power and cable"}
     assert verdict.stale(silent) is not None
     assert verdict.stale({**silent, "silent_s": 1.5}) is None
 

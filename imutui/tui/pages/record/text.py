@@ -114,7 +114,7 @@ def losses(now: Snapshot) -> tuple[str, str]:
     """Level and words of what did not arrive."""
     lost, bad, skipped = now["lost_packets"], now["bad_checksums"], now["discarded_bytes"]
     said = f"lost {lost}, checksum errors {bad}, resynchronised {skipped} B"
-    return ("wait", f"{said}: check the cable") if lost or bad else ("none", said)
+    return ("wait", f"{said}: {now['advice']['losses']}") if lost or bad else ("none", said)
 
 
 def mark_line(mark: MarkLine) -> str:
