@@ -20,7 +20,7 @@ from filters.kalman.spkf import Belief, correct
 from filters.state import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE, VELOCITY, NavState
 from filters.types import Array
 
-__all__ = ["Belief", "common", "correct", "jacobian", "predict", "start", "transition"]
+__all__ = ["Belief", "common", "correct", "jacobian", "of_common", "predict", "start", "transition"]
 
 
 def start(nav: NavState, P0_sd: Array) -> Belief:
@@ -81,6 +81,11 @@ def predict(
     nav, Phi = transition(belief.nav, gyro, accel, dt, gravity)
     P = Phi @ belief.P @ Phi.T + Q_d
     return Belief(nav, 0.5 * (P + P.T))
+
+
+def of_common(belief: Belief) -> Belief:
+    """Inverse of `common`."""
+    return belief
 
 
 def common(belief: Belief) -> Belief:

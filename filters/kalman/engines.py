@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from filters import earth, state
 from filters.imu import Noise
-from filters.kalman import ekf, layout, spkf, spkf_paper
+from filters.kalman import augmentation, ekf, layout, long_gap, spkf, spkf_paper
 from filters.kalman.augmentation import Effects
 from filters.kalman.consistency import nis_gates
 from filters.kalman.filter_input import FilterInput
@@ -97,6 +97,10 @@ class FilterEngine(Protocol):
         """
         ...
 
+    def resume(self, samples: FilterInput, k: int) -> None:
+        """Begin navigation anew at sample k, which is the next one, behind a long gap; the biases are carried over."""
+        ...
+
     def belief(self) -> Belief:
         """State and covariance after the last sample."""
         ...
@@ -130,6 +134,7 @@ class Compiled:
         par[layout.PAR_NOISE : layout.PAR_GATE] = densities**2
         par[layout.PAR_GATE : layout.PAR_WHITE] = nis_gates()
         par[layout.PAR_WHITE :] = densities[:6] ** 2
+        self._parameters = parameters
         self._effects = parameters.effects
         self._extra, self._across = _extra_of(parameters.effects)
         self._run = step.Run(self.core, np.zeros(state.SIZE * STRIDE), par, self.sums, self.moments, self.out)
@@ -153,6 +158,17 @@ class Compiled:
         if why == layout.NOT_FINITE:
             raise DivergenceError("the state is not finite")
         return int(k), int(rows)
+
+    def resume(self, samples: FilterInput, k: int) -> None:
+        """Begin navigation anew at sample k; see `FilterEngine`."""
+        seconds = float(samples.t[k]) - float(self.core[layout.CORE_T])
+        belief = long_gap.belief_behind(self.belief(), _known(samples, k), self._parameters.noise, seconds)
+        if self._effects is not None and self._across.size:
+            before = augmentation.Augmented(self.belief().nav, *self.extra())
+            long_gap.resume_extra(self._extra, self._across, before, self._effects, samples.phi[k], seconds)
+        self.core[: layout.NAV] = row_of(belief.nav)
+        self._run.P[:] = padded(belief.P)
+        long_gap.set_clock(self.core, samples, k, self._parameters.period)
 
     def belief(self) -> Belief:
         """State and covariance after the last sample."""
@@ -223,7 +239,7 @@ class Stepwise:
         """FilterInput samples; see `FilterEngine`."""
         rows, k, core = 0, first, self.core
         while k < samples.t.size and samples.t[k] < stop and rows < len(self.out):
-            known = samples.known[k if len(samples.known) > 1 else 0]
+            known = _known(samples, k)
             if core[layout.CORE_SAMPLES] > 0.0:
                 draw = samples.draws[k] if samples.draws.size else None
                 self._step(samples.t[k], samples.gyro[k], samples.accel[k], known, draw)
@@ -240,6 +256,13 @@ class Stepwise:
                 rows += 1
             k += 1
         return k, rows
+
+    def resume(self, samples: FilterInput, k: int) -> None:
+        """Begin navigation anew at sample k; see `FilterEngine`."""
+        seconds, p = float(samples.t[k]) - float(self.core[layout.CORE_T]), self._parameters
+        belief = long_gap.belief_behind(self.belief(), _known(samples, k), p.noise, seconds)
+        self._belief = self._module.of_common(belief)
+        long_gap.set_clock(self.core, samples, k, p.period)
 
     def _step(self, t: float, gyro: Array, accel: Array, known: Array, draw: Array | None) -> None:
         core, p = self.core, self._parameters
@@ -328,6 +351,12 @@ def _totals(parameters: Parameters) -> tuple[Array, Array, Array, Array]:
     core[layout.CORE_NIS_LAST] = np.nan
     core[layout.CORE_NEXT_OUT] = np.inf if np.isinf(parameters.every) else 0.0
     return core, np.zeros(layout.SUMS), np.zeros(layout.MOMENTS), np.zeros((_ROOM, layout.OUT))
+
+
+def _known(samples: FilterInput, k: int) -> Array:
+    """What the reference says at sample k."""
+    known: Array = samples.known[k if len(samples.known) > 1 else 0]
+    return known
 
 
 def _extra_of(effects: Effects | None) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from filters.kalman import alarms, augmentation, layout
 from filters.kalman.consistency import ConvergenceMonitor, nis_gates
 from filters.kalman.filter_input import InputBuilder, Readings
 from filters.kalman.first_rest import FirstRest
+from filters.kalman.long_gap import LongGaps
 from filters.kalman.rows import Estimate, Moments, estimate_of
 from filters.kalman.sample_times import SampleTimes
 from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings, alignment_of, reference_of
@@ -58,6 +59,7 @@ class Estimator:
             augmentation.check(self.effects)
         self.first_rest = FirstRest(settings.period, settings.spec) if settings.reference == "turned" else None
         self._times = SampleTimes(settings.period)
+        self._long_gaps: LongGaps | None = None
         self._engine: FilterEngine | None = None
         self._inputs: InputBuilder | None = None
         self._P0_sd = np.zeros(state.SIZE)
@@ -77,6 +79,7 @@ class Estimator:
         self._P0_sd = np.concatenate([P0_sd, np.full(3, P0_ACCEL_BIAS_SD), np.full(3, P0_GYRO_BIAS_SD)])
         self._engine = engine_of(settings, found.moving, self.every, self.effects)
         self._engine.start(nav, self._P0_sd)
+        self._long_gaps = LongGaps(settings.period, moving=found.moving)
         self._inputs = InputBuilder(settings, found, self.effects, self._times, self._marks)
 
     @property
@@ -263,10 +266,11 @@ class Estimator:
         yield from self._filter(readings)
 
     def _filter(self, readings: Readings) -> Iterator[Array]:
-        """Feed readings to the engine, stopping where a block of the monitor ends or a row has to be completed."""
-        engine, inputs, found = self._engine, self._inputs, self.reference
+        """Feed readings to the engine, stopping where a block or a long gap ends, or a row has to be completed."""
+        engine, inputs, found, long_gaps = self._engine, self._inputs, self.reference, self._long_gaps
         assert engine is not None
         assert inputs is not None
+        assert long_gaps is not None
         if not readings.t.size:
             return
         before = self._core(layout.CORE_T) if self.samples else -np.inf
@@ -274,6 +278,7 @@ class Estimator:
         t = samples.t
         path = found if isinstance(found, reference.Path) else None
         incomplete = [k for k in range(t.size) if float(t[k]) in path.partial] if path is not None else []
+        resumed = long_gaps.ends(t, samples.known, before)
         monitor, k = self.monitor, 0
         while k < t.size:
             if not self.samples:
@@ -282,7 +287,9 @@ class Estimator:
                 self._close_block(engine, float(t[k]))
             if path is not None and incomplete and incomplete[0] == k:
                 path.complete(samples.known[incomplete.pop(0)], float(t[k]), engine.belief().nav.C_nb)
-            stop = min(monitor.end - _SAME, float(t[incomplete[0]]) if incomplete else np.inf)
+            if resumed and resumed[0] == k:
+                engine.resume(samples, resumed.pop(0))
+            stop = min([monitor.end - _SAME, *(float(t[at[0]]) for at in (incomplete, resumed) if at)])
             try:
                 k, count = engine.advance(samples, k, stop)
             except DivergenceError as error:

@@ -79,6 +79,11 @@ def start(nav: NavState, P0_sd: Array) -> Belief:
     return Belief(nav, np.diag(P0_sd**2))
 
 
+def of_common(belief: Belief) -> Belief:
+    """Inverse of `common`."""
+    return belief
+
+
 def common(belief: Belief) -> Belief:
     """Belief in the errors of `filters.state`: this filter's own."""
     return belief

@@ -77,6 +77,13 @@ def start(nav: NavState, P0_sd: Array) -> PaperBelief:
     return PaperBelief(x, T @ T.T)
 
 
+def of_common(belief: spkf.Belief) -> PaperBelief:
+    """Inverse of `common`; raises DivergenceError if the pitch is ±90°."""
+    x = _from_nav(belief.nav)
+    T = _to_paper(x)
+    return PaperBelief(x, T @ belief.P @ T.T)
+
+
 def predict(
     belief: PaperBelief, gyro: Array, accel: Array, dt: float, gravity: float, Q_d: Array, kappa: float = 0.0
 ) -> PaperBelief:

@@ -314,8 +314,8 @@ def lagged() -> Lagged:
         np.array([300.0]),
         np.array([1e-5]),
         scale=lambda t: 1.0 + 0.3 * np.sin(t)[:, None] * np.ones(6),
-        # three of ten for a while, and a stretch long enough to be a gap
-        use=lambda t: ~((np.round(t / DT) % 10 < 3) & (t > 5.0) | (t > 20.0) & (t < 21.0)),
+        # three of ten for a while, and stretches long enough to be a gap and a long gap
+        use=lambda t: ~((np.round(t / DT) % 10 < 3) & (t > 5.0) | (t > 20.0) & (t < 21.0) | (t > 24.0) & (t < 27.0)),
     )
 
 
@@ -340,7 +340,7 @@ def test_one_by_one_and_all_at_once_are_the_same_to_the_last_bit(kind: str) -> N
     one_by_one += runner.finish(single)
     assert len(at_once) == np.count_nonzero(lagged().use(t))
     assert whole.gaps == parts.gaps == single.gaps
-    assert [round(seconds, 6) for _, seconds in whole.gaps if seconds > 0.5] == [1.2]
+    assert [round(seconds, 6) for _, seconds in whole.gaps if seconds > 0.5] == [1.2, 3.2]
     for others, estimator in ((in_parts, parts), (one_by_one, single)):
         assert len(at_once) == len(others)
         for a, b in zip(at_once, others, strict=True):
@@ -363,6 +363,24 @@ def test_a_sample_that_is_not_used_is_as_if_it_had_not_come() -> None:
     assert all(np.array_equal(a.belief.P, b.belief.P) for a, b in zip(left_out, missing, strict=True))
     assert estimator.gaps == plain.gaps
     assert len(plain.gaps) == 1
+
+
+def test_states_of_effects_live_through_a_long_gap() -> None:
+    """They drift as they would have, without correlation to what is lost; the whole covariance stays one."""
+    t, gyro, accel = still(400, 3, np.zeros(6), np.zeros(6))
+    t[200:] += 60.0
+    estimator = Estimator(Settings(DT, effects=lagged))
+    before = after = (np.empty(0), np.empty(0))
+    for k in range(t.size):
+        list(runner.step(estimator, float(t[k]), gyro[k], accel[k], float(warming(t)[k])))
+        before = estimator.extra() if k == 199 else before
+        after = estimator.extra() if k == 203 else after  # the first that is used
+    fade = np.exp(-(60.0 + 4 * DT) / 300.0)
+    assert after[0] == pytest.approx(before[0] * fade, rel=1e-3, abs=1e-9)
+    grown = -0.5 * 1e-5**2 * 300.0 * np.expm1(-2.0 * (60.0 + 4 * DT) / 300.0)
+    assert after[1][15, 15] == pytest.approx(before[1][15, 15] * fade**2 + grown, rel=1e-3)
+    assert np.all(np.linalg.eigvalsh(after[1]) > 0.0)
+    assert estimator.rejected == 0
 
 
 def no_states(**fields: object) -> Columns:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from filters import attitude, simulation
 from filters.imu import IMU400CD_200, Noise
@@ -12,7 +13,7 @@ from filters.kalman.settings import Settings
 from filters.motion import alignment, reference
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from filters.motion.segments import Dwell
+from filters.motion.segments import Dwell, Rate
 from filters.state import PAPER_SITE, NavState
 
 DT = 0.05
@@ -149,6 +150,67 @@ def test_flagged_and_missing_samples_leave_errors_within_their_band() -> None:
         error = np.concatenate([nav.accel_bias, nav.gyro_bias]) - bias
         total += float(np.sum(error**2 / np.diag(P)[9:]))
     assert 177.0 < total < 312.0, f"{total:.1f} of 240"  # chi2.ppf([.001, .999], 240)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "seeds"),
+    [("spkf", "level", 20), ("spkf", "gravity", 20), ("ekf", "level", 6), ("spkf-paper", "level", 2)],
+)
+def test_behind_a_long_gap_the_biases_are_as_good_as_before_and_as_the_filter_says(
+    name: str, kind: str, seeds: int
+) -> None:
+    """Half a minute without samples: errors stay within their band, nothing is an outlier, learning goes on."""
+    n, total = 160, 0.0
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        bias = np.concatenate([rng.uniform(-0.1, 0.1, 3), rng.uniform(-0.015, 0.015, 3)])
+        t, gyro, accel = noisy(2 * n, seed=seed, bias=bias)
+        t[n:] += 30.0
+        estimator = Estimator(Settings(DT, filter=name, reference=kind))
+        estimates = feed(estimator, (t, gyro, accel))
+        assert estimator.rejected == 0
+        before, first, last = (np.diag(estimates[k].belief.P) for k in (n - 1, n, -1))
+        assert np.all(first[9:] >= 0.99 * before[9:])
+        assert np.all(last[9:] < before[9:])
+        # navigation is known by the reference alone, as at the start
+        known = slice(0, 9 if kind == "level" else 6)
+        assert first[known] == pytest.approx(reference.PAPER_R_SD[known] ** 2, rel=0.05)
+        nav = estimates[-1].belief.nav
+        error = np.concatenate([nav.accel_bias, nav.gyro_bias]) - bias
+        total += float(np.sum((error**2 / last[9:])[2:]))
+    low, high = stats.chi2.ppf([0.001, 0.999], 4 * seeds)
+    assert low < total < high, f"{total:.1f} of {4 * seeds}"
+
+
+def test_behind_a_gap_that_ends_in_motion_navigation_begins_anew_at_rest() -> None:
+    """A table that turns while samples come again: nothing is known of it before the next dwell."""
+    profile = Profile((Dwell((0.0, 0.0, 0.0), 10.0), Rate("inner", 9.0, 10.0), Dwell((0.0, 0.0, 90.0), 20.0)))
+    n = 800
+    t, gyro, accel = noisy(n, seed=1)
+    turning = (t >= 10.0) & (t < 20.0)
+    gyro[turning, 2] += np.deg2rad(9.0)
+    keep = (t < 8.0) | (t > 15.0)
+    estimator = Estimator(Settings(DT, reference="profile", motion=profile))
+    estimates = feed(estimator, (t[keep], gyro[keep], accel[keep]))
+    assert estimator.rejected == 0
+    assert not estimator.alarms()
+    nav, P = estimates[-1].belief.nav, estimates[-1].belief.P
+    assert np.all(np.abs(nav.gyro_bias) < 4.0 * np.sqrt(np.diag(P)[12:]))
+
+
+@pytest.mark.parametrize("name", ["spkf", "ekf", "spkf-paper"])
+def test_a_long_gap_is_the_same_however_samples_come(name: str) -> None:
+    """One by one or all at once, whether it begins or ends a block: equal to the last bit."""
+    t, gyro, accel = noisy(120)
+    t[50:] += 7.0
+    t[90:] += 3600.0
+    whole, single = (Estimator(Settings(DT, filter=name)) for _ in range(2))
+    at_once = feed(whole, (t, gyro, accel))
+    one_by_one = [e for k in range(t.size) for e in runner.step(single, float(t[k]), gyro[k], accel[k])]
+    for a, b in zip(at_once, one_by_one, strict=True):
+        assert np.array_equal(a.belief.P, b.belief.P)
+        assert np.array_equal(a.nu, b.nu, equal_nan=True)
+    assert [seconds for _, seconds in whole.gaps] == pytest.approx([7.0 + DT, 3600.0 + DT])
 
 
 def test_rotation_between_slow_samples_is_refused_with_the_reason() -> None:
