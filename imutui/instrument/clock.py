@@ -23,9 +23,9 @@ _SOON_NS = 46e6
 # a packet may seem so much early where the estimate is off
 _SLACK_NS = 4e6
 # a line that has caught up no further for so long is in time
-_CAUGHT_UP_NS = 60e6
+_CAUGHT_UP_NS = 120e6
 _GAIN_NS = 2e6
-_LONGEST_HOLD_NS = 0.5e9
+_LONGEST_HOLD_NS = 0.8e9
 _MOST_HELD = 4096
 # how well the tick must be known to tell wraps apart after a pause
 _AMBIGUOUS_NS = 0.25 * WRAP * NOMINAL_TICK_NS
@@ -98,6 +98,7 @@ class _Packet:
     step: int
     contiguous: bool
     quiet: bool
+    behind: bool
     follows: bool
 
 
@@ -133,7 +134,14 @@ class Clock:
         return self._time.tick_ns
 
     def take(
-        self, ticks: int, host_ns: int, *, contiguous: bool, quiet: bool = False, requested_ns: int | None = None
+        self,
+        ticks: int,
+        host_ns: int,
+        *,
+        contiguous: bool,
+        quiet: bool = False,
+        behind: bool = False,
+        requested_ns: int | None = None,
     ) -> list[Stamp]:
         """Take one packet; returns stamps of the oldest packets that have none yet, as far as they are sure.
 
@@ -147,6 +155,8 @@ class Clock:
             Whether it followed the previous packet without a byte between.
         quiet : bool
             Whether the host waited since then, and found the line without a byte.
+        behind : bool
+            Whether more had arrived already when it was read, so that the host is late.
         requested_ns : int or None
             When it was asked for, of a polled packet.
         """
@@ -158,7 +168,7 @@ class Clock:
         self._ticks, self._host_ns = ticks, host_ns
         is_next = self._grid.may_be_next if self._held else self._grid.is_next
         follows = contiguous and soon and self._opened and is_next(step)
-        packet = _Packet(arrival, step, contiguous, quiet, follows)
+        packet = _Packet(arrival, step, contiguous, quiet, behind, follows)
         if not self._opened:
             return self._take_opening(packet)
         if self._held and not soon:
@@ -197,8 +207,8 @@ class Clock:
         self._held.append(packet)
         span = packet.arrival_ns - self._held[0].arrival_ns
         # a backlog takes no time: what is behind it tells how late it was
-        whole = (span >= _OPENING_NS and len(self._held) >= _FEWEST) or len(self._held) >= _MOST_HELD
-        return self._open() if whole else []
+        whole = span >= _OPENING_NS and len(self._held) >= _FEWEST and not packet.behind
+        return self._open() if whole or len(self._held) >= _MOST_HELD else []
 
     def _open(self) -> list[Stamp]:
         """Begin with the least late of the packets held."""
@@ -256,6 +266,9 @@ class Clock:
         late = self._time.lateness(packet.arrival_ns, self._held_ticks)
         if late < self._least_late - _GAIN_NS:
             self._least_late, self._least_late_at = late, packet.arrival_ns
+        if packet.behind:
+            # a busy host takes its time over a backlog
+            self._least_late_at = packet.arrival_ns
         in_time = late < WRAP * self.tick_ns - _SLACK_NS
         if in_time or packet.arrival_ns - self._least_late_at > _CAUGHT_UP_NS:
             return self._resume(caught_up=True)
@@ -265,7 +278,9 @@ class Clock:
     def _in_step(self) -> bool:
         """Whether the packets held came no faster than the unit sends."""
         ticks = sum(packet.step for packet in self._held[1:])
-        return self._held[-1].arrival_ns - self._held[0].arrival_ns > 0.5 * ticks * self.tick_ns > 0.0
+        last = self._held[-1]
+        in_step = last.arrival_ns - self._held[0].arrival_ns > 0.5 * ticks * self.tick_ns > 0.0
+        return in_step and not last.behind
 
     def _resume(self, *, caught_up: bool) -> list[Stamp]:
         """Stamps of the packets held: how late the least late of them is tells how many wraps went by unseen."""

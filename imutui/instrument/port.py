@@ -178,6 +178,13 @@ class Port:
         except _HANGUP as error:
             raise PortError(self._gone(error)) from error
 
+    def is_behind(self) -> bool:
+        """Whether more bytes have arrived than were read; of a line that is gone the next read will tell."""
+        try:
+            return self.waiting() > 0
+        except PortError:
+            return False
+
     def discard_input(self) -> None:
         """Forget bytes that have arrived."""
         try:

@@ -37,6 +37,7 @@ class PacketStamps:
             arrival.host_ns,
             contiguous=arrival.contiguous,
             quiet=arrival.quiet,
+            behind=arrival.behind,
             requested_ns=arrival.requested_ns,
         )
         return self._stamped(stamps)

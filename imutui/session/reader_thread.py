@@ -28,6 +28,8 @@ class PacketArrival:
         When its last byte was read, monotonic.
     contiguous, quiet : bool
         Whether it followed the packet before byte by byte; whether the line was found without a byte in between.
+    behind : bool
+        Whether more had arrived already when it was read.
     bad_checksums, discarded_bytes : int
         Of the line so far.
     requested_ns : int or None
@@ -38,6 +40,7 @@ class PacketArrival:
     host_ns: int
     contiguous: bool
     quiet: bool
+    behind: bool
     bad_checksums: int
     discarded_bytes: int
     requested_ns: int | None = None
@@ -202,7 +205,7 @@ class Reader:
         contiguous = False
         for event in events:
             if isinstance(event, Packet):
-                self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous)
+                self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
             contiguous = isinstance(event, Packet)
         self._count(decoder)
 
@@ -222,7 +225,8 @@ class Reader:
             for event in events:
                 if isinstance(event, Packet):
                     arrived_ns = arrival_before(host_ns, event.ticks, newest)
-                    self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet)
+                    behind = self._port.is_behind()
+                    self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet, behind=behind)
                     contiguous, quiet = True, False
                 elif isinstance(event, Discarded):
                     contiguous = False
@@ -254,6 +258,7 @@ class Reader:
         *,
         contiguous: bool = False,
         quiet: bool = True,
+        behind: bool = False,
         requested_ns: int | None = None,
     ) -> None:
         if self._poll_hz is None and self._last is not None and measurement_mode.is_volts(packet, self._last):
@@ -266,7 +271,7 @@ class Reader:
         bad = self._bad_checksums + counters.bad_checksums
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
-        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, bad, discarded, requested_ns))
+        self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns))
 
     def _answers_in_volts(self, packet: Packet, poller: Poller) -> bool:
         """Whether a unit that is polled forgot its mode: where a packet may say so, it is set and another asked for."""
