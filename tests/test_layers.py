@@ -42,6 +42,7 @@ FLOORS = {
         "imutui.jobs",
         "imutui.report",
     },
+    "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
     "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_wire", "imutui.toml_values"},
     "imutui.scenario_wire": {"filters", "imutui.toml_values"},

@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -49,19 +50,21 @@ def follow(
     add : callable
         Adds to the result document before it is printed.
     """
-    connection = client.start(plan)
+    connection = _started(plan)
     seen = connection.snapshot(since=NO_SERIES)
     say(f"acquisition {plan.name}, pid {connection.pid}, {_where(seen)}")
     unsaid = not_said(seen["serial_number"], seen["firmware"])
     if unsaid is not None:
         say(unsaid)
-    asked: type[BaseException] | None = None
-    with _leave_on_hangup():
+    interrupted, terminated = False, threading.Event()
+    with _leave_on_hangup(connection, terminated):
         try:
             result = _watch(connection)
-        except (KeyboardInterrupt, TerminatedError) as why:
-            asked = type(why)
+        except KeyboardInterrupt:
+            interrupted = True
             result = connection.stop()
+        except TerminatedError:
+            raise SessionError(f'the acquisition "{plan.name}" does not end; `kill -9 {connection.pid}` does') from None
         except HungUpError:
             raise typer.Exit(FINE) from None
         except SessionGoneError as error:
@@ -78,13 +81,38 @@ def follow(
     parts = result.get("parts", [])
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
-    if asked is KeyboardInterrupt:
+    if interrupted:
         say_findings(connection)
         raise typer.Exit(INTERRUPTED)
-    code = verdict(result, connection)
+    raise typer.Exit(_exit_code(plan, result, connection, terminated.is_set()))
+
+
+def _started(plan: Plan) -> Client:
+    """Start an acquisition; whoever wants this program to end meanwhile ends both."""
+
+    def end(*_: object) -> None:
+        raise TerminatedError
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        return client.start(plan)
+    except TerminatedError:
+        raise typer.Exit(FINE) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:
+    """Exit code of an acquisition that has ended well; says on stderr what is to be said of it."""
+    if plan.unattended:
+        # whoever starts it again after an error must not do so because a bias has not converged
+        say_findings(connection)
+        code = FINE
+    else:
+        code = verdict(result, connection)
     # an end that was asked for is `imutui stop` in another guise; whoever follows to the end learns how that was
-    worst = 0 if asked else max((finding["exit_code"] for finding in connection.findings), default=FINE)
-    raise typer.Exit(max(code, worst))
+    asked = terminated or (plan.unattended and plan.duration_s is None)
+    return code if asked else max([code, *(finding["exit_code"] for finding in connection.findings)])
 
 
 def verdict(result: "ResultDocument | None", connection: Client) -> int:
@@ -115,6 +143,11 @@ def _watch(connection: Client) -> "ResultDocument | None":
             live.update(Text(in_line(_line(connection.snapshot(since=NO_SERIES)))))
 
 
+def _stop(connection: Client) -> None:
+    with contextlib.suppress(SessionError, TimeoutError):
+        connection.stop()
+
+
 def _line(s: Snapshot) -> str:
     rec, fit = s["recording"], s["filter"]
     parts = [f"{s['measured_hz']:.2f} Hz" if s["measured_hz"] else "– Hz"]
@@ -140,12 +173,18 @@ def _where(s: Snapshot) -> str:
 
 
 @contextlib.contextmanager
-def _leave_on_hangup() -> Iterator[None]:
+def _leave_on_hangup(connection: Client, terminated: threading.Event) -> Iterator[None]:
+    """Leave the acquisition to itself on SIGHUP; end it on SIGTERM, which it may have got as well."""
+
     def leave(*_: object) -> None:
         raise HungUpError
 
     def end(*_: object) -> None:
-        raise TerminatedError
+        if terminated.is_set():
+            raise TerminatedError
+        terminated.set()
+        # on a connection of its own: the one that waits for the end hears how it was, whoever asked first
+        threading.Thread(target=_stop, args=(connection,), daemon=True).start()
 
     before = signal.signal(signal.SIGHUP, leave), signal.signal(signal.SIGTERM, end)
     try:

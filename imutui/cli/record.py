@@ -56,6 +56,14 @@ def command(
     rotate_minutes: RotateMinutes = None,
     rotate_mb: RotateMb = None,
     name: Name = None,
+    unattended: Annotated[
+        bool,
+        typer.Option(
+            "--unattended",
+            help="For a service: exit code 0 whenever the recording is complete, whatever the filter found; each file"
+            " names the one before it.",
+        ),
+    ] = False,
     output: Output = None,
     accel_sign: AccelSign = None,
     mount: Mount = None,
@@ -70,7 +78,7 @@ def command(
     The acquisition is a process of its own: it lives on if this terminal closes, and `imutui attach` finds it again.
     Ctrl+C finishes the file. A unit that falls silent is waited for; one that is silent at the end is told, with exit
     code 4. A recording in several files loses no packet between them; the filter begins anew with
-    each, so that each replays by itself.
+    each, so that each replays by itself. `imutui service` has it run without anybody.
 
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
@@ -106,6 +114,7 @@ def command(
         duration_s=duration,
         note=note,
         name=name or "default",
+        unattended=unattended,
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
         reference_file=("", "") if file is None else (Path(str(reference)).name, file.content.decode("utf-8-sig")),

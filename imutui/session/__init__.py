@@ -7,10 +7,11 @@ port.
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
 `lifecycle` where it stands.
 From packets to a file: `sample_pipeline` a run of samples · `averaging` packets to samples · `live_filter` the filter ·
-`recording` the file's life, `rotation` when it is full · `disk_space` · `timebase` UTC that no clock step moves ·
+`recording` the file's life, `rotation` when it is full, `previous_log` what was before it ·
+`disk_space` · `timebase` UTC that no clock step moves ·
 `silence` of the unit.
 For viewers: `snapshot` what they see and `requests` what they ask, records only · `observe` fills the snapshot, with
 `observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
-the socket · `client` how they start an acquisition and talk to it · `exit_codes`.
+the socket · `client` how they start an acquisition and talk to it, `overview` to all of them · `exit_codes`.
 `python -m imutui.session` is the process itself.
 """

@@ -1,0 +1,210 @@
+"""`imutui service`: the unit, its settings, the udev rule, and what verifies them. No service manager runs here."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.commands import imutui
+
+from imutui.service import rule_syntax, udev_rule, usb_adapter, user_unit
+from imutui.service.usb_adapter import NoAdapterError, UsbAdapter
+
+FTDI = UsbAdapter("0403", "6001", "A50285BI", "00", "1-1.2")
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of programs that comes first."""
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    return folder
+
+
+def script(path: Path, text: str) -> None:
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+
+
+def plugged_in(sys: Path, serial: str = "") -> None:
+    """What the kernel says of an adapter at socket 1-1.2, as ttyUSB0."""
+    usb = sys / "devices/usb1/1-1.2"
+    port = usb / "1-1.2:1.0/ttyUSB0"
+    port.mkdir(parents=True)
+    (sys / "class/tty/ttyUSB0").mkdir(parents=True)
+    (sys / "class/tty/ttyUSB0/device").symlink_to(port)
+    (port.parent / "bInterfaceNumber").write_text("00\n")
+    texts = {"idVendor": "0403\n", "idProduct": "6001\n"} | ({"serial": f"{serial}\n"} if serial else {})
+    for name, text in texts.items():
+        (usb / name).write_text(text)
+
+
+# -- the unit ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not here: package systemd")
+def test_systemd_understands_the_unit(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a user's, with their runtime folder, and with none; a word that it does not know is found."""
+    assert user_unit.verified(user_unit.text()) == ""
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    done = imutui("service", "--check")
+    assert "systemd-analyze verify --user" in done.stdout
+    assert done.stdout.count(": fine, ") == 2
+    wrong = user_unit.text().replace("KillMode=control-group", "KillMode=gently").replace("Type=exec", "Tipe=exec")
+    said = user_unit.verified(wrong) or ""
+    assert "gently" in said
+    assert "Tipe" in said
+
+
+def test_without_systemd_analyze_nothing_is_called_verified(
+    home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is said, and the exit code says it too."""
+    monkeypatch.setattr("imutui.service.programs.shutil.which", lambda *_, **__: None)
+    done = imutui("service", "--check", "--json", check=1)
+    document = json.loads(done.stdout)
+    assert document["unit"]["verified_by"] == []
+    assert "no systemd-analyze" in document["unit"]["problems"][0]
+    assert document["rule"] == document["rule"] | {"verified_by": ["imutui"], "problems": [], "installed": False}
+
+
+def test_the_unit_runs_this_installation_unattended() -> None:
+    """Its program is there; blanks and signs that mean something to systemd are no trouble."""
+    (line,) = re.findall(r"^ExecStart=(.*)$", user_unit.text(), re.MULTILINE)
+    words = line.split()
+    assert Path(words[0]).is_file()
+    assert words[words.index("record") :] == ["record", "--unattended", "--name", "%i", "--port", "${PORT}", "$OPTIONS"]
+    assert user_unit._quoted("/a b/100%$x") == '"/a b/100%%$$x"'
+    assert "@" not in user_unit.text().replace("imutui@", "")
+
+
+def test_what_is_installed_lies_where_systemd_looks_and_is_not_replaced(home: Path) -> None:
+    """The unit for all, settings for each; once more changes nothing; what was edited stays unless forced."""
+    done = imutui("service", "--install", "--name", "table", "--port", "/dev/ttyUSB7")
+    unit, settings = home / "config/systemd/user/imutui@.service", home / "config/imutui/table.env"
+    assert unit.read_text() == user_unit.text()
+    assert "PORT=/dev/ttyUSB7\n" in settings.read_text()
+    assert f"IMUTUI_PATHS_LOGS={home}/logs\n" in settings.read_text()
+    assert f"wrote {settings}" in done.stderr
+    assert "systemctl --user enable --now imutui@table" in done.stdout
+    assert "loginctl enable-linger" in done.stdout
+    assert "unit and settings: done" in done.stdout
+    again = imutui("service", "--install", "--name", "table", "--port", "/dev/ttyUSB7")
+    assert f"is there already: {unit}" in again.stderr
+    settings.write_text("PORT=/dev/other\n")
+    assert "--force" in imutui("service", "--install", "--name", "table", "--port", "/dev/ttyUSB7", check=2).stderr
+    assert settings.read_text() == "PORT=/dev/other\n"
+    imutui("service", "--install", "--name", "table", "--port", "/dev/ttyUSB7", "--force")
+    assert "PORT=/dev/ttyUSB7\n" in settings.read_text()
+    imutui("service", "--install", "--name", "second", "--port", "socket://host:1")
+    assert "PORT=socket://host:1\n" in (home / "config/imutui/second.env").read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--name a/b", "--name"),
+        ("--name -", "--name"),
+        ("--unit --udev", "one at a time"),
+        ("--install", "--port"),
+        ("--udev --port /dev/none", "no serial port"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(home: Path, line: str, words: str) -> None:
+    """Nothing is written."""
+    assert words in imutui("service", *line.split(), check=2).stderr
+    assert not (home / "config/systemd").exists()
+
+
+def test_both_can_be_written_to_a_file(home: Path) -> None:
+    """-o replaces nothing without --force."""
+    for option, text in (("--unit", user_unit.text()), ("--udev", udev_rule.text())):
+        assert imutui("service", option).stdout == text
+        imutui("service", option, "-o", "file")
+        assert Path("file").read_text() == text
+        assert "--force" in imutui("service", option, "-o", "file", check=2).stderr
+        Path("file").unlink()
+
+
+# -- the rule ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("adapter", [None, FTDI, UsbAdapter("1a86", "7523", "", "01", "3-4")])
+def test_the_rule_is_one_that_udev_understands(adapter: UsbAdapter | None) -> None:
+    """For all usual adapters, and for one; group, latency and what keeps others away are in each."""
+    rule = udev_rule.text(adapter, "table")
+    assert udev_rule.problems(rule) == []
+    assert "@" not in rule
+    for part in ('ENV{ID_MM_DEVICE_IGNORE}="1"', 'ATTR{device/latency_timer}="1"', 'MODE="0660"', "BRLTTY"):
+        assert part in rule
+    assert f'GROUP="{udev_rule.group()}"' in rule
+    assert ('SYMLINK+="imutui-table"' in rule) == (adapter is not None)
+
+
+def test_a_rule_for_one_adapter_knows_it_by_its_number_or_its_socket() -> None:
+    """The usual cheap ones have no serial number: then it is the socket, and which port of the adapter always."""
+    assert 'ATTRS{idProduct}=="6001", ATTRS{serial}=="A50285BI"' in udev_rule.text(FTDI, "a")
+    numberless = udev_rule.text(UsbAdapter("1a86", "7523", "", "01", "3-4"), "a")
+    assert 'ATTR{idProduct}=="7523", KERNEL=="3-4"' in numberless
+    assert (
+        'ENV{ID_USB_INTERFACE_NUM}=="01", ATTRS{idVendor}=="1a86", ATTRS{idProduct}=="7523", KERNELS=="3-4"'
+        in numberless
+    )
+    with pytest.raises(ValueError, match="cannot stand in a udev rule"):
+        udev_rule.text(UsbAdapter("0403", "6001", 'x", RUN+="rm', "00", "1-1"), "a")
+
+
+def test_the_adapter_of_a_port_is_what_the_kernel_says(tmp_path: Path) -> None:
+    """Of the device or a link to it; a port on no USB adapter needs no rule, and that is said."""
+    plugged_in(tmp_path, "A50285BI")
+    assert usb_adapter.of_port("/dev/ttyUSB0", tmp_path) == FTDI
+    (tmp_path / "imutui-table").symlink_to("/dev/ttyUSB0")
+    assert usb_adapter.of_port(str(tmp_path / "imutui-table"), tmp_path) == FTDI
+    (tmp_path / "class/tty/ttyS0/device").mkdir(parents=True)
+    with pytest.raises(NoAdapterError, match="needs no rule"):
+        usb_adapter.of_port("/dev/ttyS0", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ('KERNEL="ttyUSB0", MODE="0660"', "KERNEL takes no ="),
+        ('KERNEL=="ttyUSB0", GRUOP="dialout"', "there is no key GRUOP"),
+        ('KERNEL=="ttyUSB0" MODE="0660"', "a comma is expected"),
+        ('KERNEL=="ttyUSB0, MODE="0660"', "a comma is expected"),
+        ('KERNEL==ttyUSB0, MODE="0660"', "not KEY"),
+        ('ATTR=="1", MODE="0660"', "lacks its attribute"),
+        ('MODE{x}="0660"', "has no attribute"),
+        ('MODE="rw-"', "no mode"),
+        ('GOTO="away"', "leads nowhere"),
+        ('LABEL="back"\nGOTO="back"', "leads nowhere"),
+        ('LABEL="here"', "is unused"),
+        ('KERNEL=="a", \\\n  MODE=="0660"', "line 1: MODE takes no =="),
+    ],
+)
+def test_what_udev_would_not_understand_is_found(rule: str, words: str) -> None:
+    """By line, in words."""
+    (found, *_) = udev_rule.problems(rule)
+    assert words in found
+
+
+def test_comments_and_rules_over_several_lines_are_read() -> None:
+    """As udev reads them; the line that is told is the rule's first."""
+    assert rule_syntax.problems('# MODE==\n\nKERNEL=="a", \\\n  MODE="0660"\n') == []
+    assert [at for at, _ in rule_syntax.problems('\n#\nKERNEL=="a", \\\n  MODE="x"\n')] == [3]
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ("exit 0", ""),
+        ("echo file:3 wrong; exit 1", "file:3 wrong"),
+        ("echo Unknown command verb verify. >&2; exit 1", None),
+    ],
+)
+def test_udev_itself_is_asked_where_it_can_verify(program: Path, answer: str, said: str | None) -> None:
+    """Before systemd 254 it cannot, and what it says then is no finding."""
+    script(program / "udevadm", answer)
+    assert udev_rule.verified_by_udevadm(udev_rule.text()) == said
