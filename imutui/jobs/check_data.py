@@ -102,10 +102,11 @@ def _gaps(log: CheckContext) -> Iterator[Finding]:
 def _polled_rate(log: CheckContext, rate_hz: float) -> Iterator[Finding]:
     """Whether so many packets a second were asked for as should be, while the unit answered."""
     steps = np.diff(log.t)
-    short = steps[steps <= polled_rate.longest_step_s(rate_hz)]
-    silences = steps.size - short.size
-    # a silence costs one request at the least, and what is lost between its ends is no request too few
-    requests = short.size + max(0, _integer(log.audit.diagnostics.get("lost_packets")) - silences)
+    short = steps[steps <= polled_rate.usual_step_s(rate_hz)]
+    if short.size < (1.0 - polled_rate.RARE) * steps.size:
+        short = steps[steps <= polled_rate.longest_step_s(rate_hz)]
+    # what was lost is no request too few, but for that in the long steps, one at the least in each
+    requests = short.size + max(0, _integer(log.audit.diagnostics.get("lost_packets")) - (steps.size - short.size))
     slow = polled_rate.finding(rate_hz, requests / float(short.sum())) if short.size >= polled_rate.FEWEST else None
     if slow is not None:
         what, _, cure = slow.partition(". ")

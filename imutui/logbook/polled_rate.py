@@ -1,6 +1,10 @@
 """Whether polling keeps the rate that was asked for, and what to say if it does not; for recordings and for logs."""
 
+from dataclasses import dataclass
+
 _SHARE = 0.95
+RARE = 0.1
+"""Share of answers that may be late before that is how the unit is."""
 FEWEST = 5
 """Requests from which a rate can be told."""
 
@@ -8,7 +12,8 @@ FEWEST = 5
 class PolledRate:
     """Requests a second, of a unit that answers.
 
-    Time in which the unit was silent or away is left out: that is another matter, and said as such.
+    Time in which the unit was silent or away is left out, and so are the few answers that came late: those are other
+    matters, and said as such.
 
     Parameters
     ----------
@@ -20,16 +25,16 @@ class PolledRate:
         self._rate_hz = rate_hz
         self._last_ns: int | None = None
         self._unanswered = 0
-        self._requests = 0
-        self._span_ns = 0
+        self._usual, self._long = _Steps(), _Steps()
 
     def answered(self, requested_ns: int) -> None:
         """Take note of a request that was answered; of all of them, in order."""
         if self._last_ns is not None:
-            step_ns = requested_ns - self._last_ns
-            if not (self._unanswered and step_ns * 1e-9 > longest_step_s(self._rate_hz)):
-                self._requests += 1 + self._unanswered
-                self._span_ns += step_ns
+            step_s = (requested_ns - self._last_ns) * 1e-9
+            if step_s <= usual_step_s(self._rate_hz):
+                self._usual.add(step_s, 1 + self._unanswered)
+            elif not self._unanswered or step_s <= longest_step_s(self._rate_hz):
+                self._long.add(step_s, 1 + self._unanswered)
         self._last_ns, self._unanswered = requested_ns, 0
 
     def unanswered(self) -> None:
@@ -42,9 +47,30 @@ class PolledRate:
 
     def finding(self) -> str | None:
         """What to say if the rate is not kept; None if it is, or while that cannot be told."""
-        if self._requests < FEWEST:
-            return None
-        return finding(self._rate_hz, self._requests * 1e9 / self._span_ns)
+        usual, long = self._usual, self._long
+        rare = long.count <= RARE * (usual.count + long.count)
+        requests = usual.requests + (0 if rare else long.requests)
+        seconds = usual.seconds + (0.0 if rare else long.seconds)
+        return finding(self._rate_hz, requests / seconds) if requests >= FEWEST else None
+
+
+@dataclass(slots=True)
+class _Steps:
+    """Steps from one answered request to the next, and requests in them."""
+
+    count: int = 0
+    requests: int = 0
+    seconds: float = 0.0
+
+    def add(self, seconds: float, requests: int) -> None:
+        self.count += 1
+        self.requests += requests
+        self.seconds += seconds
+
+
+def usual_step_s(rate_hz: float) -> float:
+    """Time between two requests above which the answer to the first was late, s."""
+    return 3.5 / rate_hz
 
 
 def longest_step_s(rate_hz: float) -> float:

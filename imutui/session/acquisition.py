@@ -250,7 +250,7 @@ class Acquisition:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
         slow = self._polled_rate.finding()
         if slow is not None:
-            self._find(exit_codes.FINDINGS, slow)
+            self._find(exit_codes.FINDINGS, slow, is_said=self._rate_said)
         gone = self._absence.at_the_end(time.monotonic_ns())
         if gone is not None:
             self._find(exit_codes.INSTRUMENT, gone)
@@ -264,10 +264,11 @@ class Acquisition:
             advice = line_advice.of_silence(self._info.port, self._info.firmware)
             self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s, advice))
 
-    def _find(self, exit_code: int, text: str) -> None:
+    def _find(self, exit_code: int, text: str, *, is_said: bool = False) -> None:
         if len(self._lifecycle.findings) < _MOST_FINDINGS:  # a folder that is emptied each second is known by then
             self._lifecycle.findings.append({"exit_code": exit_code, "text": text})
-        self.event("acquisition", text, WARNING)
+        if not is_said:
+            self.event("acquisition", text, WARNING)
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""

@@ -14,7 +14,7 @@ from imutui.instrument.crossbow import Decoder, Discarded, Event, GetPacket, Mod
 from imutui.instrument.messages import REPLY_LETTERS, ModeSet
 from imutui.instrument.port import Port
 
-_LEAST_PATIENCE_S = 0.15
+_LEAST_PATIENCE_S = 0.1
 _MOST_PATIENCE_S = 2.0
 _NOTHING_CAME_S = 0.5
 _REST_S = 0.3

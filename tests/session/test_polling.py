@@ -260,3 +260,14 @@ def test_every_second_request_left_out_is_a_rate_that_is_not_kept() -> None:
     assert rate.finding() is None
     rate.answered(5 * 20_000_000)
     assert "100 Hz were asked for, 50 Hz came" in str(rate.finding())
+
+
+def test_one_stall_is_no_rate_that_is_not_kept_and_many_are() -> None:
+    """A late answer is a gap; a unit whose answers take half a second is not polled at 20 Hz."""
+    rate = PolledRate(20.0)
+    for k in range(40):
+        rate.answered(k * 50_000_000 + (k >= 20) * 700_000_000)
+    assert rate.finding() is None
+    for k in range(40):
+        rate.answered(k * 500_000_000 + 2_800_000_000)
+    assert "20 Hz were asked for" in str(rate.finding())
