@@ -111,7 +111,7 @@ def _exit_code(plan: Plan, result: "ResultDocument", connection: Client, termina
     else:
         code = verdict(result, connection)
     # an end that was asked for is `imutui stop` in another guise; whoever follows to the end learns how that was
-    asked = terminated or (plan.unattended and plan.duration_s is None)
+    asked = terminated or (plan.unattended and not connection.ended_by_itself)
     return code if asked else max([code, *(finding["exit_code"] for finding in connection.findings)])
 
 

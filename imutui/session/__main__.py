@@ -137,6 +137,7 @@ def _ending(engine: Engine) -> Reply:
         "error": stands.error,
         "exit_code": stands.exit_code,
         "findings": stands.findings,
+        "by_itself": engine.ended_by_itself,
     }
 
 

@@ -60,11 +60,14 @@ class Client:
     ----------
     findings : list of EndFinding
         What must be said of the acquisition, once `stop` or `wait` has returned its result.
+    ended_by_itself : bool
+        Whether, by then, nobody had asked for its end.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.findings: list[EndFinding] = []
+        self.ended_by_itself = False
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
         self.pid = int(self.snapshot(since=NO_SERIES)["pid"])
@@ -177,6 +180,7 @@ class Client:
         if reply["error"] is not None:
             raise SessionError(reply["error"], reply["exit_code"])
         self.findings = reply["findings"]
+        self.ended_by_itself = reply["by_itself"]
         return reply["result"]
 
     def _await_exit(self) -> None:

@@ -89,6 +89,11 @@ class Engine:
         return self._acquisition.result
 
     @property
+    def ended_by_itself(self) -> bool:
+        """Whether nobody asked for the end: its duration was over, or its disk nearly full."""
+        return self._duration_over
+
+    @property
     def exit_code(self) -> int:
         """Of the process; to be asked for after the end.
 

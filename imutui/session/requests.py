@@ -84,6 +84,8 @@ class Reply(TypedDict, total=False):
     """stop, wait: of the acquisition's process."""
     findings: list[EndFinding]
     """stop, wait: what must be said of one that did not fail."""
+    by_itself: bool
+    """stop, wait: whether nobody asked for the end."""
     runs: bool
     """wait: true if it runs still; the other fields of an end are not there then."""
 

@@ -79,22 +79,24 @@ def test_sigterm_while_it_connects_ends_both(home: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "terminated", "code"),
+    ("unattended", "terminated", "by_itself", "code"),
     [
-        ({}, False, 4),
-        ({}, True, 1),
-        ({"unattended": True}, False, 0),
-        ({"unattended": True}, True, 0),
-        ({"unattended": True, "duration_s": 1.0}, False, 4),
+        (False, False, False, 4),
+        (False, True, False, 1),
+        (True, False, False, 0),
+        (True, True, False, 0),
+        (True, False, True, 4),
     ],
 )
 def test_a_service_is_not_started_again_for_what_a_filter_found(
-    fields: dict[str, Any], terminated: bool, code: int
+    unattended: bool, terminated: bool, by_itself: bool, code: int
 ) -> None:
-    """Whoever stops it gets 0; the end of its duration tells of a silent unit; by hand the verdict counts."""
+    """Whoever stops it gets 0; one that ended by itself tells why it did; by hand the verdict counts."""
     result: Any = {"log": "a.mcap", "converged": False}
-    connection: Any = SimpleNamespace(findings=[{"text": "the unit was silent at the end", "exit_code": 4}])
-    assert follow_acquisition._exit_code(Plan("p", **fields), result, connection, terminated) == code
+    finding = {"text": "the unit was silent at the end", "exit_code": 4}
+    connection: Any = SimpleNamespace(findings=[finding], ended_by_itself=by_itself)
+    asked = Plan("p", unattended=unattended)
+    assert follow_acquisition._exit_code(asked, result, connection, terminated) == code
 
 
 def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:
