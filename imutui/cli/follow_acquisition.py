@@ -20,7 +20,7 @@ from imutui.session.client import Client, SessionError, SessionGoneError
 from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, Snapshot
-from imutui.tui.messages import silence
+from imutui.tui.messages import lost, silence
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -154,7 +154,7 @@ def _line(s: Snapshot) -> str:
     if rec is not None:
         part = f"part {rec['part']}, " if rec["part"] > 1 else ""
         parts.append(f"{part}{rec['seconds']:.0f} s, {rec['bytes'] / 1024:.0f} KiB")
-    parts.append(f"lost {s['lost_packets']}, bad checksums {s['bad_checksums']}")
+    parts.append(f"lost {lost(s)}, bad checksums {s['bad_checksums']}")
     away = s["reconnecting"]
     if away is not None:
         parts.append(f"RECONNECTING for {away['seconds']:.0f} s, waits for {away['waits_for']}")

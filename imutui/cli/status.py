@@ -55,6 +55,7 @@ def _text(answer: "Answer") -> str:
 
 def _line(s: "Snapshot") -> str:
     from imutui.session.identity import unit_in_words
+    from imutui.tui.messages import lost
 
     unit = unit_in_words(s["instrument"], s["serial_number"])
     rec = s["recording"]
@@ -62,7 +63,7 @@ def _line(s: "Snapshot") -> str:
     measured = f"{s['measured_hz']:.2f}" if s["measured_hz"] else "–"
     return (
         f"{s['name']} (pid {s['pid']}): {unit} on {s['port']}, {s['state']},"
-        f" {s['kind']}, asked {s['rate_hz']:g} Hz measured {measured}, lost {s['lost_packets']},"
+        f" {s['kind']}, asked {s['rate_hz']:g} Hz measured {measured}, lost {lost(s)},"
         f" bad checksums {s['bad_checksums']}, {file}"
     )
 

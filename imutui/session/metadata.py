@@ -29,7 +29,8 @@ from imutui.session.requests import FilterChanges
 STAMPS = (
     "log_time: UTC at start plus monotonic clock, when the last byte was read. publish_time, header.stamp: sampling"
     " instant, from the time counter fitted to arrival less the packet's time on the line (stream), or arrival less"
-    " that time (polled); of averaged samples the mean of their packets' instants."
+    " that time (polled); never later than the arrival; how far off they may be is in /diagnostics."
+    " Of averaged samples: the mean of their packets' instants."
 )
 
 

@@ -111,6 +111,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "packet_hz": view.recent.rate_hz(),
         "packets": counters.packets,
         "lost_packets": counters.lost_packets,
+        "lost_packets_max": counters.lost_packets_max,
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
         "advice": {"losses": view.loss_advice, "silence": line_advice.of_silence(info.port, info.firmware)},

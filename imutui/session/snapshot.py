@@ -204,6 +204,7 @@ class Snapshot(TypedDict):
     packet_hz: float | None
     packets: int
     lost_packets: int
+    lost_packets_max: int
     bad_checksums: int
     discarded_bytes: int
     advice: LineAdvice

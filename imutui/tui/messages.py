@@ -53,6 +53,12 @@ def silence_limit_s(rate_hz: float | None) -> float:
     return max(1.0, 3.0 / rate_hz) if rate_hz else 1.0
 
 
+def lost(now: Snapshot) -> str:
+    """How many packets were lost: a number, or its bounds where nobody can tell."""
+    certain, most = now["lost_packets"], now["lost_packets_max"]
+    return f"{certain}" if certain == most else f"{certain} to {most}"
+
+
 def silence(snapshot: Snapshot) -> str | None:
     """Warning about a line that fell silent or is gone, or None."""
     away = snapshot.get("reconnecting")

@@ -122,7 +122,7 @@ def test_rotation_in_words() -> None:
 def test_losses_and_silence_have_levels() -> None:
     """What went wrong is told apart from what is fine, with the next step."""
     assert text.losses(SNAPSHOT)[0] == "none"
-    assert text.losses({**SNAPSHOT, "lost_packets": 2})[0] == "wait"
+    assert text.losses({**SNAPSHOT, "lost_packets": 2, "lost_packets_max": 2})[0] == "wait"
     assert "check the cable" in text.losses({**SNAPSHOT, "bad_checksums": 1})[1]
     assert text.line({**SNAPSHOT, "silent_s": 9.0})[0] == "bad"
 

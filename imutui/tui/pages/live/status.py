@@ -36,11 +36,11 @@ class LinkLine(TextLines):
         now = view.now
         if now is None:
             return [Content("")]
-        lost, bad = now["lost_packets"], now["bad_checksums"]
+        lost, bad = now["lost_packets_max"], now["bad_checksums"]
         return [
             self.line(
                 f" {_rates(now)}  ",
-                (f"lost {lost}", "bold $text-warning" if lost else ""),
+                (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
                 "  ",
                 (f"bad sums {bad}", "bold $text-warning" if bad else ""),
             )

@@ -112,8 +112,8 @@ def line(now: Snapshot) -> tuple[str, str]:
 
 def losses(now: Snapshot) -> tuple[str, str]:
     """Level and words of what did not arrive."""
-    lost, bad, skipped = now["lost_packets"], now["bad_checksums"], now["discarded_bytes"]
-    said = f"lost {lost}, checksum errors {bad}, resynchronised {skipped} B"
+    lost, bad, skipped = now["lost_packets_max"], now["bad_checksums"], now["discarded_bytes"]
+    said = f"lost {messages.lost(now)}, checksum errors {bad}, resynchronised {skipped} B"
     return ("wait", f"{said}: {now['advice']['losses']}") if lost or bad else ("none", said)
 
 
