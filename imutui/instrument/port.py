@@ -24,6 +24,10 @@ class PortError(Exception):
     """The port cannot be used; the message says which, why, and what to do next."""
 
 
+class PortAbsentError(PortError):
+    """There is no such port, at present."""
+
+
 @dataclass(frozen=True, slots=True)
 class PortInfo:
     """A serial port that this machine has.
@@ -83,12 +87,12 @@ class Port:
         Raises
         ------
         PortError
-            If it is not there or cannot be opened.
+            If it cannot be opened; PortAbsentError if it is not there.
         """
         self.close()
         device = self.lasting_name
         if "://" not in device and not Path(device).exists():
-            raise PortError(f"{device} is not there")
+            raise PortAbsentError(f"{device} is not there")
         if device.startswith("/dev/pts/"):
             raise PortError(
                 f"{device} is a pseudo-terminal: its number is soon another's, only a link leads to it again"

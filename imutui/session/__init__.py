@@ -3,7 +3,7 @@
 What is asked: `plan` · `metadata` of its logs, their names, and changes of what the filter takes.
 With the instrument: `handshake` the opening dialogue, `replies` one answer, `identity` what the unit says of itself ·
 `reader_thread` reads the port, `polling` asks for packets · `zeroing` the rate sensors · `port_probe` what answers at a
-port.
+port · `reconnection` finds the same unit again, `absence` says how long it was away · `measurement_mode` tells volts.
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
 `lifecycle` where it stands.
 From packets to a file: `sample_pipeline` a run of samples · `averaging` packets to samples · `live_filter` the filter ·

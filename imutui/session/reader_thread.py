@@ -8,7 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from imutui.instrument.clock import arrival_before
 from imutui.instrument.crossbow import Decoder, Discarded, Mode, Packet, StartStream, encode
@@ -181,7 +181,12 @@ class Reader:
     def _find_again(self, *, streams: bool) -> None:
         """Wait until the unit is found again, or this is stopped."""
         if self._known is not None and not self.stopping.is_set():
-            self._found = reconnection.find_again(self._port, self._known, self.stopping, self._emit, streams=streams)
+            found = reconnection.find_again(self._port, self._known, self.stopping, self._emit, streams=streams)
+            if found is not None:
+                self._found = found.words
+                # one that had not said who it is may have done so now
+                version = found.identity.version or self._known.identity.version
+                self._known = replace(self._known, identity=replace(found.identity, version=version))
         self._has_line = not self.stopping.is_set()
 
     def _ask_silent_unit(self) -> None:

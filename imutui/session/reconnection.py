@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from imutui.instrument.crossbow import PACKET_BYTES, Ping, StopStream, encode
 from imutui.instrument.messages import POWER_UP_BAUD
-from imutui.instrument.port import Port, PortError
+from imutui.instrument.port import Port, PortAbsentError, PortError
 from imutui.session import handshake
 from imutui.session.handshake import InstrumentError
 from imutui.session.identity import Identity
@@ -98,6 +98,14 @@ class LineReturned:
     found: str
 
 
+@dataclass(frozen=True, slots=True)
+class FoundUnit:
+    """The unit that was found: what it says of itself, and how it was found, in words."""
+
+    identity: Identity
+    words: str
+
+
 class DifferentUnitError(InstrumentError):
     """A unit answers, but not the one that is waited for."""
 
@@ -155,7 +163,7 @@ def _hear(port: Port) -> bytes:
 
 def find_again(
     port: Port, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
-) -> str | None:
+) -> FoundUnit | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
     Parameters
@@ -173,8 +181,8 @@ def find_again(
 
     Returns
     -------
-    str or None
-        How it was found, in words; None if the wait was ended.
+    FoundUnit or None
+        None if the wait was ended.
     """
     told: StillAway | None = None
     kept_power, unanswered = False, 0
@@ -185,10 +193,12 @@ def find_again(
                 port.reopen(known.baud)
             kept_power |= streams and bool(port.read(PACKET_BYTES))
             identity = _set_up(port, known, thorough=unanswered % _ALL_SPEEDS_EVERY == _ALL_SPEEDS_EVERY - 1)
-            return _in_words(known, identity, kept_power=kept_power if streams else None)
+            return FoundUnit(identity, _in_words(known, identity, kept_power=kept_power if streams else None))
+        except PortAbsentError:
+            away = StillAway(f"{port.lasting_name} to come back", refused=False)
         except PortError as error:
             port.close()
-            away = StillAway(f"{port.lasting_name} to come back ({error})", refused=False)
+            away = StillAway(f"{port.lasting_name} to work: {_first_sentence(error)}", refused=False)
         except DifferentUnitError as error:
             # closed meanwhile: whoever means that unit may have it
             port.close()
@@ -221,20 +231,28 @@ def _set_up(port: Port, known: KnownUnit, *, thorough: bool) -> Identity:
 
 def refusal(known: Identity, found: Identity) -> str | None:
     """Why a unit is not taken for the one that is known, in words; None if it is the same."""
-    if known.serial_number and not found.serial_number:
-        return "a unit that does not say its serial number"
-    if known.serial_number != found.serial_number and known.serial_number:
-        return f"another unit, serial number {found.serial_number}"
-    if not known.serial_number and found.serial_number:
-        return f"a unit with serial number {found.serial_number}, where it had none before"
-    if not known.serial_number and found.version != known.version:
-        return f'another unit, version "{found.version}"'
+    if known.serial_number:
+        if not found.serial_number:
+            return "a unit that does not say its serial number"
+        return f"another unit, {_number(found)}" if found.serial_number != known.serial_number else None
+    # one that did not say its number at first may do so now; it is told by the port's name and its version
+    if known.version and found.version != known.version:
+        return f'another unit, version "{found.version}"' if found.version else "a unit that does not say its version"
     return None
 
 
+def _number(identity: Identity) -> str:
+    return f"serial number {identity.serial_number}"
+
+
+def _first_sentence(error: PortError) -> str:
+    return str(error).partition(". ")[0].removesuffix(".")
+
+
 def _in_words(known: KnownUnit, identity: Identity, *, kept_power: bool | None) -> str:
-    number = identity.serial_number
-    said = [f"serial number {number}" if number else "taken for the same by its port: it has no serial number"]
+    said = [_number(identity) if identity.serial_number else "it does not say its serial number"]
+    if not known.identity.serial_number:
+        said.append("taken for the same by its port, since it had not said its serial number")
     if identity.version != known.identity.version:
         said.append(f'its version is "{identity.version}" now, "{known.identity.version}" before')
     if kept_power is not None:

@@ -25,6 +25,7 @@ from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
 from imutui.session import client, handshake, reconnection
 from imutui.session.engine import Engine
+from imutui.session.identity import Identity
 from imutui.session.plan import Plan
 
 SERIAL = 9911750
@@ -191,6 +192,29 @@ def test_a_terminal_server_that_hangs_up_is_connected_to_again(home: Path, schem
             run.more_packets()
             texts, _ = run.end()
     assert "sending still" in only(texts, "the unit is back")
+
+
+@pytest.mark.parametrize(
+    ("known", "found", "refused"),
+    [
+        (Identity("7", "A 1"), Identity("7", "A 1"), None),
+        (Identity("7", "A 1"), Identity("7", "A 2"), None),
+        (Identity("7", "A 1"), Identity("8", "A 1"), "serial number 8"),
+        (Identity("7", "A 1"), Identity("", "A 1"), "does not say its serial number"),
+        (Identity("", "A 1"), Identity("", "A 1"), None),
+        (Identity("", "A 1"), Identity("8", "A 1"), None),
+        (Identity("", "A 1"), Identity("8", "A 2"), 'version "A 2"'),
+        (Identity("", "A 1"), Identity("", ""), "does not say its version"),
+        (Identity("", ""), Identity("8", "A 2"), None),
+    ],
+)
+def test_a_unit_is_the_same_by_its_serial_number_or_else_by_its_port_and_version(
+    known: Identity, found: Identity, refused: str | None
+) -> None:
+    """One that never said its number is taken for the same at the same port, unless its version is another."""
+    why = reconnection.refusal(known, found)
+    assert (why is None) == (refused is None)
+    assert refused is None or refused in str(why)
 
 
 def reset(one: VirtualUnit) -> None:
