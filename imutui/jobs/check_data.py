@@ -87,7 +87,7 @@ def _gaps(log: CheckContext) -> Iterator[Finding]:
         longest = int(long[np.argmax(steps[long])])
         what = f"{plural(int(long.size), 'gap')} between samples, the longest {steps[longest]:.3f} s."
         where = f"first at {log.t[long[0]]:.3f} s, longest at {log.t[longest]:.3f} s"
-        yield Finding("gaps", what, where, "The filter predicts through gaps; trace leaves them out.")
+        yield Finding("gaps", what, where, "The filter predicts through 2 s at most; trace leaves gaps out.")
     if info is None or info.sampling == "imported":
         return
     if log.polled:
