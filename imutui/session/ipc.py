@@ -12,6 +12,7 @@ import os
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import platformdirs
 
 from imutui.session.requests import Refusal, Reply, Request
 
+_LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
 _MAX_REQUEST = 1 << 20
 _LINK_SUFFIX = ".elsewhere"
@@ -99,14 +101,21 @@ def lock(name: str) -> int:
     """
     if name in names():
         raise NameTakenError(name)
-    descriptor = os.open(folder() / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        raise NameTakenError(name) from error
-    _link_from_cache()
-    return descriptor
+    path = folder() / f"{name}.lock"
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    deadline = time.monotonic() + _LOOKERS_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            # whoever only looks whether it is taken has it for a moment
+            if is_locked(path) or time.monotonic() > deadline:
+                os.close(descriptor)
+                raise NameTakenError(name) from error
+            time.sleep(0.001)
+        else:
+            _link_from_cache()
+            return descriptor
 
 
 def is_locked(path: Path) -> bool:
@@ -116,7 +125,8 @@ def is_locked(path: Path) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # shared: several may look at once and see nobody but the owner
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
         return True
     finally:

@@ -1,6 +1,8 @@
 """Where acquisitions are looked for: shells of one user on one machine need not have the same environment."""
 
+import fcntl
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -65,4 +67,20 @@ def test_a_cache_that_cannot_be_written_costs_only_the_link(home: Path, monkeypa
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "file"))
     descriptor = ipc.lock("alone")
     assert ipc.names() == ["alone"]
+    os.close(descriptor)
+
+
+def test_who_only_looks_whether_a_name_is_taken_keeps_nobody_from_taking_it(home: Path) -> None:
+    """`status` may look at the very moment at which an acquisition begins, and another `status` at the same time."""
+    del home
+    os.close(ipc.lock("table"))
+    path = ipc.folder() / "table.lock"
+    with path.open("rb") as looker:
+        fcntl.flock(looker, fcntl.LOCK_SH)
+        assert not ipc.is_locked(path)
+        timer = threading.Timer(0.05, fcntl.flock, (looker, fcntl.LOCK_UN))
+        timer.start()
+        descriptor = ipc.lock("table")
+        timer.join()
+    assert ipc.is_locked(path)
     os.close(descriptor)
