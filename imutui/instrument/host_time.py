@@ -78,12 +78,12 @@ class HostTime:
     @property
     def tick_sd_ns(self) -> float:
         """Standard deviation of the tick's length."""
-        return float(self._P[2] ** 0.5)
+        return float(max(self._P[2], 0.0) ** 0.5)
 
     @property
     def uncertainty_ns(self) -> float:
         """How far the newest instant may be from the truth: three standard deviations, and how late arrivals are."""
-        return 3.0 * float(self._P[0] ** 0.5) + self._spread + _FLOOR_NS
+        return 3.0 * float(max(self._P[0], 0.0) ** 0.5) + self._spread + _FLOOR_NS
 
     def anchor(self, arrivals: list[float], ticks: list[int]) -> None:
         """Begin with the least late of some arrivals; the length of the tick stays as known.
@@ -156,7 +156,7 @@ class HostTime:
     def _variance(self, ticks_since: int) -> float:
         """Of the instant so many ticks ago, ns²."""
         p, c, q = self._P
-        return p - 2.0 * ticks_since * c + ticks_since * ticks_since * q
+        return max(0.0, p - 2.0 * ticks_since * c + ticks_since * ticks_since * q)
 
     def _update(self, innovation: float, ticks_since: int, sd: float) -> None:
         p, c, q = self._P
