@@ -98,6 +98,7 @@ class Acquisition:
         self._begins_recording = plan.record
         self._line_errors = (0, 0)
         self._last_stamp_ns = self._started_ns
+        self._packet_ns: int | None = None
         self._absence = Absence(self._timebase, line_rate_hz(plan.sampling, plan.rate_hz))
         self._ask_again_s = reconnection.ask_again_after_s(plan.rate_hz if plan.sampling == "polled" else None)
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
@@ -123,7 +124,9 @@ class Acquisition:
         for one in packets:
             # what was read while the worker was held up may be of after the end
             if not self._has_all_data():
+                self._packet_ns = one.arrival.host_ns
                 self._use_one(one.arrival, one.stamp)
+        self._packet_ns = None
 
     def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
         packet = arrival.packet
@@ -453,7 +456,9 @@ class Acquisition:
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        now, text = time.monotonic_ns(), one_line(text, NOTE_LIMIT)
+        # what a packet tells is of its arrival: later ones may have come meanwhile, and log time does not go back
+        now = time.monotonic_ns() if self._packet_ns is None else self._packet_ns
+        text = one_line(text, NOTE_LIMIT)
         self._events.add(name, text, now)
         self._pipeline.event(name, text, now, level)
 
