@@ -35,7 +35,7 @@ from imutui.session.requests import FilterChanges
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.silence import SilenceMonitor
 from imutui.session.snapshot import ProfileDescription, Snapshot
-from imutui.session.timebase import ClockStepMonitor, Timebase
+from imutui.session.timebase import ClockStepMonitor, EventClock, Timebase
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -98,7 +98,7 @@ class Acquisition:
         self._begins_recording = plan.record
         self._line_errors = (0, 0)
         self._last_stamp_ns = self._started_ns
-        self._packet_ns: int | None = None
+        self._event_clock = EventClock()
         self._absence = Absence(self._timebase, line_rate_hz(plan.sampling, plan.rate_hz))
         self._ask_again_s = reconnection.ask_again_after_s(plan.rate_hz if plan.sampling == "polled" else None)
         self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
@@ -124,9 +124,8 @@ class Acquisition:
         for one in packets:
             # what was read while the worker was held up may be of after the end
             if not self._has_all_data():
-                self._packet_ns = one.arrival.host_ns
-                self._use_one(one.arrival, one.stamp)
-        self._packet_ns = None
+                with self._event_clock.at(one.arrival.host_ns):
+                    self._use_one(one.arrival, one.stamp)
 
     def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
         packet = arrival.packet
@@ -207,28 +206,31 @@ class Acquisition:
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
         now = time.monotonic_ns()
-        self._pipeline.flush(now)
-        if self._recording is not None:
-            self._look_after_file(self._recording, now)
-        if self._guide is not None:
-            self._guide.advance(now)
-        silent_s = (now - self._reader.last_packet_ns) / 1e9
-        expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
-        away = self._absence.since_ns is not None
-        if silent_s > self._ask_again_s and not expected and not away:
-            self._reader.ask_again()
-        silent = None if away else self._silence.check(silent_s, expected=expected)
-        if silent is not None:
-            advice = line_advice.of_silence(self._info.port, self._info.firmware)
-            text = f"no packets for {silent_s:.1f} s: {advice}" if silent else "packets again"
-            self.event("acquisition", text, WARNING if silent else INFORMATION)
-        slow = self._polled_rate.finding()
-        if slow is not None and not self._rate_said:
-            self._rate_said = True
-            self.event("acquisition", slow, WARNING)
-        step = self._clock_steps.check()
-        if step is not None:
-            self.event("acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING)
+        with self._event_clock.at(now):
+            self._pipeline.flush(now)
+            if self._recording is not None:
+                self._look_after_file(self._recording, now)
+            if self._guide is not None:
+                self._guide.advance(now)
+            silent_s = (now - self._reader.last_packet_ns) / 1e9
+            expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
+            away = self._absence.since_ns is not None
+            if silent_s > self._ask_again_s and not expected and not away:
+                self._reader.ask_again()
+            silent = None if away else self._silence.check(silent_s, expected=expected)
+            if silent is not None:
+                advice = line_advice.of_silence(self._info.port, self._info.firmware)
+                text = f"no packets for {silent_s:.1f} s: {advice}" if silent else "packets again"
+                self.event("acquisition", text, WARNING if silent else INFORMATION)
+            slow = self._polled_rate.finding()
+            if slow is not None and not self._rate_said:
+                self._rate_said = True
+                self.event("acquisition", slow, WARNING)
+            step = self._clock_steps.check()
+            if step is not None:
+                self.event(
+                    "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
+                )
 
     def is_over(self, now_ns: int) -> bool:
         """Whether the plan's duration is over: seconds by the clock from the first packet on, whatever came since.
@@ -456,9 +458,7 @@ class Acquisition:
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        # what a packet tells is of its arrival: later ones may have come meanwhile, and log time does not go back
-        now = time.monotonic_ns() if self._packet_ns is None else self._packet_ns
-        text = one_line(text, NOTE_LIMIT)
+        now, text = self._event_clock.now_ns(), one_line(text, NOTE_LIMIT)
         self._events.add(name, text, now)
         self._pipeline.event(name, text, now, level)
 

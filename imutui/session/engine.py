@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _FIRST_PACKET_S = 3.0
 _READER_END_S = 0.5
+_BEHIND_S = 0.2
 
 T = TypeVar("T")
 
@@ -207,7 +208,9 @@ class Engine:
                 with contextlib.suppress(queue.Empty):  # nothing came; the seconds still pass
                     self._handle(self._queue.get(timeout=max(0.0, min(0.1, next_second - time.monotonic()))))
                 self._acquisition.held_packets()
-                if time.monotonic() >= next_second:
+                late_s = time.monotonic() - next_second
+                # what came before is written before: log time does not go back
+                if late_s >= 0.0 and (self._queue.empty() or late_s > _BEHIND_S):
                     self._acquisition.every_second()
                     next_second = max(next_second + 1.0, time.monotonic())
             except OSError as error:

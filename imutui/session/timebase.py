@@ -1,6 +1,8 @@
 """UTC from the monotonic clock: whoever sets the system's clock meanwhile moves no stamp, and is told of."""
 
+import contextlib
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 _STEP_NS = 100_000_000
@@ -43,6 +45,29 @@ class ClockStepMonitor:
             return None
         self._known_ns += step
         return step / 1e9
+
+
+class EventClock:
+    """When an event is, monotonic: now, or when that came which is being handled.
+
+    What a packet tells is of its arrival. Later ones may have come meanwhile, and log time does not go back.
+    """
+
+    def __init__(self) -> None:
+        self._handled_ns: int | None = None
+
+    def now_ns(self) -> int:
+        """Of an event, ns."""
+        return time.monotonic_ns() if self._handled_ns is None else self._handled_ns
+
+    @contextlib.contextmanager
+    def at(self, instant_ns: int) -> Iterator[None]:
+        """Handle what came then."""
+        self._handled_ns = instant_ns
+        try:
+            yield
+        finally:
+            self._handled_ns = None
 
 
 def utc_minus_monotonic_ns() -> int:

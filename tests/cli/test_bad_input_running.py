@@ -1,13 +1,9 @@
 """Ports, disks, signals and pipes: what goes wrong around an acquisition, with real processes."""
 
-import fcntl
 import json
 import os
-import shutil
 import signal
-import struct
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +12,7 @@ import pytest
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, Outcome, answers, command, error_of
 from helpers.processes import LIMIT_S, started, wait_until
+from reliability import files, ports
 
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
@@ -23,8 +20,6 @@ from imutui.session import client, ipc
 from imutui.session.plan import Plan
 
 NOBODY = 65534
-# asks whether TIOCEXCL is set; Python has no name for it
-TIOCGEXCL = 0x80045440
 GOOD = Habits(answers(), streams=None)
 
 
@@ -76,75 +71,25 @@ def test_what_is_no_port_is_named_with_the_next_step(home: Path, name: str) -> N
     assert (home / "a-file").read_text() == "kept"
 
 
-def test_record_on_no_port_ends_with_the_instruments_exit_code(home: Path) -> None:
-    """Exit 4 and the same words, in one paragraph."""
-    error = error_of(record(home, "/dev/no-such-port"))
-    assert all(word in error for word in PORTS["/dev/no-such-port"])
-
-
-def test_a_port_that_another_program_has_locked_is_in_use(home: Path) -> None:
-    """Whoever holds the lock, imutui or not; the words say what to end."""
-    with Device(GOOD) as device:
-        descriptor = os.open(device.port, os.O_RDWR | os.O_NOCTTY)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        outcome = record(home, device.port)
-        os.close(descriptor)
-    assert outcome.code == 4
-    error = error_of(outcome)
-    assert "in use" in error
-    assert f"pid {os.getpid()}" in error
-
-
 def test_a_port_that_was_given_back_is_open_to_everybody() -> None:
     """A virtual instrument lives on; root may open what is kept from others, so the mark itself is looked at."""
     with Device(GOOD) as device:
         states = []
         for _ in range(2):
             port = Port(device.port, 38400)
-            states.append(is_exclusive(device.port))
+            states.append(ports.is_exclusive(device.port))
             port.close()
-            states.append(is_exclusive(device.port))
+            states.append(ports.is_exclusive(device.port))
     assert states == [True, False] * 2
-
-
-def is_exclusive(path: str) -> bool:
-    """Whether a terminal may not be opened again, by ioctl_tty(2)."""
-    if os.getuid() != 0:
-        try:
-            os.close(os.open(path, os.O_RDWR | os.O_NOCTTY))
-        except OSError:
-            return True
-        return False
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    try:
-        return bool(struct.unpack("i", fcntl.ioctl(descriptor, TIOCGEXCL, bytes(4)))[0])
-    finally:
-        os.close(descriptor)
 
 
 @pytest.fixture
 def unprivileged() -> list[str]:
     """What makes of a command line one of root's without root's powers; skips for others."""
-    line = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
-    if os.getuid() != 0 or shutil.which("setpriv") is None:
+    line = ports.unprivileged()
+    if line is None:
         pytest.skip("only root can make things that it then may not use, with setpriv")
-    tried = subprocess.run([*line, sys.executable, "-c", ""], capture_output=True, timeout=LIMIT_S, check=False)
-    if tried.returncode != 0:
-        pytest.skip("root cannot give up its powers here")
     return line
-
-
-def test_a_port_without_permission_names_the_group_to_join(home: Path, unprivileged: list[str]) -> None:
-    """Exit 4, and the command that helps for good."""
-    with Device(GOOD) as device:
-        os.chown(device.port, NOBODY, -1)
-        Path(device.port).chmod(0o600)
-        line = [*unprivileged, *command("record", "--port", device.port, "--json")]
-        done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    assert done.returncode == 4, done.stderr
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert all(word in done.stderr for word in (device.port, "no permission", "usermod -aG", "udev"))
 
 
 def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, unprivileged: list[str]) -> None:
@@ -172,39 +117,17 @@ def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(home: Path) -> Non
     assert (home / "logs").read_text() == "kept"
 
 
-# -- disks ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
-def small_disk(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def small_disk(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A disk of 200 KiB with 32 left, of which nothing is kept free; skips where none can be mounted."""
     monkeypatch.setenv("IMUTUI_PATHS_MIN_FREE_MB", "0")
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
-    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, timeout=LIMIT_S, check=False).returncode != 0:
-        pytest.skip("a small disk can be mounted by root only")
-    try:
-        (folder / "filler").write_bytes(bytes(168 * 1024))
-        yield folder
-    finally:
-        subprocess.run(["umount", "--lazy", str(folder)], timeout=LIMIT_S, check=True)
+    with files.small_disk(home) as disk:
+        if disk is None:
+            pytest.skip("a small disk can be mounted by root only")
+        yield disk
 
 
-def test_a_full_disk_ends_the_recording_with_all_that_was_flushed(home: Path, small_disk: Path) -> None:
-    """Exit 5, what to do, and a log that is unfinished but holds the samples up to the last flush."""
-    path = small_disk / "out.mcap"
-    with Device(GOOD) as device:
-        outcome = record(home, device.port, "--filter", "none", "--duration", "60", "-o", str(path))
-    assert outcome.code == 5, outcome
-    error = error_of(outcome)
-    assert all(words in error for words in (str(path), "No space left", "imutui replay", "Free some space")), error
-    log = reader.read(path, raw=True)
-    assert not log.finished
-    assert [raw.sequence for raw in log.raw] == list(range(len(log.raw)))
-    replayed = imutui("replay", str(path), "--json", check=1)
-    assert json.loads(replayed.stdout)["samples"] == log.stamp_ns.size > 10
-    assert json.loads(replayed.stdout)["finished"] is False
+# -- disks ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) -> None:

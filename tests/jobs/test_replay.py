@@ -403,12 +403,6 @@ def test_the_result_does_not_depend_on_what_is_written(tmp_path: Path, text: str
         assert json.loads(attached["summary.json"]) == result
 
 
-def test_one_by_one_at_a_pace_gives_what_all_at_once_gives(tmp_path: Path) -> None:
-    """With a speed samples are fed singly; the result is the same."""
-    path = tumbled(tmp_path / "a.mcap")
-    assert untimed(replay(path, ReplayOptions(speed=1e6))) == untimed(replay(path, ReplayOptions()))
-
-
 @pytest.mark.parametrize("name", ["ekf", "spkf-paper"])
 def test_the_other_filters_agree_with_the_sigma_points(tmp_path: Path, name: str) -> None:
     """Named in the options, not in the log: on ten still seconds they agree with `spkf` within a tenth of an sd."""

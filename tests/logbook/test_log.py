@@ -123,31 +123,6 @@ def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
     writer.finish({}, START)
 
 
-def test_no_cut_makes_the_reader_fail_or_lie(tmp_path: Path) -> None:
-    """Cut around every record and at every tenth byte: an error in words, or a true prefix marked unfinished."""
-    write(tmp_path / "a.mcap", seconds=2, rate=3)
-    whole = (tmp_path / "a.mcap").read_bytes()
-    gyro = reader.read(tmp_path / "a.mcap").gyro
-    cut = tmp_path / "cut.mcap"
-    sizes = set()
-    at, cuts = 8, set(range(0, len(whole), 10)) | set(range(len(whole) - 12, len(whole)))
-    while at + 9 < len(whole) - 8:
-        cuts |= {at - 1, at, at + 1, at + 5, at + 9}
-        at += 9 + struct.unpack_from("<Q", whole, at + 1)[0]
-    for size in sorted(cuts):
-        cut.write_bytes(whole[:size])
-        try:
-            log = reader.read(cut)
-        except UnreadableLogError as error:
-            assert str(cut) in str(error)
-            sizes.add(0)
-            continue
-        assert log.damage or not log.finished
-        assert np.array_equal(log.gyro, gyro[: len(log.gyro)])
-        sizes.add(len(log.gyro))
-    assert sizes == {0, 3, 6}
-
-
 def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path) -> None:
     """The checksum tells; what came before is used."""
     write(tmp_path / "a.mcap")
@@ -160,15 +135,6 @@ def test_a_flipped_byte_in_a_chunk_is_found_and_costs_that_chunk(tmp_path: Path)
     log = reader.read(tmp_path / "b.mcap")
     assert log.damage
     assert log.stamp_ns.size < 60
-
-
-def test_nothing_is_overwritten_unless_asked(tmp_path: Path) -> None:
-    """A second writer of the same name is refused and the first file stays as it is."""
-    write(tmp_path / "a.mcap")
-    before = (tmp_path / "a.mcap").read_bytes()
-    with pytest.raises(FileExistsError):
-        write(tmp_path / "a.mcap")
-    assert (tmp_path / "a.mcap").read_bytes() == before
 
 
 def test_a_full_disk_leaves_the_last_good_flush(tmp_path: Path) -> None:

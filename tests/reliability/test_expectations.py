@@ -4,14 +4,18 @@ Each test makes it happen to real processes and holds what came of it to a gener
 with other tests; `benchmarks/reliability.py` measures the same, beside the bars.
 """
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from helpers.paths import SAMPLE
 from helpers.places import own_places
-from reliability import endings, screens
+from reliability import clocks, endings, files, lines, ports, screens
 from reliability.setting import Acquired, acquiring
+
+from imutui.tui import messages
 
 When = Callable[[Acquired], None]
 FACTOR = 5.0
@@ -42,6 +46,16 @@ def test_kill_nine_loses_at_most_a_flush_interval(home: Path) -> None:
     assert found.held > 0
     assert len(found.read) >= 2
     assert set(found.read.values()) == {found.held}
+
+
+def test_each_flush_is_on_the_disk_and_a_cut_anywhere_leaves_a_true_beginning(tmp_path: Path) -> None:
+    """As power may go at any byte: the reader never fails and never lies."""
+    found = files.synced(tmp_path, 5)
+    assert found.data == found.flushes
+    assert found.folder >= 1
+    cut = files.cuts(tmp_path, 10)
+    assert cut.wrong == 0
+    assert cut.samples == {0, 3, 6}
 
 
 @pytest.mark.parametrize(
@@ -82,6 +96,83 @@ def test_the_busiest_screen_makes_no_stamp_late(recording: Acquired) -> None:
     found = screens.busy(recording, 1.5)
     assert found.lost == 0
     assert found.median_ms < 5.0
+
+
+def test_the_same_unit_is_found_again_and_no_other_one(home: Path) -> None:
+    """Noticed within a second, back within two of its return, under another name; the gap is in the same file."""
+    found = lines.unplugged(home)
+    assert found.noticed_s < 1.0 * FACTOR
+    assert found.back_s < 2.0 * FACTOR
+
+
+def test_noise_costs_what_it_hits_and_invents_nothing() -> None:
+    """Bits, bytes more and bytes less, headers in packets: two good packets each at most, every byte accounted for."""
+    found = lines.noise(7, 200)
+    assert found.invented == 0
+    assert found.lost <= 2
+    assert found.uncounted == 0
+
+
+def test_silence_is_told_after_three_periods_and_over_with_the_first_packet(home: Path) -> None:
+    """A second at least, 30 s at 0.1 Hz; nothing ends."""
+    assert messages.silence_limit_s(0.1) == 30.0
+    found = lines.silent(home, 2.5)
+    assert 1.0 <= found.told_s < 1.0 * FACTOR
+    assert found.over_s < 1.0 * FACTOR
+
+
+def test_a_full_disk_leaves_all_up_to_the_last_flush_once(home: Path) -> None:
+    """A clean stop with exit code 5 and what to do; by stream and by index of the recovered file the same packets."""
+    with files.small_disk(home) as disk:
+        if disk is None:
+            pytest.skip("a small disk can be mounted by root only")
+        found = files.disk_full(home, disk)
+    assert found.exit_code == 5
+    assert all(words in found.words for words in ("No space left", "imutui replay", "Free some space")), found.words
+    assert found.recovered == found.streamed > 50
+
+
+def test_a_clock_that_is_set_moves_no_stamp(home: Path) -> None:
+    """An hour on, and back: each an event; log time never goes back, and stamps keep the unit's period."""
+    found = clocks.clock_set(home, (3600.0, -3600.0))
+    assert found.told_s == pytest.approx([3600.0, -3600.0], abs=1.0)
+    assert found.backwards == 0
+    assert found.worst_step_ms < 5.0
+
+
+def test_a_port_that_cannot_be_had_is_told_by_why_with_the_remedy(home: Path) -> None:
+    """Absent, busy, without permission: three different messages, exit code 4, no traceback."""
+    found = ports.refusals(home)
+    said = {"absent": "imutui demo", "busy": f"pid {os.getpid()}", "permission": "usermod -aG"}
+    for why, (code, words) in found.items():
+        assert code == 4
+        assert said[why] in words
+        assert words.count("\n") == 1
+    assert len({words for _, words in found.values()}) == len(found) >= 2
+
+
+def test_a_port_is_held_alone() -> None:
+    """By lock and by ioctl: no second imutui, no program that asks for the lock, and none without."""
+    assert set(ports.second_openings().values()) == {True}
+
+
+def test_nothing_is_overwritten_and_no_two_recordings_have_one_name(tmp_path: Path) -> None:
+    """Names have unit, UTC and note; an unfinished file is told by its missing footer, not by its name."""
+    found = files.overwritten(tmp_path)
+    assert found.refused
+    assert found.unchanged
+    assert found.names_are_right, found.names
+    assert found.unfinished_told
+
+
+def test_a_byte_that_changed_after_the_end_is_found(tmp_path: Path) -> None:
+    """By the SHA-256 beside the file."""
+    assert files.flipped(tmp_path, 3) == 0
+
+
+def test_a_replay_gives_the_same_at_any_speed() -> None:
+    """In every field but the timings, to the last bit."""
+    assert clocks.replays_that_differ(SAMPLE, (None, None, 1e6)) == 0
 
 
 def test_a_suspended_screen_costs_no_sample_and_comes_back(recording: Acquired) -> None:
