@@ -167,8 +167,10 @@ def _lost_packets(log: CheckContext) -> tuple[int, str]:
     # what the file itself lost is told by the messages' numbers
     inside = np.diff(log.raw["sequence"].astype(np.int64)) == 1
     flagged = (log.audit.packets["flags"][1:] & schemas.FLAG_LOST_BEFORE) > 0
-    # a line that sets the pace makes steps of one and of two periods of the unit's loop
-    missing = np.where(inside & (flagged | (steps > _SURELY_MORE * period)), np.rint(steps / period) - 1.0, 0.0)
+    # a line that sets the pace makes steps of one and of two periods of the unit's loop; and a recorder that bounds
+    # its losses flags them all, while its first stamps may still move
+    surely = _SURELY_MORE if "lost_packets_max" not in log.audit.diagnostics else 2.0 * _SURELY_MORE
+    missing = np.where(inside & (flagged | (steps > surely * period)), np.rint(steps / period) - 1.0, 0.0)
     places = np.flatnonzero(missing > 0)
     if not places.size:
         return 0, "by the recorder's count"

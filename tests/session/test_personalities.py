@@ -22,6 +22,7 @@ from imutui.cli.virtual_readings import SimulatedReadings
 from imutui.instrument.messages import POWER_UP_BAUD, Mode, Packet
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source, UnitOptions, VirtualUnit
+from imutui.jobs import check
 from imutui.logbook import reader, schemas
 from imutui.session import exit_codes, handshake, reconnection
 from imutui.session.engine import Engine
@@ -271,7 +272,14 @@ def acquired(it: Personality, folder: Path) -> Run:
     run.modes = {run.sent[number].mode for number in numbers}
     run.lost = numbers[-1] - numbers[0] + 1 - len(numbers)
     stamped_as_said(run, numbers)
+    checked_as_said(run)
     return run
+
+
+def checked_as_said(run: Run) -> None:
+    """`check` finds what the recording says that was lost, and nothing that did not happen."""
+    found = [finding for finding in check.check(run.log.path)["findings"] if finding["code"] == "lost"]
+    assert bool(found) == any("lost_max" in text for text in run.events), found
 
 
 def stamped_as_said(run: Run, numbers: list[int]) -> None:
