@@ -83,11 +83,11 @@ def _rule(adapter: "UsbAdapter | None", name: str) -> str:
 
 
 def _write(text: str, output: Path | None, *, force: bool) -> None:
-    from imutui.cli.exit_codes import refuse_existing
+    from imutui.cli.exit_codes import refuse_existing, tell
     from imutui.logbook import atomic_file
 
     if output is None:
-        print(text, end="")
+        tell(text.removesuffix("\n"))
         return
     refuse_existing(output, force)
     atomic_file.write(output, text, overwrite=force)

@@ -5,11 +5,11 @@ With the instrument: `handshake` the opening dialogue, `replies` one answer, `id
 `reader_thread` reads the port, `polling` asks for packets · `zeroing` the rate sensors · `port_probe` what answers at a
 port · `reconnection` finds the same unit again, `absence` says how long it was away · `measurement_mode` tells volts.
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
-`lifecycle` where it stands.
-From packets to a file: `sample_pipeline` a run of samples · `averaging` packets to samples · `live_filter` the filter ·
+`lifecycle` where it stands · `duration` when it is over · `line_watch` what is to be said of the line, with `silence`.
+From packets to a file: `packet_stamps` when each was sampled · `sample_pipeline` a run of samples ·
+`averaging` packets to samples · `live_filter` the filter ·
 `recording` the file's life, `rotation` when it is full, `previous_log` what was before it ·
-`disk_space` · `timebase` UTC that no clock step moves ·
-`silence` of the unit.
+`vanished_file` whether it is there still · `disk_space` · `timebase` UTC that no clock step moves.
 For viewers: `snapshot` what they see and `requests` what they ask, records only · `observe` fills the snapshot, with
 `observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it, `overview` to all of them · `exit_codes`.

@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.crossbow import Scaling
-from imutui.logbook import line_advice
 from imutui.logbook.line_advice import LossAdvice
-from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
-from imutui.session import exit_codes, observe, operator_guide, previous_log, reconnection, silence, zeroing
-from imutui.session.absence import Absence, line_rate_hz
+from imutui.session import exit_codes, observe, operator_guide, previous_log, zeroing
 from imutui.session.disk_space import FreeSpace, disk_message
+from imutui.session.duration import Duration
 from imutui.session.event_log import EventLog
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
+from imutui.session.line_watch import LineState, LineWatch
 from imutui.session.metadata import check_live, effects_of, motion_of, reconfigured
 from imutui.session.observe import AcquisitionView
 from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
@@ -33,7 +32,6 @@ from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recording import Recording
 from imutui.session.requests import FilterChanges
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.silence import SilenceMonitor
 from imutui.session.snapshot import ProfileDescription, Snapshot
 from imutui.session.timebase import ClockStepMonitor, EventClock, Timebase
 
@@ -43,7 +41,6 @@ if TYPE_CHECKING:
 INFORMATION, WARNING, ERROR = 20, 30, 40
 """Levels of events, as /rosout has them."""
 
-_LEEWAY_NS = 250_000_000
 _FILTER_PATIENCE_S = 0.8
 _MOST_FINDINGS = 20
 
@@ -99,14 +96,9 @@ class Acquisition:
         self._line_errors = (0, 0)
         self._last_stamp_ns = self._started_ns
         self._event_clock = EventClock()
-        self._absence = Absence(self._timebase, line_rate_hz(plan.sampling, plan.rate_hz))
-        self._ask_again_s = reconnection.ask_again_after_s(plan.rate_hz if plan.sampling == "polled" else None)
-        self._silence = SilenceMonitor(1.0 / plan.rate_hz if plan.sampling == "polled" else 0.0)
-        self._polled_rate = PolledRate(plan.rate_hz)
-        self._rate_said = False
+        self._line = LineWatch(info, self._timebase)
         self._loss_advice = LossAdvice(info.port, info.firmware)
-        self._duration_from_ns: int | None = None
-        self._data_until_ns = 0
+        self._duration = Duration(plan.duration_s)
         self._has_recorded = False
         self._is_out_of_space = False
 
@@ -123,7 +115,7 @@ class Acquisition:
     def _use(self, packets: list[StampedPacket]) -> None:
         for one in packets:
             # what was read while the worker was held up may be of after the end
-            if not self._has_all_data():
+            if not self._duration.has_all():
                 with self._event_clock.at(one.arrival.host_ns):
                     self._use_one(one.arrival, one.stamp)
 
@@ -145,31 +137,29 @@ class Acquisition:
         self._last_stamp_ns = stamp.monotonic_ns
         self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
         if arrival.requested_ns is not None:
-            self._polled_rate.answered(arrival.requested_ns)
+            self._line.answered(arrival.requested_ns)
         if not self._lifecycle.streaming.is_set():
             self._lifecycle.first_packet()
             self.event("acquisition", f"connected to {self._info.port}, first packet")
             unsaid = not_said(self._info.serial_number, self._info.firmware)
             if unsaid is not None:
                 self.event("acquisition", unsaid, WARNING)
-        back = self._absence.over(stamp)
+        back = self._line.back(stamp)
         if back is not None or stamp.gap is not None:
             self.event("gap", back or gap_text(stamp), WARNING)
-        if self._duration_from_ns is None:
-            self._duration_from_ns = self._pipeline.started_ns
-        self._data_until_ns = stamp.monotonic_ns
+        self._duration.add(stamp.monotonic_ns)
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
         self._pipeline.poll_unanswered()
-        self._polled_rate.unanswered()
+        self._line.unanswered()
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
         before = self._recent.rates_dps()
         self._use(self._stamps.interrupt())
         self._recent.interrupt()
-        self._polled_rate.interrupt()
+        self._line.interrupt()
         self._begin_run(None)
         pending, self._zeroing = self._zeroing, None
         if event.seconds is None:
@@ -187,19 +177,18 @@ class Acquisition:
         """The line is lost, something else is waited for, or the unit is back: packets on either side stand apart."""
         match event:
             case LineLost():
-                said: str | None = self._absence.lost(event)
+                said: str | None = self._line.lost(event)
                 if self._zeroing is not None:
                     self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
                     self._zeroing = None
                     self._begin_run(None)  # whether they are zeroed is not known
             case StillAway():
-                said = self._absence.still(event)
+                said = self._line.still_away(event)
             case LineReturned():
                 said = None  # with the first packet, which is next
                 self._use(self._stamps.interrupt(lossy=True))
-                self._absence.returned(event, self._last_stamp_ns)
+                self._line.returned(event, self._last_stamp_ns)
                 self._recent.interrupt()
-                self._polled_rate.interrupt()
         if said is not None:
             self.event("acquisition", said, WARNING)
 
@@ -212,62 +201,33 @@ class Acquisition:
                 self._look_after_file(self._recording, now)
             if self._guide is not None:
                 self._guide.advance(now)
-            silent_s = (now - self._reader.last_packet_ns) / 1e9
-            expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
-            away = self._absence.since_ns is not None
-            if silent_s > self._ask_again_s and not expected and not away:
+            line = self._line_state(now)
+            if self._line.is_to_be_asked(line):
                 self._reader.ask_again()
-            silent = None if away else self._silence.check(silent_s, expected=expected)
-            if silent is not None:
-                advice = line_advice.of_silence(self._info.port, self._info.firmware)
-                text = f"no packets for {silent_s:.1f} s: {advice}" if silent else "packets again"
-                self.event("acquisition", text, WARNING if silent else INFORMATION)
-            slow = self._polled_rate.finding()
-            if slow is not None and not self._rate_said:
-                self._rate_said = True
-                self.event("acquisition", slow, WARNING)
+            for text, warns in self._line.each_second(line):
+                self.event("acquisition", text, WARNING if warns else INFORMATION)
             step = self._clock_steps.check()
             if step is not None:
                 self.event(
                     "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
                 )
 
+    def _line_state(self, now_ns: int) -> LineState:
+        silent_s = (now_ns - self._reader.last_packet_ns) / 1e9
+        expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
+        return LineState(silent_s, expected)
+
     def is_over(self, now_ns: int) -> bool:
-        """Whether the plan's duration is over: seconds by the clock from the first packet on, whatever came since.
-
-        Counted through all files of a recording. The packet that completes the last period may be on its way, hence
-        the leeway.
-        """
-        if self._is_out_of_space:
-            return True
-        end_ns = self._end_ns()
-        return end_ns is not None and (self._has_all_data() or now_ns >= end_ns + _LEEWAY_NS)
-
-    def _end_ns(self) -> int | None:
-        duration, since = self._plan.duration_s, self._duration_from_ns
-        return None if duration is None or since is None else since + round(duration * 1e9)
-
-    def _has_all_data(self) -> bool:
-        end_ns = self._end_ns()
-        return end_ns is not None and self._data_until_ns >= end_ns
+        """Whether the plan's duration is over, or the disk's room."""
+        return self._is_out_of_space or self._duration.is_over(now_ns)
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
-        slow = self._polled_rate.finding()
-        if slow is not None:
-            self._find(exit_codes.FINDINGS, slow, is_said=self._rate_said)
-        gone = self._absence.at_the_end(time.monotonic_ns())
-        if gone is not None:
-            self._find(exit_codes.INSTRUMENT, gone)
-            return
-        asked_ns = self._lifecycle.stopping_since_ns
-        if asked_ns is None or not self._lifecycle.streaming.is_set() or self._zeroing is not None:
-            return
         # as it was when the end was asked for: since then the unit was told to be quiet
-        silent_s = (asked_ns - self._reader.last_packet_ns) / 1e9
-        if self._silence.is_silent(silent_s):
-            advice = line_advice.of_silence(self._info.port, self._info.firmware)
-            self._find(exit_codes.INSTRUMENT, silence.at_the_end(silent_s, advice))
+        asked_ns = self._lifecycle.stopping_since_ns
+        line = None if asked_ns is None else self._line_state(asked_ns)
+        for finding, is_said in self._line.at_the_end(time.monotonic_ns(), line):
+            self._find(finding["exit_code"], finding["text"], is_said=is_said)
 
     def _find(self, exit_code: int, text: str, *, is_said: bool = False) -> None:
         if len(self._lifecycle.findings) < _MOST_FINDINGS:  # a folder that is emptied each second is known by then
@@ -320,7 +280,7 @@ class Acquisition:
             error=self._lifecycle.error,
             findings=tuple(finding["text"] for finding in self._lifecycle.findings),
             zeroing=self._zeroing is not None,
-            reconnecting=self._absence.snapshot(now),
+            reconnecting=self._line.snapshot(now),
             follows_profile=isinstance(self._motion, Profile),
             pipeline=self._pipeline,
             recording=self._recording,
@@ -419,7 +379,7 @@ class Acquisition:
             raise ValueError("finish the recording first: r. Zeroing would put a step into the file")
         if self._lifecycle.state != "running":
             raise ValueError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
-        if self._absence.since_ns is not None:
+        if self._line.is_away:
             raise ValueError("the unit is away; zero its rate sensors when it is back")
         self._zeroing = Future()
         self.event("acquisition", f"zeroing the rate sensors (argument {argument}); packets pause")
@@ -473,15 +433,16 @@ class Acquisition:
         self._pipeline = SamplePipeline(info, self._timebase, writer, self._motion, effects)
         self._events.forget_mark_times()
         if not self._has_recorded:
-            self._duration_from_ns = None
+            self._duration.begin()
 
     def _begin_recording(self, note: str, path: Path | None) -> str:
         previous = None if self._has_recorded else self._previous_log()
         recording = Recording(self._plan, previous_log.told(self._info, previous), note, path)
         self._begin_run(recording)
         self._recording, self._guide = recording, None
-        self._duration_from_ns, self._has_recorded = None, True
-        self._polled_rate, self._rate_said = PolledRate(self._plan.rate_hz), False
+        self._has_recorded = True
+        self._duration.begin()
+        self._line.begin_recording()
         self._events.clear_marks()
         self.event("acquisition", f"recording to {recording.writer.path.name}")
         if previous is not None:
