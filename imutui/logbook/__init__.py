@@ -1,6 +1,7 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes ·
+`chunk_index` its index while it is written ·
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
 `message_arrays`, `columns` all messages as arrays, `record_walk` how they are found in bytes (`plain_walk`, or
 compiled: `mcap_kernels`) · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
