@@ -8,21 +8,30 @@ import contextlib
 import fcntl
 import hashlib
 import json
+import math
 import os
 import socket
 import socketserver
+import struct
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import platformdirs
 
+from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
-_MAX_REQUEST = 1 << 20
+MAX_REQUEST = 1 << 20
+"""Bytes of the longest request; a table profile or an effects file may be in it."""
+
+MAX_VIEWERS = 64
+_QUEUE_FULL_S = 0.01
 _LINK_SUFFIX = ".elsewhere"
 
 
@@ -158,15 +167,32 @@ def connect(name: str, timeout: float) -> socket.socket:
     connection.settimeout(timeout)
     try:
         with _SocketAddress(socket_path(name)) as address:
-            connection.connect(address)
+            _connect(connection, address, timeout)
     except OSError:
         connection.close()
         raise
     return connection
 
 
+def _connect(connection: socket.socket, address: str, timeout: float) -> None:
+    """Connect; a queue that is full for the moment is waited for, which the kernel does not do."""
+    deadline = time.monotonic() + timeout
+    while True:
+        try:
+            connection.connect(address)
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(_QUEUE_FULL_S)
+        else:
+            return
+
+
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     """Answers requests with what `answer` returns; a ValueError it raises becomes the reply's error.
+
+    Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
+    heard, at most `MAX_VIEWERS` at a time.
 
     Parameters
     ----------
@@ -178,10 +204,13 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
     daemon_threads = True
     block_on_close = False
+    # viewers that come all at once wait here to be accepted
+    request_queue_size = 128
 
     def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
         self.answer = answer
         self.busy = 0
+        self.viewers = 0
         self.idle = threading.Condition()
         path = socket_path(name)
         path.unlink(missing_ok=True)
@@ -194,28 +223,91 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         with self.idle:
             self.idle.wait_for(lambda: self.busy == 0, timeout)
 
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether whoever connects is heard: this user or root, and not one too many."""
+        del client_address
+        if _uid_of_peer(request) not in (0, os.getuid()):
+            _refuse(request, "this acquisition belongs to another user")
+            return False
+        with self.idle:
+            full = self.viewers >= MAX_VIEWERS
+            self.viewers += not full
+        if full:
+            _refuse(request, f"{MAX_VIEWERS} viewers are connected already, which is the most; close one")
+        return not full
+
 
 class _Handler(socketserver.StreamRequestHandler):
     server: Server
 
     def handle(self) -> None:
         try:
-            while line := self.rfile.readline(_MAX_REQUEST):
+            while line := self.rfile.readline(MAX_REQUEST + 1):
                 with self.server.idle:
                     self.server.busy += 1
                 try:
-                    self.wfile.write(json.dumps(self._reply(line)).encode() + b"\n")
+                    self.wfile.write(_line(self._reply(line)))
                 finally:
                     with self.server.idle:
                         self.server.busy -= 1
                         self.server.idle.notify_all()
+                if len(line) > MAX_REQUEST:
+                    return  # where the next request begins is not known
         except OSError:
             return  # the viewer left, as viewers may
 
+    def finish(self) -> None:
+        with self.server.idle:
+            self.server.viewers -= 1
+        with contextlib.suppress(OSError):
+            super().finish()
+
     def _reply(self, line: bytes) -> Reply | Refusal:
         try:
-            reply = self.server.answer(json.loads(line))
-        except (ValueError, KeyError, TypeError, OSError) as error:
-            return {"ok": False, "error": str(error)}
+            reply = self.server.answer(_request(line))
+        except (ValueError, KeyError, TypeError, OverflowError, OSError) as error:
+            return {"ok": False, "error": one_line(str(error), NOTE_LIMIT)}
+        except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
+            traceback.print_exc()
+            return {"ok": False, "error": f"an error of imutui's own: {type(error).__name__}: {error}"}
         reply["ok"] = True
         return reply
+
+
+def _request(line: bytes) -> Request:
+    """Request of a line; raises ValueError if it is none."""
+    if len(line) > MAX_REQUEST:
+        raise ValueError(f"the request is longer than {MAX_REQUEST} bytes")
+    try:
+        request = json.loads(line, parse_float=_finite, parse_constant=_finite)
+    except RecursionError as error:
+        raise ValueError("the request is nested too deeply") from error
+    except UnicodeDecodeError as error:
+        raise ValueError("the request is no text in UTF-8") from error
+    if not isinstance(request, dict) or "ask" not in request:
+        raise ValueError('a request is a JSON object with the field "ask"')
+    whole: Any = request
+    return cast("Request", whole)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no number that a request may have")
+    return number
+
+
+def _line(reply: Reply | Refusal) -> bytes:
+    return json.dumps(reply).encode() + b"\n"
+
+
+def _refuse(connection: socket.socket, error: str) -> None:
+    with contextlib.suppress(OSError):
+        connection.sendall(_line({"ok": False, "error": error}))
+
+
+def _uid_of_peer(connection: socket.socket) -> int:
+    """User id of the process at the other end of a Unix socket, as the kernel knows it."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    _, uid, _ = struct.unpack("3i", credentials)
+    return int(uid)

@@ -1,0 +1,117 @@
+"""The socket of an acquisition, and whoever connects to it: each request has its reply, nobody holds up the others."""
+
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.processes import wait_until
+
+from imutui.session import ipc
+from imutui.session.requests import Reply, Request
+
+HOSTILE = {
+    "no number": b'{"ask": "snapshot", "since": 1e400}',
+    "not a number": b'{"ask": "snapshot", "since": NaN}',
+    "infinite": b'{"ask": "wait", "timeout_s": Infinity}',
+    "brackets": b"[" * 900_000,
+    "objects": b'{"ask":' * 100_000,
+    "no text": b"\xff\xfe\x00\x01",
+    "a list": b"[1, 2]",
+    "a text": b'"snapshot"',
+    "nothing": b"{}",
+    "empty": b"",
+    "unknown": b'{"ask": "format the disk"}',
+    "of another kind": b'{"ask": ["snapshot"]}',
+    "a failure": b'{"ask": "fail"}',
+    "too long": b'{"ask": "' + b"x" * ipc.MAX_REQUEST + b'"}',
+}
+
+
+def answer(request: Request) -> Reply:
+    if request["ask"] == "mark":
+        return {"said": "here"}
+    if str(request["ask"]) == "fail":
+        raise RuntimeError("broken")
+    raise ValueError(f"no such request: {str(request['ask'])[:20]}")
+
+
+@pytest.fixture
+def server(home: Path) -> Iterator[ipc.Server]:
+    """A socket that answers marks, and fails where it is asked to."""
+    made = ipc.Server("asked", answer)
+    threading.Thread(target=made.serve_forever, args=(0.02,), daemon=True).start()
+    yield made
+    made.shutdown()
+    made.server_close()
+
+
+def ask(line: bytes) -> dict[str, Any]:
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(60.0)
+        connection.connect(str(ipc.socket_path("asked")))
+        return exchange(connection, line)
+
+
+def exchange(connection: socket.socket, line: bytes) -> dict[str, Any]:
+    connection.sendall(line + b"\n")
+    with connection.makefile("rb") as replies:
+        return dict(json.loads(replies.readline()))
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_every_request_has_its_reply(server: ipc.Server, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever comes is refused in words, the server is idle again, and the next viewer is answered."""
+    reply = ask(HOSTILE[kind])
+    assert reply["ok"] is False
+    assert 0 < len(reply["error"]) < 1000
+    assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
+    wait_until(lambda: server.busy == 0 and server.viewers == 0)
+    assert ("RuntimeError" in capsys.readouterr().err) == (kind == "a failure")
+
+
+def test_a_viewer_that_was_refused_may_ask_again(server: ipc.Server) -> None:
+    """On the same connection, but behind a request that was too long."""
+    with ipc.connect("asked", 60.0) as connection:
+        assert exchange(connection, b"[")["ok"] is False
+        assert exchange(connection, b'{"ask": "mark"}')["ok"]
+        assert exchange(connection, HOSTILE["too long"])["ok"] is False
+        assert connection.recv(1) == b""
+
+
+def test_one_viewer_too_many_is_told(server: ipc.Server) -> None:
+    """Those that are there stay; when one leaves, another may come."""
+    with ExitStack() as viewers:
+        for _ in range(ipc.MAX_VIEWERS):
+            viewers.enter_context(ipc.connect("asked", 60.0))
+        wait_until(lambda: server.viewers == ipc.MAX_VIEWERS)
+        with ipc.connect("asked", 60.0) as one_more:
+            assert "viewers are connected already" in json.loads(one_more.recv(1 << 12))["error"]
+    wait_until(lambda: server.viewers == 0)
+    assert ask(b'{"ask": "mark"}')["ok"]
+
+
+def test_a_burst_of_viewers_is_answered_whole(server: ipc.Server) -> None:
+    """More than the kernel's queue holds, at the same moment: each waits for its turn."""
+
+    def one(_: int) -> bool:
+        with ipc.connect("asked", 60.0) as connection:
+            return bool(exchange(connection, b'{"ask": "mark"}')["ok"])
+
+    with ThreadPoolExecutor(40) as pool:
+        assert all(pool.map(one, range(400)))
+
+
+def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel says who is at the other end; folder and socket keep others out before that."""
+    with ipc.connect("asked", 60.0) as connection:
+        assert exchange(connection, b'{"ask": "mark"}')["ok"]
+    stranger: Callable[[socket.socket], int] = lambda connection: 4242  # noqa: E731
+    monkeypatch.setattr(ipc, "_uid_of_peer", stranger)
+    with ipc.connect("asked", 60.0) as connection:
+        assert "another user" in json.loads(connection.recv(1 << 12))["error"]
