@@ -24,7 +24,7 @@ from reliability.setting import (
 )
 
 _RECORDS = "● REC"
-_OTHER_SCREEN = b"\x1b[?1049h"
+_NOT_READY_S = 5.0
 _OTHER_SCREEN = b"\x1b[?1049h"
 _NS_PER_MS = 1e6
 
@@ -130,8 +130,7 @@ def suspended(it: Acquired, seconds: float) -> int:
         shell.press(f"{shlex.join(command_line('attach'))}\n".encode())
         shell.read_until(_RECORDS, "deg/s")
         (screen,) = loopback.children(shell.process.pid)
-        shell.press(b"\x1a")
-        _read_until(shell, lambda: is_stopped(screen))
+        _press_until(shell, b"\x1a", lambda: is_stopped(screen))
         it.goes_on(seconds)
         shell.press(b"fg\n")
         shell.read_until_sent(_OTHER_SCREEN)
@@ -143,6 +142,21 @@ def suspended(it: Acquired, seconds: float) -> int:
 
 def _read_until(terminal: Terminal, true: Callable[[], bool]) -> None:
     def look() -> bool:
+        terminal.read_for(0.02)
+        return true()
+
+    wait_until(look)
+
+
+def _press_until(terminal: Terminal, key: bytes, true: Callable[[], bool]) -> None:
+    """Press a key, and again where a busy machine's screen was not ready for it."""
+    again_at = 0.0
+
+    def look() -> bool:
+        nonlocal again_at
+        if time.monotonic() >= again_at:
+            terminal.press(key)
+            again_at = time.monotonic() + _NOT_READY_S
         terminal.read_for(0.02)
         return true()
 
