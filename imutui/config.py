@@ -6,7 +6,6 @@ A key such as `paths.logs` is `[paths] logs = …` in a file and `IMUTUI_PATHS_L
 import difflib
 import math
 import os
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import platformdirs
 
 from filters.imu import STANDARD_GRAVITY
 from filters.state import PAPER_SITE
+from imutui import toml_text
 
 Value = str | int | float
 
@@ -207,11 +207,10 @@ def parse_pairs(pairs: list[str]) -> dict[str, Value]:
 def _file(path: Path) -> dict[str, Any] | None:
     """Keys and values of a file; None if there is none."""
     try:
-        with path.open("rb") as stream:
-            tree = tomllib.load(stream)
+        tree = toml_text.parse(path.read_bytes())
     except FileNotFoundError:
         return None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise ConfigError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error

@@ -69,7 +69,6 @@ scenario::
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -79,9 +78,11 @@ from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_
 from filters.motion.profile import Profile
 from filters.simulation import Effect, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
+from imutui import toml_text
 from imutui.logbook import reference_file
 from imutui.scenario_wire import fault_of, personality_of
-from imutui.toml_values import is_number, known, number, table_of, tables_of, triple, whole
+from imutui.toml_text import is_number
+from imutui.toml_values import known, number, table_of, tables_of, triple, whole
 
 _DPS = math.pi / 180.0
 _MG = 1e-3 * STANDARD_GRAVITY
@@ -154,9 +155,8 @@ def load_scenario(path: Path) -> Scenario:
 
 def _parsed(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as stream:
-            return tomllib.load(stream)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return toml_text.parse(path.read_bytes())
+    except ValueError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:
         raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeAlias, TypeVar
 
+from imutui.toml_text import is_number
+
 Table: TypeAlias = Mapping[str, Any]
 Triple: TypeAlias = tuple[float, float, float]
 Word = TypeVar("Word", bound=str)
@@ -32,11 +34,6 @@ def tables_of(document: Table, key: str) -> list[Table]:
     return value
 
 
-def is_number(value: Any) -> bool:
-    """Whether a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def number(table: Table, key: str, where: str, default: float | None = None, *, least: float = -math.inf) -> float:
     """A finite number, not below the least."""
     value = table.get(key, default)
@@ -52,7 +49,7 @@ def number(table: Table, key: str, where: str, default: float | None = None, *, 
 def whole(table: Table, key: str, least: int, where: str) -> int:
     """A whole number, not below the least; there is no default."""
     value = table.get(key)
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**63:
         raise ValueError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
     return value
 

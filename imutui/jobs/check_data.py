@@ -38,7 +38,9 @@ def _times(log: CheckContext) -> Iterator[Finding]:
         steps = np.flatnonzero(np.diff(offset))
         if steps.size and log.audit.session:
             k = int(steps[0])
-            what = f"Log time jumps by {(offset[k + 1] - offset[k]) / 1e9:+.6f} s against the monotonic clock."
+            what = (
+                f"Log time jumps by {(int(offset[k + 1]) - int(offset[k])) / 1e9:+.6f} s against the monotonic clock."
+            )
             yield Finding("log_time", what, log.at(int(log.raw["log_ns"][k + 1])), _CLOCK)
 
 
@@ -170,7 +172,8 @@ def _lost_packets(log: CheckContext) -> tuple[int, str]:
     # a line that sets the pace makes steps of one and of two periods of the unit's loop; and a recorder that bounds
     # its losses flags them all, while its first stamps may still move
     surely = _SURELY_MORE if "lost_packets_max" not in log.audit.diagnostics else 2.0 * _SURELY_MORE
-    missing = np.where(inside & (flagged | (steps > surely * period)), np.rint(steps / period) - 1.0, 0.0)
+    periods = np.rint(steps / max(period, 1.0))
+    missing = np.where(inside & (flagged | (steps > surely * period)), periods - 1.0, 0.0)
     places = np.flatnonzero(missing > 0)
     if not places.size:
         return 0, "by the recorder's count"

@@ -1,5 +1,6 @@
 """What is in a log: in a millisecond for a list of them (`brief`), or all of it (`info`)."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -308,6 +309,7 @@ def _utc(ns: int) -> str:
 
 def _number(text: str | None) -> float | None:
     try:
-        return float(text) if text else None
+        value = float(text) if text else math.nan
     except ValueError:
         return None
+    return value if math.isfinite(value) else None

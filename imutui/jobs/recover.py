@@ -104,20 +104,32 @@ def _refuse(path: Path, output: Path) -> None:
 def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
     """The rebuilt file as a replay reads it, or None and why it can't."""
     try:
-        return reader.read(path, walk=record_walk.for_reading(path.stat().st_size)), ""
+        log = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
+        return log, f"a replay stops at {log.seconds()[-1]:.3f} s: {log.damage}" if log.damage else ""
     except UnreadableLogError as error:
         return None, str(error).replace(str(path), str(output))
 
 
 def _compare(path: Path, log: Log | None) -> None:
-    """Raise unless all that a replay of the source reads stands in the rebuilt file as well."""
+    """Raise unless all that a replay of the source reads stands in the rebuilt file as well.
+
+    Where a replay refuses the rebuilt file for what it holds behind the damage, its bytes were compared; that is told.
+    """
+    if log is None:
+        return
     try:
         source = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
     except UnreadableLogError:
         return  # damaged at its beginning: there is nothing to compare
-    n = source.stamp_ns.size
-    if log is None or not all(
-        np.array_equal(a, b[:n], equal_nan=True)
+    if (
+        log.damage
+    ):  # a message that nothing reads ends both, and in the source it may be of a topic that nothing declares
+        before = source.stamp_ns <= log.stamp_ns[-1]
+        source.stamp_ns, source.gyro, source.accel = source.stamp_ns[before], source.gyro[before], source.accel[before]
+    # more may be there: what a reader passes over because of what stands before it
+    at = np.minimum(np.searchsorted(log.stamp_ns, source.stamp_ns), log.stamp_ns.size - 1)
+    if not all(
+        np.array_equal(a, b[at], equal_nan=True)
         for a, b in ((source.stamp_ns, log.stamp_ns), (source.gyro, log.gyro), (source.accel, log.accel))
     ):
         raise NotAsWrittenError(5, "the samples read back are not those of the source, so it was not kept", str(path))
@@ -145,10 +157,14 @@ def _document(
         "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
         "complete": not lost and not trouble,
         "readable": log is not None,
-        "sentences": [*_ending(found), *lost, *([f"It can't be replayed: {trouble}"] if trouble else [])],
+        "sentences": [*_ending(found), *lost, *([_told(log, trouble)] if trouble else [])],
         "log_sha256": sha256[0],
         "output_sha256": sha256[1],
     }
+
+
+def _told(log: Log | None, trouble: str) -> str:
+    return f"It can't be replayed: {trouble}" if log is None else f"It can be replayed in part: {trouble}."
 
 
 def _missing(found: Scan, kept: RebuiltContent, topic: str | None) -> int | None:

@@ -26,7 +26,6 @@ is the container; what the effects mean is made of it by `build`.
 
 import hashlib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -37,7 +36,7 @@ import numpy as np
 
 from filters.effects.records import Included, State
 from filters.imu import CHANNELS
-from imutui import plain_text
+from imutui import plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -50,6 +49,8 @@ MEDIA_TYPE = "application/toml"
 NONE = b""
 """Content that stands for no effects."""
 VERSION = 1
+MOST = 256
+"""Effects, and states of all of them."""
 _KINDS = ("A", "N", "S", "P")
 _TOP = ("version", "source", "effect", "correlation")
 _EFFECT = ("effect", "channels", "include_as", "parameters", "state")
@@ -172,8 +173,8 @@ def parse(content: bytes) -> EffectsDocument:
         If it is none; the message names the place.
     """
     try:
-        document = tomllib.loads(content.decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = toml_text.parse(content)
+    except ValueError as error:
         raise ValueError(f"{ATTACHMENT} is not TOML: {error}") from error
     version = document.get("version")
     if version != VERSION:
@@ -185,6 +186,8 @@ def parse(content: bytes) -> EffectsDocument:
         raise ValueError("`effect` is one table; effects are a list, [[effect]]")
     effects = tuple(_effect(table, f"effect {k + 1}") for k, table in enumerate(tables))
     p = sum(len(entry.states) for entry in effects)
+    if max(len(effects), p) > MOST:
+        raise ValueError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
     return EffectsDocument(str(document.get("source", "")), effects, _correlation(document.get("correlation"), p))
 
 
@@ -229,7 +232,9 @@ def _state(table: Any, where: str) -> State:
 
 
 def _number(value: Any, key: str, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    # a time without end is infinite; what else must be finite is seen by whoever asks
+    infinite = isinstance(value, float) and not math.isfinite(value)
+    if not infinite and not toml_text.is_number(value):
         raise ValueError(f"{where}: `{key}` is {value!r}, not a number")
     return float(value)
 
@@ -239,7 +244,7 @@ def _correlation(rows: Any, p: int) -> np.ndarray:
         return np.eye(p)
     try:
         matrix = np.array(rows, dtype=np.float64).reshape(-1, p)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"`correlation` is not a table of {p} by {p} numbers") from error
     if matrix.shape != (p, p):
         raise ValueError(f"`correlation` has {len(rows)} rows, not {p}: one a state")

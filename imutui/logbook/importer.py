@@ -4,10 +4,12 @@ Checked before anything is written: names, lengths, numbers, time, and what grav
 """
 
 import csv
+import math
 import time
+import warnings
 import zipfile
-import zlib
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,16 @@ _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
 _OPTIONAL = {"temp": 1}
 # what is known of the motion; NaN is "unknown" here
 _REFERENCES = {"ang": 3, "rate": 3, "ref_quat": 4, "gps_pos": 3, "gps_vel_ned": 3}
+_KNOWN = (*_REQUIRED, *_OPTIONAL, *_REFERENCES)
+_STEMS = {name.partition("_")[0] for name in _KNOWN}
 _PARTS = {3: "xyz", 4: "wxyz"}
+LIMIT = 2 * 2**30
+"""Most that is read of a recording, bytes: of an NPZ's arrays, or of a CSV's text. Two days of everything at 133 Hz."""
+_HEADS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+"""How the head of an array is read, by the version of its format; later ones are for names of columns."""
+_LARGEST = 1e9
+"""Largest reading, angle or place, of either sign, in the units of the file."""
+_FIRST_NS, _LAST_NS = 0, 7_258_118_400_000_000_000  # 1970 and 2200
 _STILL_G = 0.1
 _STILL_DPS = 5.0
 _LONGEST_S = 3.2e8
@@ -118,9 +129,11 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
         part &= t - t[0] >= start
     if end is not None:
         part &= t - t[0] <= end
-    for name, array in values.items():
+    for name, column in values.items():
         if name not in references:
-            _check_finite(path, name, array, part)
+            _check_finite(path, name, column, part)
+        if name != "t":  # whose step and span are looked at
+            _check_large(path, name, column)
     _check_some(path, values["gyro"][part], values["accel"][part])
     _check_time(path, t)
     if np.count_nonzero(part) < 2:
@@ -227,6 +240,11 @@ def write(
         clock_s=float(recording.t[0]),
     )
     base_ns = source.stat().st_mtime_ns if first_ns is None else first_ns
+    if not _FIRST_NS <= base_ns <= _LAST_NS:
+        raise ImportDataError(
+            f"{source} was last changed before 1970 or after 2200, says its folder, and that time starts the log's"
+            " stamps. Set it with `touch`."
+        )
     stamp_ns = base_ns + np.round((recording.t - recording.t[0]) * 1e9).astype(np.int64)
     axes = info.axes()
     gyro = axes.gyro_to_body(np.deg2rad(recording.gyro_dps))
@@ -290,46 +308,61 @@ def _read_npz(path: Path) -> dict[str, Any]:
         archive = np.load(path, allow_pickle=False)
         if not isinstance(archive, np.lib.npyio.NpzFile):
             raise ValueError("a single array")
-        with archive:
+        with archive, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python 2 wrote such heads, and they are read
+            _check_sizes(archive)
             return {name: _member(archive, name) for name in archive.files}
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
-    except (ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
+    except Exception as error:  # unpacking and parsing of foreign bytes raise many kinds
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ImportDataError(
-            f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
+            f"{path} cannot be read as NPZ ({why}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
             " file."
         ) from error
 
 
+def _check_sizes(archive: Any) -> None:
+    """Refuse, before anything is unpacked, arrays that would be longer than they say, or than memory should hold."""
+    total = 0
+    for name in (name for name in _KNOWN if name in archive.files):
+        told = archive.zip.getinfo(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name)
+        with archive.zip.open(told) as stream:
+            try:
+                version = np.lib.format.read_magic(stream)
+                shape, _, dtype = _HEADS[version](stream)
+            except ValueError as error:
+                raise ValueError(f"`{name}`: {error}") from error
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject:
+            raise ValueError(f"`{name}` holds Python's objects, which are not read")
+        if not 0 <= size <= told.file_size:
+            raise ValueError(f"`{name}` says that its shape is {shape}, which is more than the file holds")
+        total += size
+    if total > LIMIT:
+        raise ValueError(f"its arrays take {total:,} bytes; the most is {LIMIT:,}: split the recording")
+
+
 def _member(archive: Any, name: str) -> Any:
     """An array of the archive; what nobody needs may be anything, and is only named."""
-    if name in _REQUIRED or name in _OPTIONAL or name in _REFERENCES:
-        try:
-            return np.asarray(archive[name])
-        except ValueError as error:
-            raise ValueError(f"`{name}`: {error}") from error
-    return np.empty(0)
+    if name not in _KNOWN:
+        return np.empty(0)
+    try:
+        return np.asarray(archive[name])
+    except ValueError as error:
+        raise ValueError(f"`{name}`: {error}") from error
 
 
 def _read_csv(path: Path) -> dict[str, Any]:
     try:
+        if path.stat().st_size > LIMIT:
+            raise ImportDataError(f"{path} is longer than {LIMIT:,} bytes, the most that is read: split the recording.")
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
+            columns = _columns(path, csv.reader(stream))
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ImportDataError(f"{path} is not a CSV text file ({error}). Name an NPZ or CSV file.") from error
-    while rows and not rows[-1]:
-        rows.pop()
-    if not rows:
-        raise ImportDataError(f"{path} is empty. Its first row must name the columns: t, gyro_x, … accel_z.")
-    names = [name.strip() for name in rows[0]]
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(names):
-            raise ImportDataError(
-                f"{path}, line {number}: {len(row)} cells where the first row names {len(names)} columns."
-            )
-    columns = {name: _column(path, name, [row[i] for row in rows[1:]]) for i, name in enumerate(names)}
     for vector, width in (_REQUIRED | _REFERENCES).items():
         parts = [f"{vector}_{part}" for part in _PARTS.get(width, "")]
         if parts and all(part in columns for part in parts):
@@ -337,14 +370,30 @@ def _read_csv(path: Path) -> dict[str, Any]:
     return columns
 
 
-def _column(path: Path, name: str, cells: list[str]) -> np.ndarray:
-    out = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        try:
-            out[i] = float(cell) if cell.strip() else np.nan
-        except ValueError:
-            raise ImportDataError(f'{path}, line {i + 2}, column `{name}`: "{cell}" is not a number.') from None
-    return out
+def _columns(path: Path, rows: Iterator[list[str]]) -> dict[str, Any]:
+    """Columns by name, NaN for an empty cell; of those that nobody needs the name alone."""
+    names = [name.strip() for name in next(rows, [])]
+    if not any(names):
+        raise ImportDataError(f"{path} is empty. Its first row must name the columns: t, gyro_x, … accel_z.")
+    wanted = [(i, name, array("d")) for i, name in enumerate(names) if name.partition("_")[0] in _STEMS]
+    ended = 0
+    for number, row in enumerate(rows, start=2):
+        if not row:  # at the end of the file only
+            ended = ended or number
+            continue
+        if ended or len(row) != len(names):
+            line, cells = (ended, 0) if ended else (number, len(row))
+            raise ImportDataError(f"{path}, line {line}: {cells} cells where the first row names {len(names)} columns.")
+        for i, name, values in wanted:
+            values.append(_cell(path, number, name, row[i]))
+    return dict.fromkeys(names, np.empty(0)) | {name: np.array(values) for _, name, values in wanted}
+
+
+def _cell(path: Path, line: int, name: str, cell: str) -> float:
+    try:
+        return float(cell) if cell.strip() else math.nan
+    except ValueError:
+        raise ImportDataError(f'{path}, line {line}, column `{name}`: "{cell[:40]}" is not a number.') from None
 
 
 def _is_known(path: Path, arrays: dict[str, Any], name: str, width: int) -> bool:
@@ -388,6 +437,17 @@ def _check_finite(path: Path, name: str, array: np.ndarray, part: np.ndarray) ->
         raise ImportDataError(
             f"{path}: `{name}` is not a number in row {bad[0]} (first row is 0; {bad.size} such rows)."
             " Remove these rows, or take a part without them with --start and --end."
+        )
+
+
+def _check_large(path: Path, name: str, column: np.ndarray) -> None:
+    rows = column[:, None] if column.ndim == 1 else column
+    with np.errstate(invalid="ignore"):
+        beyond = np.flatnonzero((np.abs(rows) > _LARGEST).any(axis=1))
+    if beyond.size:
+        raise ImportDataError(
+            f"{path}: `{name}` is beyond {_LARGEST:g} in row {beyond[0]} (first row is 0; {beyond.size} such rows)."
+            " Nothing is that large in the units of this array; remove these rows."
         )
 
 

@@ -17,12 +17,13 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
 
 Record = TypeVar("Record", bound=McapRecord)
-Decompressor = zstandard.ZstdDecompressor
-"""Of zstd chunks; one a thread."""
-
 MAGIC = b"\x89MCAP0\r\n"
 LIMIT = 256 * 2**20
 """Longest record that is read, bytes: a damaged length must not ask for the machine's whole memory."""
+CHUNK_LIMIT = 64 * 2**20
+"""Longest content of a chunk, bytes."""
+BASE_LIMIT, EXPANSION = 16 * 2**20, 250
+"""Content of all chunks of a file: so many bytes, and so many times the file's size."""
 HEAD = struct.Struct("<BQ")
 """Before each record's content: opcode, length."""
 MESSAGE = struct.Struct("<HIQQ")
@@ -59,7 +60,7 @@ class ChecksumError(McapError):
     """Bytes are not those that were written."""
 
 
-MALFORMED = (McapError, EndOfFile, struct.error, zstandard.ZstdError, UnicodeDecodeError, ValueError, IndexError)
+MALFORMED = (McapError, EndOfFile, struct.error, UnicodeDecodeError, ValueError, IndexError, OverflowError)
 """What the reading of damaged bytes raises."""
 
 
@@ -124,34 +125,67 @@ def chunk_times(content: bytes) -> tuple[int, int]:
     return int.from_bytes(content[:8], "little"), int.from_bytes(content[8:16], "little")
 
 
-def inflated(chunk: Chunk, decompressor: Decompressor) -> bytes:
-    """A chunk's content, checked against its checksum.
+class Inflater:
+    """Contents of chunks, checked and within bounds: the one decompressor of all that read a log.
 
-    Raises
-    ------
-    ChecksumError
-        If the checksum is wrong.
-    McapError, zstandard.ZstdError
-        If it is not what it must be, or would be longer than `LIMIT`.
+    A chunk says itself how long it becomes, and a few bytes can say much. One chunk gives `CHUNK_LIMIT` at most, and
+    all chunks that one of these unpacks give no more than the file's size lets expect; samples that never change, the
+    best case of all, become a twenty-seventh.
+
+    Parameters
+    ----------
+    size : int
+        Of the file, bytes.
+    most : int or None
+        Most that all chunks give, bytes, for whoever wants a few of them only.
     """
-    if chunk.uncompressed_size > LIMIT:
-        raise McapError("a chunk's size is out of range")
-    if chunk.compression == "zstd":
-        content = _from_zstd(chunk, decompressor)
-    elif chunk.compression == "lz4":
-        content = _from_lz4(chunk)
-    else:
-        content = chunk.data
-    if chunk.uncompressed_crc not in (0, zlib.crc32(content)):
-        raise ChecksumError("a chunk's checksum is wrong")
-    return content
 
+    def __init__(self, size: int, most: int | None = None) -> None:
+        self._left = BASE_LIMIT + EXPANSION * size
+        self._left = self._left if most is None else min(self._left, most)
+        self._zstd = zstandard.ZstdDecompressor()
 
-def _from_zstd(chunk: Chunk, decompressor: Decompressor) -> bytes:
-    # the library takes as much memory as the data ask for
-    if zstandard.frame_content_size(chunk.data) > LIMIT:
-        raise McapError("a chunk's size is out of range")
-    return decompressor.decompress(chunk.data, chunk.uncompressed_size)
+    def content(self, chunk: Chunk) -> bytes:
+        """A chunk's content, checked against its checksum.
+
+        Raises
+        ------
+        ChecksumError
+            If the checksum is wrong.
+        McapError
+            If it is not what it must be, or is too long.
+        """
+        size = len(chunk.data) if chunk.compression == "" else chunk.uncompressed_size
+        if size > CHUNK_LIMIT:
+            raise McapError("a chunk's size is out of range")
+        if size > self._left:
+            raise McapError("the chunks unpack to far more than a file of this size holds")
+        self._left -= size
+        content = self._unpacked(chunk)
+        if len(content) != chunk.uncompressed_size:
+            raise McapError("a chunk's content is not as long as it says")
+        if chunk.uncompressed_crc not in (0, zlib.crc32(content)):
+            raise ChecksumError("a chunk's checksum is wrong")
+        return content
+
+    def _unpacked(self, chunk: Chunk) -> bytes:
+        if chunk.compression == "zstd":
+            return self._from_zstd(chunk)
+        if chunk.compression == "lz4":
+            return _from_lz4(chunk)
+        if chunk.compression == "":
+            return chunk.data
+        raise McapError(f'a chunk\'s compression is "{chunk.compression[:20]}", which is not known')
+
+    def _from_zstd(self, chunk: Chunk) -> bytes:
+        try:
+            # the library takes as much memory as the data ask for
+            told = zstandard.frame_content_size(chunk.data)
+            if told not in (-1, chunk.uncompressed_size):
+                raise McapError("a chunk's content is not as long as it says")
+            return self._zstd.decompress(chunk.data, chunk.uncompressed_size)
+        except (zstandard.ZstdError, MemoryError) as error:
+            raise McapError("a chunk cannot be decompressed") from error
 
 
 def _from_lz4(chunk: Chunk) -> bytes:
@@ -160,9 +194,7 @@ def _from_lz4(chunk: Chunk) -> bytes:
 
     inflater = lz4.frame.LZ4FrameDecompressor()
     try:
-        content = inflater.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
-    except RuntimeError as error:
+        return bytes(inflater.decompress(chunk.data, max_length=chunk.uncompressed_size + 1))
+    # the library's own raises these for bytes that are no frame, or one that is cut or asks for what it must not
+    except (RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
         raise McapError("a chunk cannot be decompressed") from error
-    if len(content) != chunk.uncompressed_size:
-        raise McapError("a chunk's content is not as long as it says")
-    return bytes(content)

@@ -4,6 +4,7 @@ The format's rules are those of mcap.stream_reader, which reads a record at a ti
 objects, and a chunk's messages stay bytes beside a table of where each begins.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -76,8 +77,8 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
     if head != MAGIC:
         raise InvalidMagic(head)
     checksum = zlib.crc32(head)
-    decompressor = mcap_format.Decompressor()
-    held, wanted = b"", _BLOCK
+    inflater = mcap_format.Inflater(os.fstat(stream.fileno()).st_size)
+    held, wanted, ended = b"", _BLOCK, False
     while True:
         block = stream.read(wanted)
         held += block
@@ -85,17 +86,19 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
         table = walk.tabulate(data, LIMIT, _IN_FILE)
         end, checked = table.end, 0
         for item in _split(held, data, table):
+            if ended and (isinstance(item, Batch) or item[0] == Opcode.CHUNK):
+                raise McapError("messages stand behind the end of the data")
             if isinstance(item, Batch):
                 yield item
                 continue
             opcode, at, length = item
             if opcode == Opcode.CHUNK:
-                yield from _chunk(mcap_format.chunk_of(held[at : at + length]), decompressor, walk)
+                yield from _chunk(mcap_format.chunk_of(held[at : at + length]), inflater, walk)
                 continue
             record = _record(held, opcode, at, length)
             if isinstance(record, DataEnd):
                 checksum = zlib.crc32(memoryview(held)[checked : at - HEAD.size], checksum)
-                checked = at - HEAD.size
+                checked, ended = at - HEAD.size, True
                 if record.data_section_crc not in (0, checksum):
                     raise ChecksumError("the data section's checksum is wrong")
                 continue
@@ -152,12 +155,11 @@ def _record(data: bytes, opcode: int, at: int, length: int) -> McapRecord:
         raise McapError(f"a {Opcode(opcode).name.lower()} record ends before its content") from error
 
 
-def _chunk(chunk: Chunk, decompressor: mcap_format.Decompressor, walk: Walk) -> Iterator[McapRecord | Batch]:
+def _chunk(chunk: Chunk, inflater: mcap_format.Inflater, walk: Walk) -> Iterator[McapRecord | Batch]:
     """A chunk's records: all of them are there, or none is given."""
-    content = mcap_format.inflated(chunk, decompressor)
+    content = inflater.content(chunk)
     data = np.frombuffer(content, np.uint8)
     table = walk.tabulate(data, len(content), _IN_CHUNK)
     if table.end != len(content):
         raise McapError("a chunk's content ends in the middle of a record")
-    for item in _split(content, data, table):
-        yield item if isinstance(item, Batch) else _record(content, *item)
+    yield from [item if isinstance(item, Batch) else _record(content, *item) for item in _split(content, data, table)]

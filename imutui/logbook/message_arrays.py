@@ -3,9 +3,7 @@
 Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
 """
 
-import json
 import mmap
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,7 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from imutui.logbook import mcap_format, message_layout, record_walk, schemas, summary
+from imutui.logbook import mcap_format, message_layout, quality_summary, record_walk, schemas, summary
 from imutui.logbook import scan as scanning
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import HEAD, parse
@@ -34,17 +32,6 @@ _PLAIN = {
     schemas.REFERENCE: message_layout.TABLE,
 }
 _SHOWN = 20
-# bytes that are no such message fail in whichever way the decoder meets them first
-_UNDECODABLE = (
-    schemas.UndecodableError,
-    struct.error,
-    ValueError,
-    IndexError,
-    KeyError,
-    TypeError,
-    OverflowError,
-    MemoryError,
-)
 
 
 @dataclass(slots=True)
@@ -145,7 +132,7 @@ class _Work:
         self._walk = walk
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
-        self._decompressor = mcap_format.Decompressor()
+        self._inflater = mcap_format.Inflater(found.size)
         self._columns = Columns(walk)
         self._roles = np.full(2**16, message_layout.IGNORED, np.uint8)
         self._parts: dict[int, list[np.ndarray]] = {}
@@ -158,7 +145,7 @@ class _Work:
     def take(self, piece: Piece, body: bytes) -> None:
         """Take a record of the file: a chunk's messages, metadata, an attachment, or what stands outside of chunks."""
         if piece.opcode == Opcode.CHUNK:
-            self._records(mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor))
+            self._records(self._inflater.content(mcap_format.chunk_of(body)))
         elif piece.opcode == Opcode.METADATA:
             record = parse(Metadata, body)
             self.audit.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
@@ -237,7 +224,7 @@ class _Work:
                     self._columns.table(message)
                 case _:
                     self._rare(channel.topic, message.data)
-        except _UNDECODABLE as error:
+        except schemas.UNDECODABLE as error:
             self.audit.undecodable_count += 1
             if len(self.audit.undecodable) < _SHOWN:
                 reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
@@ -269,8 +256,4 @@ class _Work:
         a.packets = self._columns.packets()
         a.table = Table(*self._columns.tables())
         if summary.SUMMARY in a.attachments:
-            try:
-                result = json.loads(a.attachments[summary.SUMMARY])
-                a.result = result if isinstance(result, dict) else {}
-            except ValueError:
-                a.result = {}
+            a.result = quality_summary.parse(a.attachments[summary.SUMMARY])

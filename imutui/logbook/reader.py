@@ -25,7 +25,8 @@ from imutui.logbook.record_walk import Walk
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
 
-_UNDECODABLE = (UndecodableError, struct.error, IndexError, KeyError)
+_LONGEST_NS = 320_000_000_000_000_000
+_LARGEST = 1e6
 
 
 class UnreadableLogError(Exception):
@@ -161,7 +162,7 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     for record in _records(path, log, walk):
         try:
             content.take(record)
-        except _UNDECODABLE as error:
+        except schemas.UNDECODABLE as error:
             log.damage = f"a message cannot be decoded ({error})"
             break
     content.close()
@@ -173,6 +174,21 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
 
 
 def _check_samples(log: Log) -> None:
+    first, last = int(log.stamp_ns.min()), int(log.stamp_ns.max())
+    if first < 0 or last - first > _LONGEST_NS:
+        raise UnreadableLogError(
+            f"{log.path}: the stamps of its samples are no times: they go from {first} to {last} ns since 1970, and no"
+            " recording is longer than ten years. `imutui check` looks at the file."
+        )
+    with np.errstate(invalid="ignore"):
+        beyond = (np.abs(log.gyro) > _LARGEST).any(axis=1) | (np.abs(log.accel) > _LARGEST).any(axis=1)
+    # infinity is told below, as what is no number at all
+    beyond &= ~(np.isinf(log.gyro).any(axis=1) | np.isinf(log.accel).any(axis=1))
+    if beyond.any():
+        raise UnreadableLogError(
+            f"{log.path}: sample {int(np.argmax(beyond))} (first is 0) is beyond anything that a unit reads: more than"
+            f" {_LARGEST:,.0f} rad/s or m/s². Remove such samples in the program that wrote the file."
+        )
     finite = np.isfinite(log.gyro).all(axis=1) & np.isfinite(log.accel).all(axis=1)
     if not finite.all():
         lacks = log.unread
@@ -265,7 +281,7 @@ class _Content:
         for row in others.tolist():
             try:
                 self._message(batch.message(row), OTHER)
-            except _UNDECODABLE as error:
+            except schemas.UNDECODABLE as error:
                 # the samples before it count, those after it don't
                 batch, failure = replace(batch, table=batch.table[:row]), error
                 counts, _ = self._tally(batch.table, self._roles)
@@ -312,7 +328,7 @@ class _Content:
                 if values is None:
                     raise UndecodableError("its diagnostics have no status")
                 log.diagnostics = values
-        except _UNDECODABLE as error:
+        except schemas.UNDECODABLE as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 

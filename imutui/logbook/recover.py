@@ -125,7 +125,7 @@ class _Copy:
         self.kept = RebuiltContent()
         self._data = data
         self._writer = writer
-        self._decompressor = mcap_format.Decompressor()
+        self._inflater = mcap_format.Inflater(found.size)
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
         self._channels: dict[int, Channel] = dict(found.index.channels) if found.index is not None else {}
         self._written_schemas: dict[tuple[str, str, bytes], int] = {}
@@ -143,7 +143,7 @@ class _Copy:
         body = scanning.content(self._data, piece)
         if piece.opcode == Opcode.CHUNK:
             self.kept.chunks += 1
-            inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
+            inside = self._inflater.content(mcap_format.chunk_of(body))
             for opcode, at, length in mcap_format.records(inside):
                 self._record(opcode, inside[at : at + length])
             self._writer.flush()  # type: ignore[no-untyped-call]
@@ -171,6 +171,9 @@ class _Copy:
             self._schemas[schema.id] = schema
 
     def _message(self, body: bytes) -> None:
+        if len(body) < MESSAGE.size:  # shorter than its own head, so that nothing tells whose it is
+            self.kept.homeless += 1
+            return
         channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
         data = body[MESSAGE.size :]
         if channel not in self._numbers:

@@ -29,7 +29,6 @@ A table profile as a TOML document (angles in degrees; what segments mean is in 
 
 import csv
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypedDict, cast
@@ -40,11 +39,14 @@ from filters.motion import profile
 from filters.motion.profile import ACCEL, SLEW, Profile
 from filters.motion.reference import Trajectory
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
+from imutui import toml_text
 from imutui.logbook import trajectory_file
+from imutui.toml_text import is_number
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
 """Names under which a reference travels."""
 PROFILE_COLUMNS = ("t", "outer", "middle", "inner")
+_LARGEST, _NEAREST_S, _SMALLEST = 1e9, 1e-6, 1e-15
 
 
 class SegmentTable(TypedDict, total=False):
@@ -115,10 +117,10 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
         raise ValueError(f"{name} is not a text file ({error})") from error
     if name.lower().endswith(".toml"):
         try:
-            return from_document(cast("ProfileDocument", tomllib.loads(text)))
+            return from_document(cast("ProfileDocument", toml_text.parse(content)))
         except ValueError as error:
             raise ValueError(f"{name} is no table profile: {error}") from error
-    first = next(csv.reader([text.partition("\n")[0]]), [])
+    first = next(csv.reader([text.splitlines()[0] if text else ""]), [])
     if tuple(cell.strip() for cell in first) == PROFILE_COLUMNS:
         return parse_angles(text, name)
     return trajectory_file.parse(text, name)
@@ -145,6 +147,14 @@ def parse_angles(text: str, name: str) -> Profile:
             values[n] = [float(cell) for cell in row]
         except ValueError as error:
             raise ValueError(f'{name}, row {n + 2}: "{", ".join(row)}" is not four numbers') from error
+    # NaN has words of its own further on
+    large = (np.abs(values) > _LARGEST).any(axis=1)
+    if large.any():
+        raise ValueError(f"{name}, row {int(np.argmax(large)) + 2}: a number beyond {_LARGEST:g}")
+    near = np.abs(np.diff(values[:, 0])) < _NEAREST_S
+    if near.any():
+        raise ValueError(f"{name}, row {int(np.argmax(near)) + 3}: time does not increase by a microsecond at least")
+    values[np.abs(values) < _SMALLEST] = 0.0  # what is left of a zero by other programs' arithmetic
     t, outer, middle, inner = values.T
     try:
         return profile.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
@@ -249,7 +259,7 @@ def _segment(table: Any, where: str) -> Segment:
     seconds = _number(table, "seconds", where, positive=True)
     if kind == "dwell":
         angles = table.get("angles_deg")
-        if not isinstance(angles, list) or len(angles) != 3 or not all(_is_number(a) for a in angles):
+        if not isinstance(angles, list) or len(angles) != 3 or not all(is_number(a) for a in angles):
             raise ValueError(f"{where}`angles_deg` is {angles}, not three angles: [outer, middle, inner]")
         return Dwell((math.radians(angles[0]), math.radians(angles[1]), math.radians(angles[2])), seconds)
     axis = table.get("axis")
@@ -270,14 +280,10 @@ def _known(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
             raise ValueError(f"{where}`{key}` is unknown; known here: {', '.join(keys)}")
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _number(table: Mapping[str, Any], key: str, where: str, *, positive: bool = False) -> float:
     if key not in table:
         raise ValueError(f"{where}`{key}` is missing")
     value = table[key]
-    if not _is_number(value) or (positive and not value > 0):
+    if not is_number(value) or (positive and not value > 0):
         raise ValueError(f"{where}`{key}` is {value!r}, not a {'positive' if positive else 'finite'} number")
     return float(value)

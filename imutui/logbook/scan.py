@@ -179,7 +179,7 @@ class _FileWalk:
         self._found = found
         self._walk = walk
         self._progress = progress
-        self._decompressor = mcap_format.Decompressor()
+        self._inflater = mcap_format.Inflater(found.size)
         self._next = dict.fromkeys(range(len(_MARKS)), -1)
         self._chunks: set[tuple[int, int, int]] = set()
         self._in_summary = False
@@ -257,6 +257,8 @@ class _FileWalk:
             return f"the file ends in the middle of {_article(_name(opcode))}"
         if length > LIMIT:
             return "a length is out of range"
+        if self._in_summary and opcode in _MESSAGES:
+            return "it stands behind the end of the data"
         if opcode >= mcap_format.PRIVATE:
             return "" if self._follows(at + length) else "these bytes are no record"
         try:
@@ -270,9 +272,12 @@ class _FileWalk:
     def _check(self, opcode: int, body: bytes) -> None:
         """Raise if a record's content is not what it must be."""
         if opcode == Opcode.CHUNK:
-            inside = mcap_format.inflated(mcap_format.chunk_of(body), self._decompressor)
-            if self._walk.end_of_whole(np.frombuffer(inside, np.uint8), len(inside)) != len(inside):
+            inside = self._inflater.content(mcap_format.chunk_of(body))
+            found = self._walk.tabulate(np.frombuffer(inside, np.uint8), len(inside), _DECLARATIONS)
+            if found.end != len(inside):
                 raise McapError("its content ends in the middle of a record")
+            for kind, _, start, length in found.rows.tolist():
+                mcap_format.parse(mcap_format.PARSED[kind], inside[start : start + length])
         elif opcode == Opcode.ATTACHMENT:
             mcap_format.parse(Attachment, body)
             (told,) = struct.unpack("<I", body[-4:])
@@ -292,7 +297,8 @@ class _FileWalk:
         """Note damage and return where the next whole record begins."""
         inside = end and self._trouble_is_inside(end)
         go_on = end if inside else min(self._found_again(at), self._told_by_index(at))
-        what = "summary" if self._in_summary else _name(opcode) if opcode in mcap_format.OPCODES else ""
+        of_index = self._in_summary and opcode not in _MESSAGES
+        what = "summary" if of_index else _name(opcode) if opcode in mcap_format.OPCODES else ""
         self._found.damages.append(Damage(at, go_on - at, why, what))
         return go_on
 
@@ -346,6 +352,9 @@ class _FileWalk:
             return None
 
 
+_MESSAGES = (Opcode.CHUNK, Opcode.MESSAGE)
+_DECLARATIONS = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL])
+"""What a chunk says of its messages: without it, nothing knows what they are."""
 _SIZES: dict[int, int] = {Opcode.FOOTER: FOOTER_SIZE, Opcode.DATA_END: 4}
 
 

@@ -85,6 +85,19 @@ class UndecodableError(Exception):
     """Bytes are no message of the type that their topic has."""
 
 
+UNDECODABLE = (
+    UndecodableError,
+    struct.error,
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+)
+"""How bytes that are no such message fail, whichever way the decoder meets them first."""
+
+
 @dataclass(frozen=True, slots=True)
 class LogEvent:
     """A mark of the operator's or an event of the program's."""

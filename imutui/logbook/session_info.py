@@ -210,6 +210,9 @@ class SessionInfo:
                     values[f.name] = convert(strings[f.name])
                 except ValueError as error:
                     raise ValueError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
+                low, high = _WITHIN.get(f.name, _NUMBERS)
+                if convert is not str and not low <= values[f.name] <= high:
+                    raise ValueError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
         return replace(cls(), **values)
 
     def config_sha256(self) -> str:
@@ -225,6 +228,22 @@ class SessionInfo:
             decisive["memory"] = self.memory
         text = json.dumps(decisive, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+_NUMBERS = (-1e18, 1e18)
+_WITHIN = {
+    "g_unit": (1.0, 100.0),
+    "rate_range_dps": (1e-6, 1e6),
+    "accel_range_g": (1e-6, 1e6),
+    "rate_hz": (1e-6, 1e6),
+    "latitude_deg": (-90.0, 90.0),
+    "longitude_deg": (-360.0, 360.0),
+    "height_m": (-1e5, 1e6),
+    "gravity_mps2": (0.0, 100.0),
+    "kappa": (-15.0, 1e6),
+    "power_on_ns": (0.0, 2.0**63 - 1024.0),
+}
+"""What fields of the metadata may be; others, any number that is one."""
 
 
 def parse_signs(text: str) -> np.ndarray:

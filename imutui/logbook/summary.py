@@ -5,7 +5,7 @@ our samples are numbered, so their number and time are exact; what lies between 
 """
 
 import contextlib
-import json
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
-from imutui.logbook import file_index, file_lock, mcap_format, schemas
+from imutui.logbook import file_index, file_lock, mcap_format, quality_summary, schemas
 from imutui.logbook.mcap_format import FOOTER, HEAD, MAGIC, MALFORMED, MESSAGE, OPCODES, parse, records
 from imutui.logbook.session_info import METADATA
 
@@ -29,6 +29,7 @@ CONFIGURATION, SUMMARY = "configuration.toml", "summary.json"
 _TAIL = 2 * 2**20
 _LARGEST = 16 * 2**20
 _FIRST_RECORDS = 64
+_MOST = 96 * 2**20
 _ZSTD = mcap_format.prefixed("zstd")
 
 
@@ -163,23 +164,22 @@ def _take_statistics(statistics: Statistics, channels: dict[int, Channel], found
         found.seconds = (statistics.message_end_time - statistics.message_start_time) / 1e9
     # of the samples alone, where it was counted
     counted = found.result.get("duration_s")
-    if isinstance(counted, float) and found.samples:
-        found.seconds = counted
+    if isinstance(counted, int | float) and found.samples:
+        found.seconds = float(counted)
 
 
 def _take_metadata(stream: IO[bytes], index: MetadataIndex, found: Summary) -> None:
-    if index.name == METADATA and index.length <= _LARGEST:
+    if index.name == METADATA and HEAD.size <= index.length <= _LARGEST and index.offset <= found.bytes:
         stream.seek(index.offset + HEAD.size)
         found.session = _strings(parse(Metadata, stream.read(index.length - HEAD.size)).metadata)
 
 
 def _take_attachment(stream: IO[bytes], index: AttachmentIndex, found: Summary) -> None:
     found.attachments[index.name] = index.data_size
-    if index.name == SUMMARY and index.data_size <= _LARGEST:
-        stream.seek(index.offset + index.length - 4 - index.data_size)
-        with contextlib.suppress(ValueError):
-            result = json.loads(stream.read(index.data_size))
-            found.result = result if isinstance(result, dict) else {}
+    at = index.offset + index.length - 4 - index.data_size
+    if index.name == SUMMARY and index.data_size <= _LARGEST and 0 <= at <= found.bytes:
+        stream.seek(at)
+        found.result = quality_summary.parse(stream.read(index.data_size))
 
 
 # -- any other file ----------------------------------------------------------------------------------------------------
@@ -195,8 +195,9 @@ class _Sample:
 
 def _from_ends(stream: IO[bytes], found: Summary) -> None:
     """Take what the beginning and the last whole chunk say, and how the file ends."""
-    first, channel = _beginning(stream, found)
-    last, how = _ending(stream, found.bytes, channel)
+    inflater = mcap_format.Inflater(found.bytes, _MOST)
+    first, channel = _beginning(stream, found, inflater)
+    last, how = _ending(stream, found.bytes, channel, inflater)
     found.by_ends = True
     if found.state != DAMAGED:
         found.state = DAMAGED if how else UNFINISHED
@@ -209,7 +210,7 @@ def _from_ends(stream: IO[bytes], found: Summary) -> None:
         found.samples = last.sequence - first.sequence + 1 if last.sequence or last is first else None
 
 
-def _beginning(stream: IO[bytes], found: Summary) -> tuple[_Sample | None, int | None]:
+def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater) -> tuple[_Sample | None, int | None]:
     """Metadata and attachments before the first chunk with samples; that chunk's first sample, and its channel."""
     at, names, topics = len(MAGIC), dict[int, str](), dict[int, str]()
     for _ in range(_FIRST_RECORDS):
@@ -229,7 +230,7 @@ def _beginning(stream: IO[bytes], found: Summary) -> tuple[_Sample | None, int |
                 attachment = parse(Attachment, content)
                 found.attachments[attachment.name] = len(attachment.data)
             elif opcode == Opcode.CHUNK:
-                inside = _inflate(content)
+                inside = inflater.content(mcap_format.chunk_of(content))
                 _channels(inside, names, topics)
                 found.types = {topic: names.get(number, "") for number, topic in topics.items()}
                 sample, channel = _first_sample(inside, found.types, topics)
@@ -259,7 +260,9 @@ def _first_sample(content: bytes, types: dict[str, str], topics: dict[int, str])
     return next(samples, None), channel
 
 
-def _ending(stream: IO[bytes], size: int, channel: int | None) -> tuple[_Sample | None, str]:
+def _ending(
+    stream: IO[bytes], size: int, channel: int | None, inflater: mcap_format.Inflater
+) -> tuple[_Sample | None, str]:
     """Last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
     stream.seek(max(0, size - _TAIL))
     tail = stream.read()
@@ -267,14 +270,16 @@ def _ending(stream: IO[bytes], size: int, channel: int | None) -> tuple[_Sample 
     while (at := _chunk_before(tail, at)) >= 0:
         _, length = HEAD.unpack_from(tail, at)
         try:
-            samples = list(_samples(_inflate(tail[at + HEAD.size : at + HEAD.size + length]), channel))
+            chunk = mcap_format.chunk_of(tail[at + HEAD.size : at + HEAD.size + length])
+            # the last one; a list of all could be far longer than the chunk
+            latest = deque(_samples(inflater.content(chunk), channel), 1)
         except MALFORMED:
             how, judged = how or "a chunk near its end cannot be read", True
             continue
         if not judged:
             how, judged = _behind(tail, at), True
-        if samples:
-            return samples[-1], how
+        if latest:
+            return latest[0], how
     return None, how
 
 
@@ -314,11 +319,6 @@ def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
             number, sequence, _, publish_ns = MESSAGE.unpack_from(content, at)
             if number == channel:
                 yield _Sample(sequence, publish_ns)
-
-
-def _inflate(content: bytes) -> bytes:
-    """A chunk record's content, checked."""
-    return mcap_format.inflated(mcap_format.chunk_of(content), mcap_format.Decompressor())
 
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:

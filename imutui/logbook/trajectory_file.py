@@ -16,6 +16,7 @@ _DEGREES = ("lat", "lon", "roll", "pitch", "yaw")
 _SCALE = np.array([np.pi / 180.0 if name in _DEGREES else 1.0 for name in COLUMNS[1:]])
 # 1e-10 deg is 11 um on the ground; 1e-8 deg of attitude is far below what any reference knows
 _DIGITS = dict.fromkeys(("lat", "lon"), 10) | dict.fromkeys(("roll", "pitch", "yaw"), 8) | {"t": 9, "h": 5}
+_NUMBERS = (-1e9, 1e9)
 _LIMITS = {"lat": (-90.0, 90.0), "lon": (-180.0, 360.0), "pitch": (-90.0, 90.0)}
 
 
@@ -100,12 +101,12 @@ def _numbers(cells: list[str], column: str, lines: list[int], name: str) -> np.n
     if bad.any():
         row = int(np.argmax(bad))
         raise TrajectoryError(f'{name}, line {lines[row]}, column `{column}`: "{cells[row]}" is not a number.')
-    low, high = _LIMITS.get(column, (-np.inf, np.inf))
+    low, high = _LIMITS.get(column, _NUMBERS)
     outside = (out < low) | (out > high)
     if outside.any():
         row = int(np.argmax(outside))
         raise TrajectoryError(
-            f"{name}, line {lines[row]}, column `{column}`: {out[row]:g} is outside {low:g} to {high:g} degrees."
+            f"{name}, line {lines[row]}, column `{column}`: {out[row]:g} is outside {low:g} to {high:g}."
         )
     return out
 

@@ -151,12 +151,16 @@ def _temperature(degc: TemperatureFields | None) -> str:
 def _axes(d: InfoDocument) -> str:
     if not d["mount"] or d["accel_sign"] is None:
         return ""
-    ranges = f", ±{d['rate_range_dps']:g} deg/s, ±{d['accel_range_g']:g} g" if d["rate_range_dps"] else ""
+    ranges = (
+        f", ±{d['rate_range_dps']:g} deg/s, ±{d['accel_range_g']:g} g"
+        if d["rate_range_dps"] and d["accel_range_g"]
+        else ""
+    )
     return f"mount {d['mount']}, accelerometer sign {d['accel_sign']:+.0f}, gyro signs {d['gyro_sign']}{ranges}"
 
 
 def _site(d: InfoDocument) -> str:
-    if d["latitude_deg"] is None or d["gravity_mps2"] is None:
+    if None in (d["latitude_deg"], d["longitude_deg"], d["height_m"], d["gravity_mps2"]):
         return ""
     where = f"{d['latitude_deg']:.6f}°, {d['longitude_deg']:.6f}°, {d['height_m']:.1f} m"
     return f"{where}, gravity {d['gravity_mps2']:.5f} m/s²"

@@ -145,20 +145,30 @@ def test_a_chunk_takes_no_more_memory_than_it_says(compression: str) -> None:
     """A chunk of a few bytes that says little and holds much, or says too much, is damage in words."""
     content = bytes(2**22)
     packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](content)
-    decompressor = zstandard.ZstdDecompressor()
+    inflater = mcap_format.Inflater(len(packed))
 
-    def chunk(size: int, data: bytes = packed) -> Chunk:
-        return Chunk(compression, data, 0, 0, 0, size)
+    def chunk(size: int, data: bytes = packed, name: str = compression) -> Chunk:
+        return Chunk(name, data, 0, 0, 0, size)
 
-    assert mcap_format.inflated(chunk(len(content)), decompressor) == content
-    for wrong in (chunk(mcap_format.LIMIT + 1), *([chunk(10)] if compression == "lz4" else [])):
+    assert inflater.content(chunk(len(content))) == content
+    wrong = [chunk(mcap_format.CHUNK_LIMIT + 1), chunk(10), chunk(len(content) + 1), chunk(len(content), name="brotli")]
+    wrong += [chunk(len(content), packed[:20])] if compression else []
+    for one in wrong:
         with pytest.raises(McapError):
-            mcap_format.inflated(wrong, decompressor)
-    if compression:
-        with pytest.raises((McapError, zstandard.ZstdError)):
-            mcap_format.inflated(chunk(len(content), packed[:20]), decompressor)
+            mcap_format.Inflater(len(content)).content(one)
     with pytest.raises(mcap_format.ChecksumError):
-        mcap_format.inflated(Chunk(compression, packed, 0, 0, 1, len(content)), decompressor)
+        inflater.content(Chunk(compression, packed, 0, 0, 1, len(content)))
+
+
+def test_many_small_chunks_do_not_unpack_to_more_than_the_file_lets_expect() -> None:
+    """Each is within bounds, all of them are not."""
+    content = bytes(2**22)
+    chunk = Chunk("zstd", zstandard.compress(content), 0, 0, 0, len(content))
+    inflater = mcap_format.Inflater(1000)
+    for _ in range(mcap_format.BASE_LIMIT // len(content)):
+        inflater.content(chunk)
+    with pytest.raises(McapError, match="far more"):
+        inflater.content(chunk)
 
 
 def test_a_change_of_the_layout_changes_the_file_that_is_compiled() -> None:

@@ -1,0 +1,67 @@
+"""TOML from outside: effects files, profiles, scenarios, configuration; refused in words whatever is in them.
+
+Python's parser calls itself for what is nested, and takes the square of its length over a key of many parts.
+"""
+
+import re
+import tomllib
+from typing import Any
+
+LIMIT = 4 * 2**20
+"""Longest document, bytes."""
+DEPTH = 20
+"""Tables and lists in each other; ours have five."""
+LARGEST = 1e12
+"""Largest number, of either sign."""
+_PARTS = 50
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){{{_PARTS},}}""")
+
+
+def parse(content: bytes) -> dict[str, Any]:
+    """Document of a file's content.
+
+    Parameters
+    ----------
+    content : bytes
+        UTF-8, with or without byte order mark.
+
+    Raises
+    ------
+    ValueError
+        If it is no TOML, or longer or deeper than the limits.
+    """
+    if len(content) > LIMIT:
+        raise ValueError(f"it is {len(content):,} bytes long; the most is {LIMIT:,}")
+    try:
+        text = content.decode("utf-8-sig")
+        if _LONG_KEY.search(text):
+            raise ValueError(f"a key in it has more than {_PARTS} parts")
+        document = tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error
+    if _is_deep(document):
+        raise ValueError(_TOO_DEEP)
+    return document
+
+
+_TOO_DEEP = f"its tables and lists are nested more than {DEPTH} deep"
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number that anything here can be: finite, and not beyond `LARGEST`."""
+    # compared as it is: a whole number may have any length, more than a float takes
+    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+
+
+def _is_deep(document: dict[str, Any]) -> bool:
+    level: list[Any] = [document]
+    for _ in range(DEPTH + 1):
+        level = [
+            inside
+            for table in level
+            for inside in (table.values() if isinstance(table, dict) else table)
+            if isinstance(inside, dict | list)
+        ]
+        if not level:
+            return False
+    return True

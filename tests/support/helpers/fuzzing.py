@@ -1,0 +1,481 @@
+"""What is fuzzed, in one table: seeds that are right, how they are spoilt, and what takes them.
+
+A target raises only what nobody documents: errors that a command tells in words of its own are what is wanted.
+"""
+
+import contextlib
+import io
+import random
+import shutil
+import signal
+import time
+import tracemalloc
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from filters.kalman.spkf import DivergenceError
+from helpers.logs import recorded
+from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
+from imutui import config
+from imutui.config import ConfigError
+from imutui.instrument.crossbow import (
+    AskSerialNumber,
+    AskVersion,
+    CommandDecoder,
+    Decoder,
+    Mode,
+    Packet,
+    Ping,
+    SetMode,
+    encode,
+)
+from imutui.jobs import check, info, operator_steps, recover
+from imutui.logbook import effects_file, import_reference, importer, reference_file
+from imutui.logbook.importer import ImportDataError
+from imutui.logbook.json_text import dumps
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.session_info import SessionInfo
+from imutui.report import logs as log_texts
+from imutui.scenario import ScenarioError, load_scenario
+
+LIMIT_S = 20.0
+"""Longest that one input may take."""
+
+
+class NotDoneError(BaseException):
+    """An input takes too long; nothing that takes one may take this for an error of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Something that takes bytes from outside.
+
+    Attributes
+    ----------
+    seeds : callable
+        Gives inputs that are right; told a folder to work in.
+    spoil : callable
+        Makes another input of one.
+    take : callable
+        Takes an input; told a folder to work in.
+    in_tests : int
+        Inputs that take about a third of a second.
+    told : tuple of type
+        Errors that are documented, and that a command tells in words.
+    """
+
+    seeds: Callable[[Path], list[bytes]]
+    spoil: Callable[[random.Random, bytes], bytes]
+    take: Callable[[bytes, Path], None]
+    in_tests: int
+    told: tuple[type[Exception], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An input, the seed that makes it, and what came of it."""
+
+    target: str
+    seed: int
+    data: bytes
+    error: str
+
+
+# ------------------------------------------------------------------------------------------------------------- targets
+
+
+def _line_seeds(folder: Path) -> list[bytes]:
+    packets = [Packet(Mode.SCALED, (k, -k, 1), (2, 3, 5450), 1587, 65535 - 75 * k) for k in range(9)]
+    return [b"".join(map(encode, packets)), b"H" + b"\xff\x00\x97\x3c\xe6\xb9" + b"\xffDMU\x8a", b"PPRSvCGTab"]
+
+
+def _take_line(data: bytes, folder: Path) -> None:
+    rng = random.Random(len(data))
+    for command in (True, False, Ping(), AskVersion(), AskSerialNumber(), SetMode(Mode.SCALED)):
+        decoder = Decoder()
+        if isinstance(command, bool):
+            decoder.expect_packets(Mode.SCALED, streaming=command)
+        else:
+            decoder.expect_reply(command)
+        for piece in _pieces(rng, data):
+            for event in decoder.feed(piece):
+                repr(event)
+        decoder.quiet()
+    unit = CommandDecoder()
+    for piece in _pieces(rng, data):
+        unit.feed(piece)
+
+
+def _pieces(rng: random.Random, data: bytes) -> Iterator[bytes]:
+    at = 0
+    while at < len(data):
+        size = rng.choice((1, 3, 17, 200))
+        yield data[at : at + size]
+        at += size
+
+
+def _log_seeds(folder: Path) -> list[bytes]:
+    path = folder / "seed.mcap"
+    path.unlink(missing_ok=True)
+    made = recorded(path, seconds=2, rate=8).read_bytes()
+    return [made, made[: len(made) * 2 // 3]]
+
+
+def _still_log_seeds(folder: Path) -> list[bytes]:
+    """Of a unit at rest, which a filter takes."""
+    source, path = folder / "still.npz", folder / "still.mcap"
+    np.savez(source, **_arrays())
+    importer.write(importer.load(source), SessionInfo(accel_sign=1, mount="x,-y,-z"), source, path, overwrite=True)
+    made = path.read_bytes()
+    return [made, made[: len(made) * 2 // 3]]
+
+
+def _log_file(data: bytes, folder: Path) -> Path:
+    path = folder / "log.mcap"
+    path.write_bytes(data)
+    return path
+
+
+def _take_brief(data: bytes, folder: Path) -> None:
+    from imutui.tui.pages.logs import text
+
+    found = info.brief(_log_file(data, folder))
+    text.row(found, False, 140)
+    text.detail(found)
+
+
+def _take_info(data: bytes, folder: Path) -> None:
+    document = info.info(_log_file(data, folder))
+    dumps(document)
+    log_texts.info_text(document, 80)
+
+
+def _take_check(data: bytes, folder: Path) -> None:
+    document = check.check(_log_file(data, folder))
+    dumps(document)
+    log_texts.check_text(document, 80)
+
+
+def _take_recover(data: bytes, folder: Path) -> None:
+    document = recover.recover(_log_file(data, folder), folder / "fixed.mcap", overwrite=True)
+    dumps(document)
+    log_texts.recover_text(document, 80)
+
+
+def _take_replay(data: bytes, folder: Path) -> None:
+    from imutui.cli.result_table import print_result
+    from imutui.jobs.replay import ReplayOptions, replay
+
+    document = replay(_log_file(data, folder), ReplayOptions(output=folder / "estimates.mcap", overwrite=True))
+    dumps(document)
+    with contextlib.redirect_stdout(io.StringIO()):
+        print_result(document)
+
+
+def _arrays() -> dict[str, np.ndarray]:
+    t = np.arange(20) * 0.1
+    still = np.tile([0.0, 0.0, 0.998], (20, 1))
+    return {"t": t, "gyro": 0.0 * still, "accel": still, "temp": 20.0 + t, "ang": 0.0 * still, "extra": t}
+
+
+def _npz_seeds(folder: Path) -> list[bytes]:
+    made = []
+    for save in (np.savez, np.savez_compressed):
+        stream = io.BytesIO()
+        save(stream, **_arrays())
+        made.append(stream.getvalue())
+    return made
+
+
+def _spoilt_npz(rng: random.Random, data: bytes) -> bytes:
+    """Bytes of the archive, or of one array in it, spoilt."""
+    if rng.random() < 0.3:
+        return spoilt_bytes(rng, data)
+    stream = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(stream, "w") as new:
+        names = old.namelist()
+        chosen = rng.choice(names)
+        for name in names:
+            inside = old.read(name)
+            if name == chosen:
+                # the head is text
+                head = spoilt_text(rng, inside[10:128]) if rng.random() < 0.6 else inside[10:128]
+                whole = inside[:10] + head + inside[128:]
+                inside = whole if rng.random() < 0.6 else spoilt_bytes(rng, whole)
+            new.writestr(name, inside, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
+    return stream.getvalue()
+
+
+def _csv_seeds(folder: Path) -> list[bytes]:
+    arrays = _arrays()
+    rows = ["t,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,temp"]
+    columns = zip(arrays["t"], arrays["gyro"], arrays["accel"], arrays["temp"], strict=True)
+    rows += [",".join(f"{v:.6g}" for v in (t, *gyro, *accel, temp)) for t, gyro, accel, temp in columns]
+    return ["\n".join(rows).encode()]
+
+
+def _take_import(name: str) -> Callable[[bytes, Path], None]:
+    def take(data: bytes, folder: Path) -> None:
+        path = folder / name
+        path.write_bytes(data)
+        recording = importer.load(path)
+        session = SessionInfo()
+        importer.check_gravity(recording, session)
+        made = import_reference.from_arrays(recording.t, recording.known, session.axes().mount, session.site())
+        importer.write(recording, session, path, folder / "imported.mcap", overwrite=True, reference=made)
+
+    return take
+
+
+_SCENARIO = b"""\
+seed = 3
+power_ons = 2
+
+[biases]
+accel_mg = [1.0, -2.0, 3.0]
+gyro_dps = [0.1, 0.0, -0.1]
+
+[noise]
+
+[temperature]
+history = [[0.0, 20.0], [600.0, 35.0]]
+
+[site]
+latitude_deg = -23.2
+longitude_deg = -45.9
+height_m = 641.0
+
+[instrument]
+accel_sign = -1
+mount = "x,-y,-z"
+
+[[effect]]
+name = "thermal_lin"
+channel = "gy"
+dps_per_k = 0.02
+
+[[power_on]]
+seed = 5
+
+[[fault]]
+at_s = 3.0
+kind = "drop_bytes"
+count = 4
+
+[[profile.segment]]
+kind = "dwell"
+angles_deg = [0.0, 90.0, 0.0]
+seconds = 30.0
+"""
+
+
+def _take_scenario(data: bytes, folder: Path) -> None:
+    from filters.simulation import Unit
+
+    path = folder / "scenario.toml"
+    path.write_bytes(data)
+    scenario = load_scenario(path)
+    try:
+        Unit(scenario, 0, 20.0).record(20)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from error
+
+
+_PROFILE = b"""\
+align = "marks"
+sign = [1, 1, -1]
+offset_sd_s = 0.05
+slew_dps = 20.0
+accel_dps2 = 100.0
+
+[[segment]]
+kind = "dwell"
+angles_deg = [0.0, 90.0, 0.0]
+seconds = 30.0
+
+[[segment]]
+kind = "rate"
+axis = "inner"
+rate_dps = 30.0
+seconds = 12.0
+
+[[segment]]
+kind = "sine"
+axis = "middle"
+amplitude_deg = 10.0
+hz = 0.5
+seconds = 20.0
+"""
+_ANGLES = b"t,outer,middle,inner\n0,0,0,0\n1,0,1.5,0\n2,0,3,10\n3,0,3,20\n4,0,3,20\n"
+_TRAJECTORY = (
+    b"t,lat,lon,h,vn,ve,vd,roll,pitch,yaw\n0,-23.2,-45.9,641,0,0,0,0,0,0\n1,-23.2,-45.9,641,1,0,0,,,\n"
+    b"2,-23.2,-45.9,641,2,0,0,0,1,2\n"
+)
+
+
+def _take_profile(name: str) -> Callable[[bytes, Path], None]:
+    def take(data: bytes, folder: Path) -> None:
+        path = folder / name
+        path.write_bytes(data)
+        offer = operator_steps.offer_of(path)
+        if offer.error:
+            return
+        profile = operator_steps.load(offer.file, offer.text)
+        operator_steps.steps(profile)
+        dumps(operator_steps.document(profile, offer.name))
+        reference_file.parse(name, data)
+
+    return take
+
+
+def _take_reference(data: bytes, folder: Path) -> None:
+    path = folder / "trajectory.csv"
+    path.write_bytes(data)
+    import_reference.from_file(path).motion()
+
+
+_EFFECTS = b"""\
+version = 1
+source = "trace of a.mcap"
+correlation = [[1.0, 0.1], [0.1, 1.0]]
+
+[[effect]]
+effect = "thermal_lin"
+channels = ["gy"]
+include_as = "A"
+
+[[effect.state]]
+name = "k"
+unit = "deg/s/K"
+mean = 0.02
+sd = 0.001
+
+[[effect]]
+effect = "thermal_lag"
+channels = ["gx"]
+include_as = "A"
+
+[effect.parameters]
+tau_s = 80.0
+
+[[effect.state]]
+name = "k"
+unit = "deg/s/K"
+mean = 0.02
+sd = 0.001
+tau_s = inf
+q = 0.0
+"""
+
+
+def _take_effects(data: bytes, folder: Path) -> None:
+    path = folder / "effects.toml"
+    path.write_bytes(data)
+    effects_file.maker(effects_file.from_file(path), SessionInfo(rate_hz=20.0))
+
+
+_CONFIGURATION = (
+    b'[paths]\nlogs = "logs"\n\n[acquisition]\nrate_hz = 20.0\noperator = "ana"\n\n[site]\nheight_m = 641.0\n'
+)
+
+
+def _take_configuration(data: bytes, folder: Path) -> None:
+    (folder / "imutui.toml").write_bytes(data)
+    config.load({}, folder)
+
+
+def _given(*seeds: bytes) -> Callable[[Path], list[bytes]]:
+    return lambda folder: list(seeds)
+
+
+TARGETS = {
+    "line": Target(_line_seeds, spoilt_bytes, _take_line, 900),
+    "brief": Target(_log_seeds, spoilt_log, _take_brief, 300),
+    "info": Target(_log_seeds, spoilt_log, _take_info, 150, (UnreadableLogError,)),
+    "check": Target(_log_seeds, spoilt_log, _take_check, 150, (UnreadableLogError,)),
+    "recover": Target(_log_seeds, spoilt_log, _take_recover, 60, (UnreadableLogError,)),
+    "replay": Target(_still_log_seeds, spoilt_log, _take_replay, 40, (UnreadableLogError, ValueError, DivergenceError)),
+    "npz": Target(_npz_seeds, _spoilt_npz, _take_import("recording.npz"), 150, (ImportDataError,)),
+    "csv": Target(_csv_seeds, spoilt_text, _take_import("recording.csv"), 200, (ImportDataError,)),
+    "scenario": Target(_given(_SCENARIO), spoilt_text, _take_scenario, 200, (ScenarioError,)),
+    "profile": Target(_given(_PROFILE), spoilt_text, _take_profile("profile.toml"), 60),
+    "angles": Target(_given(_ANGLES), spoilt_text, _take_profile("profile.csv"), 60),
+    "trajectory": Target(_given(_TRAJECTORY), spoilt_text, _take_reference, 300, (ImportDataError,)),
+    "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (ValueError,)),
+    "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (ConfigError,)),
+}
+"""By the names that cases begin with."""
+
+
+# ------------------------------------------------------------------------------------------------------------- running
+
+
+def take(name: str, data: bytes, folder: Path) -> None:
+    """Give a target an input, within a time.
+
+    Raises
+    ------
+    Exception
+        What is not documented.
+    NotDoneError
+        If it takes too long.
+    """
+    target = TARGETS[name]
+    # a warning would stand on a user's terminal, too
+    with contextlib.suppress(*target.told), _within(LIMIT_S), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        target.take(data, folder)
+
+
+@contextlib.contextmanager
+def _within(seconds: float) -> Iterator[None]:
+    def over(*_: object) -> None:
+        raise NotDoneError(f"not done after {seconds:.0f} s")
+
+    before = signal.signal(signal.SIGALRM, over)
+    rest = signal.setitimer(signal.ITIMER_REAL, seconds)[0]
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, rest)
+        signal.signal(signal.SIGALRM, before)
+
+
+def memory_of(name: str, data: bytes, folder: Path) -> int:
+    """Most memory that taking an input has, bytes."""
+    tracemalloc.start()
+    try:
+        take(name, data, folder)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def input_of(name: str, seed: int, folder: Path) -> bytes:
+    """The input that a seed makes."""
+    rng = random.Random(f"{name} {seed}")
+    target = TARGETS[name]
+    return target.spoil(rng, rng.choice(target.seeds(folder)))
+
+
+def campaign(name: str, seeds: Iterator[int], folder: Path, until: float = float("inf")) -> Iterator[Failure]:
+    """Spoil a target's inputs, one a seed, until a time (monotonic, s); what failed, as it fails."""
+    work = folder / name
+    work.mkdir(parents=True, exist_ok=True)
+    target = TARGETS[name]
+    given = target.seeds(work)
+    for seed in seeds:
+        if time.monotonic() > until:
+            return
+        rng = random.Random(f"{name} {seed}")
+        data = target.spoil(rng, rng.choice(given))
+        try:
+            take(name, data, work)
+        except (Exception, NotDoneError) as error:  # noqa: BLE001 - that is what is looked for
+            yield Failure(name, seed, data, f"{type(error).__name__}: {error}")
+    shutil.rmtree(work, ignore_errors=True)
