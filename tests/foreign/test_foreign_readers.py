@@ -1,36 +1,45 @@
-"""A recorded file opens in other people's libraries."""
+"""A recorded file opens in other people's libraries, however it came about, and a validator finds no fault in it."""
 
-import json
-import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import readers
 from helpers.commands import imutui
-from helpers.places import own_places
-from helpers.processes import LIMIT_S
-from helpers.shared import once
 from helpers.units import virtual
+from reliability import endings, lines
+from reliability.shared import once_measured
 from rosbags.highlevel import AnyReader
 
 from imutui.logbook import reader, schemas
 
-HERE = Path(__file__).parent
+
+def in_parts(folder: Path) -> list[Path]:
+    """A short recording over the virtual instrument's wire, in three files: the last two go on from the one before."""
+    wish = ("--rate", "20", "--duration", "3.5", "--rotate-minutes", "0.02", "-o", str(folder / "a.mcap"))
+    with virtual() as port:
+        imutui("record", "--port", port, *wish, check=1)
+    return sorted(folder.glob("a*.mcap"))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short recording over the virtual instrument's wire."""
+    """The first of these files."""
+    return once_measured(tmp_path_factory, "foreign", in_parts)[0][0]
 
-    def make(folder: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch, virtual() as port:
-            own_places(patch, folder)
-            wish = ("--rate", "20", "--duration", "3", "-o", str(folder / "a.mcap"))
-            imutui("record", "--port", port, *wish, check=1)
 
-    return once(tmp_path_factory, "foreign", make) / "a.mcap"
+@pytest.fixture(params=["rotated", "reconnected", "recovered"])
+def any_log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished file: one that goes on from another, one with a gap and an event of it, one made of what was left."""
+    if request.param == "rotated":
+        parts = once_measured(tmp_path_factory, "foreign", in_parts)[0]
+        assert len(parts) == 3
+        return parts[1]
+    if request.param == "reconnected":
+        _, folder = once_measured(tmp_path_factory, "unplugged", lines.unplugged)
+        return next((folder / "logs").glob("*.mcap"))
+    _, folder = once_measured(tmp_path_factory, "killed", endings.kill_nine)
+    return next((folder / "logs").glob("*_recovered.mcap"))
 
 
 def test_rosbags_decodes_what_was_recorded(log: Path) -> None:
@@ -46,13 +55,9 @@ def test_rosbags_decodes_what_was_recorded(log: Path) -> None:
 
 def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
     """@mcap/core reads index, chunks and schemas: stock types and our own, with the values that were recorded."""
-    modules = os.environ.get("NPM_READERS")
-    if shutil.which("node") is None or modules is None:
+    read = readers.typescript_document(log)
+    if read is None:
         pytest.skip("needs node, and NPM_READERS naming a folder where `npm install` was run on package.json")
-    line = ["node", HERE / "read.mjs", log]
-    done = subprocess.run(line, cwd=modules, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    assert done.returncode == 0, done.stderr
-    read = json.loads(done.stdout)
     own = reader.read(log, raw=True)
     assert read["profile"] == "ros2"
     first = read["topics"][schemas.IMU]["first"]
@@ -62,3 +67,20 @@ def test_the_typescript_library_decodes_what_was_recorded(log: Path) -> None:
     assert read["topics"][schemas.RAW]["count"] == len(own.raw)
     assert read["topics"][schemas.RAW]["first"]["counts"] == list(own.raw[0].counts)
     assert set(read["topics"]) >= {schemas.REFERENCE, schemas.DIAGNOSTICS, schemas.ESTIMATE, schemas.TEMPERATURE}
+
+
+def test_every_reader_finds_every_message(any_log: Path) -> None:
+    """Rotated, reconnected and recovered: of each topic as many as our own reader."""
+    found = [count for count in (read(any_log) for read in readers.READERS.values()) if count is not None]
+    assert len(found) >= 2
+    assert all(count == found[0] for count in found)
+    own = reader.read(any_log, raw=True)
+    assert (found[0][schemas.IMU], found[0][schemas.RAW]) == (own.stamp_ns.size, len(own.packets))
+
+
+def test_a_validator_finds_no_fault(any_log: Path) -> None:
+    """No error, and no warning either: no message is published after it was logged."""
+    verdict = readers.by_doctor(any_log)
+    if verdict is None:
+        pytest.skip("needs pymcap-cli")
+    assert (verdict.errors, verdict.warnings) == (0, 0), verdict.texts

@@ -14,6 +14,7 @@ from helpers.paths import SAMPLE
 from helpers.places import own_places
 from reliability import clocks, endings, files, lines, ports, screens
 from reliability.setting import Acquired, acquiring
+from reliability.shared import once_measured
 from reliability.soak import soak
 
 from imutui.session.plan import Plan
@@ -41,9 +42,9 @@ def recording(recorder: tuple[Acquired, Path], monkeypatch: pytest.MonkeyPatch) 
     return recorder[0]
 
 
-def test_kill_nine_loses_at_most_a_flush_interval(home: Path) -> None:
+def test_kill_nine_loses_at_most_a_flush_interval(tmp_path_factory: pytest.TempPathFactory) -> None:
     """A second at most and what is in flight; three readers by others open what `recover` makes of the file."""
-    found = endings.kill_nine(home, 1.5)
+    found, _ = once_measured(tmp_path_factory, "killed", endings.kill_nine)
     assert 0.0 <= found.lost_s < 1.0 * FACTOR
     assert found.held > 0
     assert len(found.read) >= 2
@@ -100,9 +101,9 @@ def test_the_busiest_screen_makes_no_stamp_late(recording: Acquired) -> None:
     assert found.median_ms < 5.0
 
 
-def test_the_same_unit_is_found_again_and_no_other_one(home: Path) -> None:
+def test_the_same_unit_is_found_again_and_no_other_one(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Noticed within a second, back within two of its return, under another name; the gap is in the same file."""
-    found = lines.unplugged(home)
+    found, _ = once_measured(tmp_path_factory, "unplugged", lines.unplugged)
     assert found.noticed_s < 1.0 * FACTOR
     assert found.back_s < 2.0 * FACTOR
 

@@ -1,11 +1,16 @@
-"""Readers of logs by others: how many messages each of them finds. The judges of what is written."""
+"""Readers and validators of logs by others: what each of them finds. The judges of what is written.
+
+Programs are run where they are installed, and never imported: `pymcap-cli` is under the GPL, `rerun` is large.
+"""
 
 import json
 import os
 import shutil
 import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -61,3 +66,45 @@ def packets_by_reader(path: Path) -> dict[str, int]:
     """Raw packets in a log, by the readers that are there."""
     found = {name: read(path) for name, read in READERS.items()}
     return {name: topics[schemas.RAW] for name, topics in found.items() if topics is not None}
+
+
+def _tool(name: str) -> str | None:
+    """A program beside this interpreter or on the path."""
+    return shutil.which(name, path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a validator says of a log: errors, warnings, and the texts of both."""
+
+    errors: int
+    warnings: int
+    texts: tuple[str, ...]
+
+
+def by_doctor(path: Path) -> Verdict | None:
+    """Verdict of `pymcap-cli doctor`; None where it is not there. It warns of a publish time after the log time."""
+    tool = _tool("pymcap-cli")
+    if tool is None:
+        return None
+    line = [tool, "doctor", "--format", "jsonl", str(path)]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    said = [json.loads(text) for text in done.stdout.splitlines() if text.startswith("{")]
+    summary = next(one for one in said if one["type"] == "summary")
+    grave = [one["message"] for one in said if one["type"] == "finding" and one["severity"] != "info"]
+    return Verdict(summary["errors"], summary["warnings"], tuple(grave))
+
+
+def by_rerun(path: Path) -> Verdict | None:
+    """Verdict of `rerun mcap check`; None where it is not there."""
+    tool = _tool("rerun")
+    if tool is None:
+        return None
+    line = [tool, "mcap", "check", str(path)]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    rows = [text for text in done.stdout.splitlines() if "/" in text and len(text.split()) > 3]
+    issues = tuple(text for text in rows if not text.startswith("ok") and text.split()[1].isdigit())
+    return Verdict(int(done.returncode != 0), len(issues), issues)
+
+
+VALIDATORS: dict[str, Callable[[Path], Verdict | None]] = {"pymcap-cli doctor": by_doctor, "rerun mcap check": by_rerun}

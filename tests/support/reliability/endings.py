@@ -49,7 +49,7 @@ class Killed:
     read: dict[str, int]
 
 
-def kill_nine(folder: Path, seconds: float) -> Killed:
+def kill_nine(folder: Path, seconds: float = 1.5) -> Killed:
     """Kill a recorder after so many seconds of packets, and recover its file; a unit of its own ends with it."""
     tap = folder / "tap"
     plan = Plan("virtual", logs=str(folder / "logs"), record=True, filter="none", virtual=("--tap", str(tap)))

@@ -80,8 +80,8 @@ class Acquired:
 
     def goes_on(self, seconds: float = 0.5) -> None:
         """Wait for so much more of packets."""
-        enough = self.state()["packets"] + seconds / PERIOD_S
-        wait_until(lambda: self.state()["packets"] > enough)
+        enough = self.state()["series"]["next"] + seconds / PERIOD_S
+        wait_until(lambda: self.state()["series"]["next"] > enough)
 
 
 @contextmanager

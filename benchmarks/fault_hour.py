@@ -1,0 +1,240 @@
+"""An hour of random faults on a virtual unit and its line: what was lost, what was told, and that nothing is invented.
+
+    python benchmarks/fault_hour.py [--minutes 60] [--seed 1] [--every 6] [--rate 133] [--filter none] [--keep FOLDER]
+
+A scenario with a fault every so many seconds, of a kind, size and moment drawn from the seed, is run by `imutui
+virtual`; an acquisition records it in real time. The truth is the unit's own (`--sent`: each packet, and when it was
+sampled) and the line's (`--tap`: the bytes that reached the host's queue). Counted are
+
+* packets of the file that were not sent, or twice, or in another order: invented;
+* packets that reached the host whole and are not in the file: outside of gaps that it tells, and within (a unit that
+  came back sends while it is being asked who it is; what stood in the queue when the port went is gone);
+* places in the file where packets lack: how many have an event there, whose bounds hold the truth, and are exact;
+* gaps that are told where nothing lacks, and losses that are counted as certain and did not happen;
+* stamps: departure from when each packet was sampled, one constant removed.
+"""
+
+import argparse
+import csv
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from machine import describe
+from mcap.reader import make_reader
+
+from filters.simulation import FAULT_KINDS
+from imutui.instrument.crossbow import PACKET_BYTES
+from imutui.logbook import schemas
+from imutui.session import client as session
+from imutui.session.client import SessionError
+from imutui.session.plan import Plan
+
+NAME = f"bench-faults-{os.getpid()}"
+_BOUNDS = re.compile(r"lost_min=(\d+) lost_max=(\d+) uncertainty_ms=([\d.]+)")
+_SIZES = {
+    "drop_bytes": (1, 40), "garbage": (1, 60), "bit_flips": (1, 6), "lose_packets": (1, 30), "backlog": (2, 100),
+    "silence": (0.3, 4.0), "stall": (0.1, 3.0), "stutter": (0.03, 0.4), "pause": (0.3, 3.0), "hang_up": (0.5, 3.0),
+}  # fmt: skip
+_LONGEST_S = 4.0
+
+
+def scenario(seed: int, seconds: float, every: float) -> tuple[str, Counter[str]]:
+    """Text of a scenario with a fault about every so many seconds, and how many there are of each kind."""
+    rng = np.random.default_rng(seed)
+    text, counts = f"seed = {seed}\n", Counter[str]()
+    at = 5.0
+    while at < seconds - 2.0 * _LONGEST_S:
+        kind = str(rng.choice(sorted(FAULT_KINDS)))
+        text += f'\n[[fault]]\nat_s = {at:.4f}\nkind = "{kind}"\n'
+        measure = FAULT_KINDS[kind]
+        if measure:
+            least, most = _SIZES[kind]
+            size = rng.integers(least, most + 1) if measure == "count" else round(float(rng.uniform(least, most)), 3)
+            text += f"{measure} = {size}\n"
+        if kind == "hang_up":
+            text += f"power = {str(bool(rng.integers(2))).lower()}\n"
+        counts[kind] += 1
+        at += every + float(rng.exponential(0.3 * every))
+    return text, counts
+
+
+@contextmanager
+def virtual(folder: Path, text: str) -> Iterator[Path]:
+    """A link to a unit of this scenario; truth goes to `tap` and `sent.csv`."""
+    (folder / "faults.toml").write_text(text)
+    link = folder / "imu"
+    command = [sys.executable, "-m", "imutui", "virtual", "--while-stdin", "--link", str(link)]
+    command += [
+        "--scenario",
+        str(folder / "faults.toml"),
+        "--tap",
+        str(folder / "tap"),
+        "--sent",
+        str(folder / "sent.csv"),
+    ]
+    with (folder / "virtual.log").open("w") as log:
+        unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True)
+        assert unit.stdin is not None
+        assert unit.stdout is not None
+        unit.stdout.readline()
+        try:
+            yield link
+        finally:
+            unit.stdin.close()
+            unit.wait(30.0)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the file holds: frames, arrival, stamp and its uncertainty of each packet; gaps told, by log time."""
+
+    frames: list[bytes]
+    log_ns: np.ndarray
+    stamp_ns: np.ndarray
+    gaps: dict[int, tuple[int, int]]
+    lost_packets: int
+
+
+def recorded(path: Path) -> Recorded:
+    """Read the file with mcap's own reader."""
+    frames, log_ns, stamp_ns, gaps, lost = [], [], [], {}, 0
+    with path.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            if channel.topic == schemas.RAW:
+                packet = schemas.decode_raw(message.data)
+                words = [*packet.counts, packet.temperature, packet.ticks]
+                payload = b"".join((word & 0xFFFF).to_bytes(2, "big") for word in words)
+                frames.append(b"\xff" + payload + bytes([sum(payload) % 256]))
+                log_ns.append(message.log_time)
+                stamp_ns.append(message.publish_time + packet.host_monotonic_ns - message.log_time)
+            elif channel.topic == schemas.EVENTS:
+                event = schemas.decode(schemas.TYPES[schemas.EVENTS], message.data)
+                found = _BOUNDS.search(event.msg)
+                if event.name == "gap" and found:
+                    gaps[message.log_time] = int(found[1]), int(found[2])
+            elif channel.topic == schemas.DIAGNOSTICS:
+                values = schemas.decode(schemas.TYPES[schemas.DIAGNOSTICS], message.data).status[0].values
+                lost = int(next(v.value for v in values if v.key == "lost_packets"))
+    return Recorded(frames, np.array(log_ns), np.array(stamp_ns), gaps, lost)
+
+
+def truth(folder: Path) -> tuple[list[bytes], np.ndarray, np.ndarray]:
+    """Frames sent, when each was sampled (monotonic, ns), and whether it stood whole in the host's queue."""
+    with (folder / "sent.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    frames = [bytes.fromhex(row["frame"]) for row in rows]
+    data, at, whole = (folder / "tap").read_bytes(), 0, []
+    for frame in frames:
+        # what was lost before it is shorter than this, or it is not there
+        place = data.find(frame, at, at + 2000 * PACKET_BYTES)
+        whole.append(place >= 0)
+        at = place + PACKET_BYTES if place >= 0 else at
+    return frames, np.array([int(row["sampled_monotonic_ns"]) for row in rows]), np.array(whole)
+
+
+def places(held: list[bytes], sent: list[bytes]) -> tuple[np.ndarray, int]:
+    """Where each recorded packet stands among those sent, -1 for one that was not sent there; and how many are none."""
+    found, at = [], 0
+    for frame in held:
+        k = next((k for k in range(at, min(at + 5000, len(sent))) if sent[k] == frame), -1)
+        found.append(k)
+        at = k + 1 if k >= 0 else at
+    where = np.array(found)
+    return where, int(np.sum(where < 0))
+
+
+def report(folder: Path, log: Path, faults: Counter[str], seconds: float) -> None:
+    """Print what came of it."""
+    sent, sampled_ns, whole = truth(folder)
+    held = recorded(log)
+    where, invented = places(held.frames, sent)
+    first, last = int(where[0]), int(where[-1])
+    steps = np.diff(where)
+    holes = np.flatnonzero(steps > 1)
+    missing = np.setdiff1d(np.arange(first, last + 1), where)
+    told = {int(k): held.gaps.get(int(held.log_ns[k + 1])) for k in holes}
+    bounds = [(int(steps[k]) - 1, gap) for k, gap in told.items()]
+    in_told = {n for k in holes if told[int(k)] for n in range(int(where[k]) + 1, int(where[k + 1]))}
+    by_host = [int(n) for n in missing if whole[n]]
+    hole_ends = {int(held.log_ns[k + 1]) for k in holes}
+    false = [gap for at, gap in held.gaps.items() if at not in hole_ends]
+    late_ms = (held.stamp_ns - sampled_ns[where]) / 1e6
+    late_ms = np.abs(late_ms - np.median(late_ms))
+    rows = {
+        "faults injected": f"{sum(faults.values())}, {3600.0 * sum(faults.values()) / seconds:.0f} an hour: "
+        + ", ".join(f"{kind} {count}" for kind, count in sorted(faults.items())),
+        "packets sent, in the file": f"{last + 1 - first}, {len(held.frames)}",
+        "invented (not sent, twice, in another order)": str(invented),
+        "not in the file": f"{missing.size}, of these whole in the host's queue: {len(by_host)}"
+        f" ({sum(n not in in_told for n in by_host)} of them outside of gaps that are told)",
+        "places where packets lack": f"{holes.size}; told {sum(gap is not None for _, gap in bounds)}, bounds hold the"
+        f" truth {sum(gap is not None and gap[0] <= n <= gap[1] for n, gap in bounds)},"
+        f" exact {sum(gap is not None and gap[0] == n == gap[1] for n, gap in bounds)}",
+        "gaps told where nothing lacks": f"{len(false)}, with a certain loss {sum(low > 0 for low, _ in false)}",
+        "lost_packets": f"{held.lost_packets} counted as certain, {missing.size} true",
+        "stamps, ms": "median {:.3f}, p99 {:.3f}, max {:.2f}".format(*np.percentile(late_ms, [50.0, 99.0, 100.0])),
+    }
+    print("\n| | |\n|---|---|")
+    for what, said in rows.items():
+        print(f"| {what} | {said} |")
+
+
+def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> tuple[Path, float]:
+    """Record so long; returns the file and the share of a processor that the acquisition took."""
+    with virtual(folder, text) as link:
+        plan = Plan(
+            str(link), rate, logs=str(folder), name=NAME, record=True, filter=name, duration_s=seconds,
+        )  # fmt: skip
+        client = session.start(plan)
+        log = Path(client.snapshot(2**62)["recording"]["path"])
+        stat, since = Path(f"/proc/{client.pid}/stat"), time.monotonic()
+        share = 0.0
+        try:
+            while True:
+                try:
+                    client.wait(5.0)
+                    break
+                except TimeoutError:
+                    fields = stat.read_text().rpartition(")")[2].split()
+                    taken = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+                    share = taken / (time.monotonic() - since)
+                    print(f"\r{time.monotonic() - since:.0f} of {seconds:.0f} s", end="", file=sys.stderr, flush=True)
+        except SessionError as error:
+            print(f"\nended: {error}", file=sys.stderr)
+        print(file=sys.stderr)
+    return log, share
+
+
+def main() -> None:
+    """Run and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--every", type=float, default=6.0, help="s between faults, at least")
+    parser.add_argument("--rate", type=float, default=133.0)
+    parser.add_argument("--filter", default="none")
+    parser.add_argument("--keep", type=Path, help="folder for scenario, truth and log; else a temporary one")
+    options = parser.parse_args()
+    print(describe("mcap", "numpy", "pyserial"), flush=True)
+    seconds = 60.0 * options.minutes
+    text, faults = scenario(options.seed, seconds, options.every)
+    with tempfile.TemporaryDirectory() as name:
+        folder = options.keep or Path(name)
+        folder.mkdir(exist_ok=True)
+        log, share = record(folder, text, seconds, options.rate, options.filter)
+        print(f"seed {options.seed}, {options.minutes:g} min, acquisition {100.0 * share:.1f} % of a processor")
+        report(folder, log, faults, seconds)
+
+
+if __name__ == "__main__":
+    main()
