@@ -125,7 +125,8 @@ def busy(it: Acquired, seconds: float) -> Lateness:
 
 def suspended(it: Acquired, seconds: float) -> int:
     """Ctrl+Z under a screen that a shell has started, and `fg` after so long; packets lost."""
-    shell = Terminal(["sh", "-i"], synchronised=True, controlling=True, PS1="$ ")
+    # one that answers could do so when the screen has just been stopped, and the shell would take it for a command
+    shell = Terminal(["sh", "-i"], controlling=True, PS1="$ ")
     try:
         shell.press(f"{shlex.join(command_line('attach'))}\n".encode())
         shell.read_until(_RECORDS, "deg/s")
