@@ -10,7 +10,8 @@ From packets to a file: `packet_stamps` when each was sampled · `sample_pipelin
 `averaging` packets to samples · `live_filter` the filter ·
 `recording` the file's life, `rotation` when it is full, `previous_log` what was before it ·
 `vanished_file` whether it is there still · `disk_space` · `timebase` UTC that no clock step moves.
-For viewers: `snapshot` what they see and `requests` what they ask, records only · `observe` fills the snapshot, with
+For viewers: `snapshot` what they see and `requests` what they ask, records only, `request_fields` read from one that
+may be anything · `observe` fills the snapshot, with
 `observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it, `overview` to all of them · `exit_codes`.
 `python -m imutui.session` is the process itself.

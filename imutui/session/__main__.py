@@ -16,13 +16,13 @@ from pathlib import Path
 
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
-from imutui.plain_text import visible
-from imutui.session import exit_codes, handshake, ipc
+from imutui.plain_text import NAME_LIMIT, visible
+from imutui.session import exit_codes, handshake, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
-from imutui.session.plan import VIRTUAL_PORT, Plan, RecordingWish
+from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.session.requests import Reply, Request, StartReport
 
 _SWITCH_S = 0.0005
@@ -69,7 +69,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     end_reported = threading.Event()
 
     def answer(request: Request) -> Reply:
-        reply = _answer(engine, request)
+        reply = carry_out(engine, request)
         if "exit_code" in reply:
             end_reported.set()
         return reply
@@ -94,28 +94,30 @@ def _acquire(plan: Plan, port: Port) -> int:
     return engine.exit_code
 
 
-def _answer(engine: Engine, request: Request) -> Reply:
+def carry_out(engine: Engine, request: Request) -> Reply:
+    """Do what a viewer asks; raises ValueError with what is wrong with it, or what stands against it."""
     match request["ask"]:
         case "snapshot":
-            since = int(request.get("since", 0))
+            since = request_fields.whole(request, "since", 0)
             return {"snapshot": engine.call(lambda acquisition: acquisition.snapshot(since), late=True)}
         case "mark":
-            text = str(request["text"])
+            text = request_fields.text(request, "text")
             engine.call(lambda acquisition: acquisition.mark(text))
             return {}
         case "record":
-            wish = RecordingWish(**request.get("wish", {}))
+            wish = request_fields.wish(request)
             return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
         case "configure":
-            changes = request["changes"]
+            changes = request_fields.changes(request)
             engine.call(lambda acquisition: acquisition.configure(changes))
             return {}
         case "zero":
-            return {"said": engine.zero(int(request["argument"]))}
+            argument = request_fields.whole(request, "argument")
+            return {"said": engine.zero(argument)}
         case "profile":
             return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
-            do, wish = str(request["do"]), RecordingWish(**request.get("wish", {}))
+            do, wish = request_fields.text(request, "do"), request_fields.wish(request)
             engine.call(lambda acquisition: acquisition.guide(do, wish))
             return {}
         case "stop_recording":
@@ -125,8 +127,9 @@ def _answer(engine: Engine, request: Request) -> Reply:
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
-            return _ending(engine) if engine.lifecycle.ended.wait(request.get("timeout_s")) else {"runs": True}
-    raise ValueError(f'no such request: "{request["ask"]}"')
+            limit = request_fields.seconds(request, "timeout_s")
+            return _ending(engine) if engine.lifecycle.ended.wait(limit) else {"runs": True}
+    raise ValueError(f'no such request: "{str(request["ask"])[:NAME_LIMIT]}"')
 
 
 def _ending(engine: Engine) -> Reply:

@@ -358,7 +358,8 @@ def _connect(name: str) -> socket.socket:
 def _exchange(connection: socket.socket, request: Request, timeout: float | None, name: str) -> Reply:
     try:
         connection.settimeout(timeout)
-        connection.sendall(json.dumps(request).encode() + b"\n")
+        with contextlib.suppress(BrokenPipeError):  # whoever is refused is told so first
+            connection.sendall(json.dumps(request).encode() + b"\n")
         data = bytearray()
         while not data.endswith(b"\n"):
             part = connection.recv(1 << 16)

@@ -246,7 +246,7 @@ class _Handler(socketserver.StreamRequestHandler):
                 with self.server.idle:
                     self.server.busy += 1
                 try:
-                    self.wfile.write(_line(self._reply(line)))
+                    self.wfile.write(_line(reply_to(line, self.server.answer)))
                 finally:
                     with self.server.idle:
                         self.server.busy -= 1
@@ -262,16 +262,29 @@ class _Handler(socketserver.StreamRequestHandler):
         with contextlib.suppress(OSError):
             super().finish()
 
-    def _reply(self, line: bytes) -> Reply | Refusal:
-        try:
-            reply = self.server.answer(_request(line))
-        except (ValueError, KeyError, TypeError, OverflowError, OSError) as error:
-            return {"ok": False, "error": one_line(str(error), NOTE_LIMIT)}
-        except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
-            traceback.print_exc()
-            return {"ok": False, "error": f"an error of imutui's own: {type(error).__name__}: {error}"}
-        reply["ok"] = True
-        return reply
+
+def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
+    """Reply to whatever came as a line.
+
+    Parameters
+    ----------
+    line : bytes
+        Should be a request.
+    answer : callable
+        See `Server`.
+    """
+    try:
+        reply = answer(_request(line))
+    except (ValueError, KeyError, TypeError, OverflowError, OSError) as error:
+        return {"ok": False, "error": one_line(str(error), NOTE_LIMIT)}
+    except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
+        traceback.print_exc()
+        return {
+            "ok": False,
+            "error": one_line(f"an error of imutui's own: {type(error).__name__}: {error}", NOTE_LIMIT),
+        }
+    reply["ok"] = True
+    return reply
 
 
 def _request(line: bytes) -> Request:

@@ -6,13 +6,16 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.processes import wait_until
 
-from imutui.session import ipc
+from imutui.session import __main__ as process
+from imutui.session import client, ipc
+from imutui.session.client import SessionError
 from imutui.session.requests import Reply, Request
 
 HOSTILE = {
@@ -115,3 +118,41 @@ def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.Monke
     monkeypatch.setattr(ipc, "_uid_of_peer", stranger)
     with ipc.connect("asked", 60.0) as connection:
         assert "another user" in json.loads(connection.recv(1 << 12))["error"]
+
+
+def test_a_client_that_is_one_too_many_is_told_in_words(server: ipc.Server) -> None:
+    """Not that the acquisition has ended: it goes on, for those that are there."""
+    with ExitStack() as viewers:
+        for _ in range(ipc.MAX_VIEWERS):
+            viewers.enter_context(ipc.connect("asked", 60.0))
+        wait_until(lambda: server.viewers == ipc.MAX_VIEWERS)
+        for _ in range(5):
+            with pytest.raises(SessionError, match="viewers are connected already"):
+                client._exchange(client._connect("asked"), {"ask": "mark", "text": "x" * 200_000}, 60.0, "asked")
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"ask": "record", "wish": {"x": 1}}, "`x` is unknown in `wish`"),
+        ({"ask": "record", "wish": 5}, "`wish` is no JSON object"),
+        ({"ask": "guide", "wish": {}}, "`do` is no text"),
+        ({"ask": "record", "wish": {"note": 5}}, "`note` is no text"),
+        ({"ask": "configure", "changes": [1]}, "`changes` is no JSON object"),
+        ({"ask": "configure", "changes": {"reference_file": "ab"}}, "not a name and a text"),
+        ({"ask": "configure", "changes": {"reference_file": ["n" * 999, "x"]}}, "longer than 200"),
+        ({"ask": "configure", "changes": {"effects": 1}}, "`effects` is no text"),
+        ({"ask": "mark"}, "`text` is no text"),
+        ({"ask": "zero", "argument": True}, "no whole number"),
+        ({"ask": "snapshot", "since": 2**70}, "no whole number"),
+        ({"ask": "wait", "timeout_s": "x"}, "no time"),
+        ({"ask": "wait", "timeout_s": -1}, "no time"),
+        ({"ask": "x" * 9999}, "no such request"),
+    ],
+)
+def test_a_field_that_does_not_fit_is_named(request_: dict[str, Any], words: str) -> None:
+    """Before anything of the acquisition is asked."""
+    reply = ipc.reply_to(json.dumps(request_).encode(), partial(process.carry_out, None))  # type: ignore[arg-type]
+    assert not reply["ok"]
+    assert words in reply["error"]
+    assert len(reply["error"]) < 500

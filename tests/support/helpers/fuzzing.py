@@ -5,6 +5,7 @@ A target raises only what nobody documents: errors that a command tells in words
 
 import contextlib
 import io
+import json
 import random
 import shutil
 import signal
@@ -15,6 +16,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -389,6 +391,84 @@ def _take_configuration(data: bytes, folder: Path) -> None:
     config.load({}, folder)
 
 
+_PROFILE_TEXT = json.dumps(_PROFILE.decode())
+_REQUESTS = (
+    b'{"ask": "snapshot", "since": 0}',
+    b'{"ask": "mark", "text": "table at 90"}',
+    b'{"ask": "record", "wish": {"note": "x", "operator": "ana", "rotate_minutes": 5.0, "rotate_mb": null}}',
+    b'{"ask": "configure", "changes": {"reference": "gravity", "effects": ""}}',
+    b'{"ask": "configure", "changes": {"reference_file": ["t.toml", ' + _PROFILE_TEXT.encode() + b"]}}",
+    b'{"ask": "configure", "changes": {"effects": ' + json.dumps(_EFFECTS.decode()).encode() + b"}}",
+    b'{"ask": "zero", "argument": 0}',
+    b'{"ask": "profile"}',
+    b'{"ask": "guide", "do": "begin", "wish": {"note": "y"}}',
+    b'{"ask": "stop_recording"}',
+    b'{"ask": "wait", "timeout_s": 0.5}',
+)
+_SEQUENCES = tuple(
+    b"\n".join(_REQUESTS[k] for k in order) for order in ((2, 1, 9), (4, 8, 0, 1, 7), (5, 2, 0, 9, 3, 0))
+)
+
+
+class _Unit:
+    """Stands where an acquisition has its reader."""
+
+    last_packet_ns = 0
+
+    def zero(self, argument: int) -> None:
+        if not 0 <= argument <= 255:
+            raise AssertionError(argument)
+
+
+class _Engine:
+    """An acquisition without threads: what is asked is done at once, as its worker does it."""
+
+    def __init__(self, folder: Path) -> None:
+        from imutui.instrument.clock import Clock
+        from imutui.session.acquisition import Acquisition
+        from imutui.session.lifecycle import Lifecycle
+        from imutui.session.plan import Plan
+
+        self.result, self.ended_by_itself, self.lifecycle = None, True, Lifecycle()
+        self.lifecycle.first_packet()
+        plan = Plan("virtual", rate_hz=20.0, logs=str(folder))
+        session = SessionInfo(rate_hz=20.0, kind="simulated", serial_number="7")
+        self.acquisition = Acquisition(plan, session, Clock(1.0), _Unit(), self.lifecycle)  # type: ignore[arg-type]
+        # nobody is waited for
+        self.lifecycle.ended.set()
+
+    def call(self, function: Callable[[Any], Any], timeout: float = 30.0, *, late: bool = False) -> Any:
+        return function(self.acquisition)
+
+    def zero(self, argument: int) -> str:
+        from imutui.session import zeroing
+
+        zeroing.check(argument)
+        self.acquisition.begin_zeroing(argument)
+        return ""
+
+    def request_stop(self) -> None:
+        pass
+
+
+def _take_request(data: bytes, folder: Path) -> None:
+    from imutui.session import __main__ as process
+    from imutui.session import ipc
+
+    logs = folder / "logs"
+    before = {path for path in folder.rglob("*") if not path.is_relative_to(logs)}
+    engine = _Engine(logs)
+    for line in (*data.split(b"\n")[:20], _REQUESTS[0], _REQUESTS[-2]):
+        reply = ipc.reply_to(line, lambda request: process.carry_out(engine, request))  # type: ignore[arg-type]
+        json.dumps(reply)
+        if not reply["ok"] and "imutui's own" in reply["error"]:
+            raise AssertionError(reply["error"])
+    engine.acquisition.finish()
+    if {path for path in folder.rglob("*") if not path.is_relative_to(logs)} != before:
+        raise AssertionError("a request wrote outside of the folder of logs")
+    shutil.rmtree(logs, ignore_errors=True)
+
+
 def _given(*seeds: bytes) -> Callable[[Path], list[bytes]]:
     return lambda folder: list(seeds)
 
@@ -407,6 +487,7 @@ TARGETS = {
     "angles": Target(_given(_ANGLES), spoilt_text, _take_profile("profile.csv"), 60),
     "trajectory": Target(_given(_TRAJECTORY), spoilt_text, _take_reference, 300, (ImportDataError,)),
     "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (ValueError,)),
+    "request": Target(_given(*_REQUESTS, *_SEQUENCES), spoilt_text, _take_request, 80),
     "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (ConfigError,)),
 }
 """By the names that cases begin with."""

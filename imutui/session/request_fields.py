@@ -1,0 +1,70 @@
+"""Fields of a viewer's request, read one by one: nothing in it is taken for granted, and what is wrong has a name.
+
+What it leaves out: whether what is asked can be done now, which the acquisition says.
+"""
+
+from collections.abc import Mapping
+from typing import cast
+
+from imutui.plain_text import NAME_LIMIT
+from imutui.session.plan import RecordingWish
+from imutui.session.requests import FilterChanges, RecordingWishFields, Request
+
+_LONGEST_WAIT_S = 86400.0
+
+
+def text(request: Request, name: str) -> str:
+    """A text that the request must have; raises ValueError if it has none."""
+    value = cast("Mapping[str, object]", request).get(name)
+    if not isinstance(value, str):
+        raise ValueError(f"the request's `{name}` is no text")
+    return value
+
+
+def whole(request: Request, name: str, default: int | None = None) -> int:
+    """A whole number; raises ValueError if it is none, or lacks and there is no default."""
+    value = cast("Mapping[str, object]", request).get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int) or not -(2**63) <= value < 2**63:
+        raise ValueError(f"the request's `{name}` is no whole number")
+    return value
+
+
+def seconds(request: Request, name: str) -> float | None:
+    """A time to wait at most; None for ever. Raises ValueError if it is neither."""
+    value = cast("Mapping[str, object]", request).get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= _LONGEST_WAIT_S:
+        raise ValueError(f"the request's `{name}` is no time from 0 to {_LONGEST_WAIT_S:g} s")
+    return float(value)
+
+
+def wish(request: Request) -> RecordingWish:
+    """What is wished of a recording; raises ValueError with the field that is unknown or does not fit."""
+    fields, known = _table(request, "wish"), RecordingWishFields.__annotations__
+    unknown = sorted(set(fields) - known.keys())
+    if unknown:
+        raise ValueError(f"`{unknown[0][:NAME_LIMIT]}` is unknown in `wish`; known: {', '.join(known)}")
+    return RecordingWish(**cast("RecordingWishFields", fields))
+
+
+def changes(request: Request) -> FilterChanges:
+    """What the filter is to take; raises ValueError with the field that does not fit."""
+    # which of them there are is said by whoever takes them
+    fields = _table(request, "changes")
+    for name in ("reference", "effects"):
+        if not isinstance(fields.get(name, ""), str):
+            raise ValueError(f"the request's `{name}` is no text")
+    file = fields.get("reference_file", ("", ""))
+    if not isinstance(file, list | tuple) or len(file) != 2 or not all(isinstance(part, str) for part in file):
+        raise ValueError("the request's `reference_file` is not a name and a text")
+    if len(file[0]) > NAME_LIMIT:
+        raise ValueError(f"the reference's name is longer than {NAME_LIMIT} characters")
+    return cast("FilterChanges", fields)
+
+
+def _table(request: Request, name: str) -> Mapping[str, object]:
+    fields = cast("Mapping[str, object]", request).get(name, {})
+    if not isinstance(fields, dict):
+        raise ValueError(f"the request's `{name}` is no JSON object")
+    return fields
