@@ -174,8 +174,9 @@ class ConvergenceMonitor:
         self._means.append(mean)
         if len(self._means) == self._window:
             self._judge(self._end, bias, bias_sd)
-        # a gap may span many blocks; empty ones say nothing
-        self._end += self._block * (1 + int((t - self._end + 1e-9) // self._block))
+        # a gap may span many blocks; empty ones say nothing. Where rounding puts `t` before the end one is over all the
+        # same: whoever runs the filter waits for the end to move on
+        self._end += self._block * max(1, 1 + int((t - self._end + 1e-9) // self._block))
 
     def _judge(self, t: float, bias: Array, bias_sd: Array) -> None:
         means = np.array(self._means)

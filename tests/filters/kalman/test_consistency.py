@@ -288,3 +288,14 @@ def test_the_remainder_is_told_from_windows_that_do_not_overlap() -> None:
     blind = Clean(3)
     blind.run(60, known=False)
     assert blind.monitor.remainder() == consistency.Remainder(None, 0)
+
+
+@pytest.mark.parametrize("begin", [8271.909925047, 29984.285970256, 74606.144272509])
+def test_a_sample_a_nanosecond_before_the_end_of_a_block_ends_it(begin: float) -> None:
+    """Hours on, where rounding has it just before the end and just within the tolerance: the end moves on once."""
+    monitor = ConvergenceMonitor(0.05)
+    monitor.begin(begin)
+    t = round((monitor.end - 1e-9) * 1e9) * 1e-9
+    assert monitor.end - 1e-9 <= t < monitor.end
+    monitor.close(t, np.zeros(6), np.zeros(6), np.zeros(6), np.ones(6))
+    assert monitor.end == begin + 2.0
