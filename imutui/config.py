@@ -15,7 +15,7 @@ import platformdirs
 
 from filters.imu import STANDARD_GRAVITY
 from filters.state import PAPER_SITE
-from imutui import toml_text
+from imutui import outside_file, toml_text
 
 Value = str | int | float
 
@@ -207,7 +207,7 @@ def parse_pairs(pairs: list[str]) -> dict[str, Value]:
 def _file(path: Path) -> dict[str, Any] | None:
     """Keys and values of a file; None if there is none."""
     try:
-        tree = toml_text.parse(path.read_bytes())
+        tree = toml_text.parse(outside_file.read(path, toml_text.LIMIT))
     except FileNotFoundError:
         return None
     except ValueError as error:

@@ -78,7 +78,7 @@ from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_
 from filters.motion.profile import Profile
 from filters.simulation import Effect, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
-from imutui import toml_text
+from imutui import outside_file, toml_text
 from imutui.logbook import reference_file
 from imutui.scenario_wire import fault_of, personality_of
 from imutui.toml_text import is_number
@@ -155,7 +155,7 @@ def load_scenario(path: Path) -> Scenario:
 
 def _parsed(path: Path) -> dict[str, Any]:
     try:
-        return toml_text.parse(path.read_bytes())
+        return toml_text.parse(outside_file.read(path, toml_text.LIMIT))
     except ValueError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:

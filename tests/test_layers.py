@@ -16,13 +16,14 @@ GROUND = {
     f"filters.{name}" for name in ("types", "channels", "first_order", "earth", "attitude", "imu", "allan", "state")
 }
 
-EVERYWHERE = {"imutui.plain_text", "imutui.toml_text"}
+EVERYWHERE = {"imutui.outside_file", "imutui.plain_text", "imutui.toml_text"}
 """What any module of imutui may import: they know the standard library only."""
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),
+    "imutui.outside_file": set(),
     "filters": GROUND,
     "filters.motion": GROUND,
     "filters.kalman": GROUND | {"filters.motion"},

@@ -13,6 +13,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import candidate_motions, detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
+from imutui import outside_file
 from imutui.jobs.documents import GuidedListDocument, SegmentOfProfile
 from imutui.logbook import reference_file
 
@@ -120,7 +121,7 @@ def offer_of(path: Path) -> Offer:
     if path.suffix.lower() not in _SUFFIXES:
         return Offer(path.name, place, error="is neither .toml nor .csv by its name")
     try:
-        content = path.read_bytes()
+        content = outside_file.read(path, outside_file.TEXT_LIMIT)
         profile = reference_file.parse(path.name, content)
         if not isinstance(profile, Profile):
             raise ValueError(f"{path.name} is a trajectory: nothing for an operator to follow")
@@ -148,6 +149,8 @@ def _files(folder: Path) -> list[Path]:
 def _meant_as_profile(path: Path) -> bool:
     """Whether a file has a profile's segments or heading; settings, effects and trajectories have neither."""
     try:
+        if path.stat().st_size > outside_file.TEXT_LIMIT:
+            return False
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             if path.suffix.lower() == ".csv":
                 heading = stream.readline(256).split(",")

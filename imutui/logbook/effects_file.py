@@ -36,7 +36,7 @@ import numpy as np
 
 from filters.effects.records import Included, State
 from filters.imu import CHANNELS
-from imutui import plain_text, toml_text
+from imutui import outside_file, plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -154,11 +154,10 @@ def from_file(path: Path) -> bytes:
         If it cannot be read, or is none.
     """
     try:
-        content = path.read_bytes()
+        content = outside_file.read(path, toml_text.LIMIT)
+        parse(content)
     except OSError as error:
         raise ValueError(f"--effects {path}: {error.strerror or error}. `imutui trace -o` writes such files") from error
-    try:
-        parse(content)
     except ValueError as error:
         raise ValueError(f"--effects {path}: {error}") from error
     return content

@@ -49,7 +49,7 @@ class Index:
         return {channel.topic: names.get(channel.schema_id, "") for channel in self.channels.values()}
 
 
-def read(end: bytes, size: int, section: Callable[[int, int], bytes]) -> Index | None:
+def read(end: bytes, size: int, section: Callable[[int, int], bytes], *, chunks: bool = True) -> Index | None:
     """Index of a file that ends as it must.
 
     Parameters
@@ -60,6 +60,8 @@ def read(end: bytes, size: int, section: Callable[[int, int], bytes]) -> Index |
         Of the file, bytes.
     section : callable
         Gives the file's bytes from one offset up to another.
+    chunks : bool
+        Whether to read where chunks are; of a week there are half a million.
 
     Returns
     -------
@@ -86,10 +88,10 @@ def read(end: bytes, size: int, section: Callable[[int, int], bytes]) -> Index |
     # the checksum is over the section and the footer up to itself
     if checksum not in (0, zlib.crc32(end[: FOOTER.size - 4], zlib.crc32(content))):
         raise McapError("summary checksum")
-    return _parsed(content)
+    return _parsed(content, chunks=chunks)
 
 
-def _parsed(section: bytes) -> Index:
+def _parsed(section: bytes, *, chunks: bool) -> Index:
     found = Index()
     for opcode, at, length in records(section):
         content = section[at : at + length]
@@ -102,7 +104,7 @@ def _parsed(section: bytes) -> Index:
                 found.channels[channel.id] = channel
             case Opcode.STATISTICS:
                 found.statistics = parse(Statistics, content)
-            case Opcode.CHUNK_INDEX:
+            case Opcode.CHUNK_INDEX if chunks:
                 found.chunks.append(parse(ChunkIndex, content))
             case Opcode.ATTACHMENT_INDEX:
                 found.attachments.append(parse(AttachmentIndex, content))

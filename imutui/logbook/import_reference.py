@@ -11,6 +11,7 @@ from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
 from filters.types import Array
+from imutui import outside_file
 from imutui.logbook import reference_file, trajectory_file
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.reference_file import ReferenceFile
@@ -29,7 +30,7 @@ def from_file(path: Path) -> ReferenceFile:
         If it cannot be read, or is neither.
     """
     try:
-        content = path.read_bytes()
+        content = _content(path)
         motion = reference_file.parse(str(path), content)
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. --reference names a CSV or TOML file.") from error
@@ -39,6 +40,13 @@ def from_file(path: Path) -> ReferenceFile:
     if path.suffix.lower() == ".toml":
         return ReferenceFile(kind, "reference.toml", "application/toml", content)
     return ReferenceFile(kind, "reference.csv", "text/csv", content)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return outside_file.read(path, outside_file.TEXT_LIMIT)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None) -> ReferenceFile | None:

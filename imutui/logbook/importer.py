@@ -355,6 +355,8 @@ def _member(archive: Any, name: str) -> Any:
 
 def _read_csv(path: Path) -> dict[str, Any]:
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise ImportDataError(f"{path} is no file: a device or a pipe may never end. Name an NPZ or CSV file.")
         if path.stat().st_size > LIMIT:
             raise ImportDataError(f"{path} is longer than {LIMIT:,} bytes, the most that is read: split the recording.")
         with path.open(newline="", encoding="utf-8-sig") as stream:

@@ -139,7 +139,7 @@ def _from_summary(stream: IO[bytes], found: Summary) -> bool:
         return stream.read(max(0, last - first))
 
     end = section(found.bytes - file_index.TAIL, found.bytes)
-    index = file_index.read(end, found.bytes, section)
+    index = file_index.read(end, found.bytes, section, chunks=False)
     if index is None:
         found.why = "it has no summary" if end.endswith(MAGIC) else found.why
         return False

@@ -17,6 +17,7 @@ from helpers.fuzzing import memory_of
 from helpers.logs import LAYOUTS, START, recorded, rewritten
 from mcap.opcode import Opcode
 
+from imutui import outside_file
 from imutui.jobs.info import brief
 from imutui.jobs.recover import recover
 from imutui.logbook import SessionInfo, effects_file, importer, mcap_format, quality_summary, schemas
@@ -216,3 +217,20 @@ def test_an_npz_that_unpacks_to_more_than_the_limit_is_refused_before(
     assert path.stat().st_size < 400_000
     with pytest.raises(ImportDataError, match="split the recording"):
         importer.load(path)
+
+
+def test_a_device_is_no_file_to_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be read for ever; whoever named it is told, and a file that is too long is not read to its end."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.csv", "a.npz", "a.toml"):
+        Path(name).symlink_to("/dev/zero")
+    imutui("import", "a.csv", "-o", "b.mcap", check=3)
+    imutui("import", "a.npz", "-o", "b.mcap", check=3)
+    imutui("import", "x.npz", "--reference", "a.csv", "-o", "b.mcap", check=3)
+    imutui("profile", "a.toml", check=3)
+    assert "device" in imutui("virtual", "--scenario", "a.toml", check=3).stderr
+    assert "device" in imutui("replay", "--effects", "a.toml", "x.mcap", check=2).stderr
+    Path("long").write_bytes(bytes(100))
+    with pytest.raises(ValueError, match="longer than 99 bytes"):
+        outside_file.read(Path("long"), 99)
+    assert outside_file.read(Path("long"), 100) == bytes(100)

@@ -1,0 +1,28 @@
+"""Files that a user names, read whole and no further than a limit, whatever lies behind the name."""
+
+import os
+import stat
+from pathlib import Path
+
+TEXT_LIMIT = 256 * 2**20
+"""Longest table of angles or trajectory, bytes; as long as an attachment of a log may be."""
+
+
+def read(path: Path, limit: int) -> bytes:
+    """Content of a file, or of a pipe that a shell stands behind a name.
+
+    Raises
+    ------
+    ValueError
+        If it is longer, or a device, which would be read for ever.
+    OSError
+        If it cannot be read.
+    """
+    with path.open("rb") as stream:
+        mode = os.fstat(stream.fileno()).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise ValueError("it is a device, not a file")
+        content = stream.read(limit + 1)
+    if len(content) > limit:
+        raise ValueError(f"it is longer than {limit:,} bytes, which is the most")
+    return content
