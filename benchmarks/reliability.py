@@ -156,6 +156,18 @@ def disk_full(folder: Path, quick: bool) -> str:
     return f"exit {found.exit_code}; packets streamed {found.streamed}, by the index once recovered {found.recovered}"
 
 
+def disk_guarded(folder: Path, quick: bool) -> str:
+    """A tmpfs of 4 MB, of which others take all but 1.5."""
+    del quick
+    if os.getuid() != 0:
+        return "not measured: only root can mount a small disk"
+    found = files.guarded(folder)
+    whole = "file whole" if found.finished else "FILE NOT WHOLE"
+    again = "another start refused" if found.refused else "ANOTHER START NOT REFUSED"
+    left = f"stopped after {found.stopped_s:.1f} s with {found.free_mb:.1f} MB free"
+    return f"{left}, exit {found.exit_code}, {whole}; {again}"
+
+
 def clock_set(folder: Path, quick: bool) -> str:
     """An hour on and back."""
     del quick
@@ -228,6 +240,7 @@ ROWS = (
     Row(8, "bit errors, junk, partial packets", "2 good packets a fault at most, nothing invented", noise),
     Row(9, "silence", "told after 3 periods, at least 1 s", silence),
     Row(10, "disk full", "exit 5, all up to the last flush, once", disk_full),
+    Row(11, "disk guard", "refuses to start, stops above zero", disk_guarded),
     Row(12, "clock set by an hour", "an event; no stamp moves, log time never goes back", clock_set),
     Row(13, "port absent, busy, not permitted", "three messages with the remedy, exit 4", ports_refused),
     Row(14, "second program on the port", "refused, in both orders", held_alone),

@@ -2,18 +2,22 @@
 
 import os
 import re
+import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from helpers.acquisitions import acquiring, mounted
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers
 from helpers.logs import recorded
-from helpers.processes import LIMIT_S
+from helpers.processes import LIMIT_S, wait_until
 from helpers.readers import by_mcap
 
 from imutui.jobs.check import check
@@ -151,6 +155,49 @@ def disk_full(folder: Path, disk: Path) -> DiskFull:
     assert [raw.sequence for raw in log.raw] == list(range(len(log.raw)))
     recover(path, whole)
     return DiskFull(done.returncode, done.stderr, len(log.raw), by_mcap(whole)[schemas.RAW])
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """How a recording ended before its disk was full.
+
+    Attributes
+    ----------
+    stopped_s : float
+        From the moment that others had filled the disk beyond the limit.
+    free_mb : float
+        Left then, of 2 MB that were to be left.
+    exit_code : int
+        Of the acquisition.
+    finished, refused : bool
+        Whether its file is whole, and whether another recording was refused.
+    """
+
+    stopped_s: float
+    free_mb: float
+    exit_code: int
+    finished: bool
+    refused: bool
+
+
+def guarded(folder: Path) -> Guarded:
+    """Fill the disk under a recording; needs a user who may mount, and skips the test that calls it else."""
+    with mounted(folder / "disk", "4m") as disk:
+        fields: dict[str, Any] = {"logs": str(disk / "logs"), "min_free_mb": 2.0}
+        with acquiring(folder, **fields, output=str(disk / "logs" / "a.mcap")) as run:
+            (disk / "others").write_bytes(bytes(2_500_000))
+            since = time.monotonic()
+            wait_until(run.engine.lifecycle.ended.is_set)
+            stopped_s = time.monotonic() - since
+            assert run.engine.result is not None
+            finished = reader.read(Path(run.engine.result["log"])).finished
+        free_mb, refused = shutil.disk_usage(disk).free / 1e6, False
+        try:
+            with acquiring(folder, **fields, output=str(disk / "logs" / "b.mcap")):
+                pass
+        except OSError:
+            refused = True
+    return Guarded(stopped_s, free_mb, run.engine.exit_code, finished, refused)
 
 
 @dataclass(frozen=True)
