@@ -115,7 +115,8 @@ class Engine:
         deadline = time.monotonic() + _FIRST_PACKET_S + (1.0 / self._plan.rate_hz if polled else 0.0)
         stands = self.lifecycle
         while not stands.streaming.wait(0.05) and not stands.ended.is_set():
-            if time.monotonic() > deadline:
+            # a busy machine may take longer to make a file of the first one
+            if time.monotonic() > deadline and not self._reader.has_packet:
                 self.request_stop()
                 stands.ended.wait(5.0)
                 raise InstrumentError(

@@ -117,6 +117,11 @@ class Reader:
         self._counted = (0, 0)
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
+    @property
+    def has_packet(self) -> bool:
+        """Whether a packet has been read."""
+        return self._last is not None
+
     def start(self) -> None:
         """Start the thread; it first sets the unit streaming, or polls it at once."""
         self._thread.start()

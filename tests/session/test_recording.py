@@ -1,9 +1,11 @@
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.acquisitions import acquiring
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Mode, Packet
@@ -12,8 +14,8 @@ from imutui.logbook import effects_file, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import live_filter
-from imutui.session.recording import finish_file
+from imutui.session import acquisition, engine, live_filter
+from imutui.session.recording import Recording, finish_file
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 
@@ -124,3 +126,16 @@ def test_a_log_whose_effects_are_not_known_says_so(tmp_path: Path) -> None:
     writer.finish({}, START)
     with pytest.raises(ValueError, match=r"a\.mcap: .*gremlins.*--effects none"):
         replay(tmp_path / "a.mcap", ReplayOptions())
+
+
+def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What has been read by the deadline was sent: the unit is not called silent because its file is not begun yet."""
+
+    def slow(*arguments: Any) -> Recording:
+        time.sleep(0.6)
+        return Recording(*arguments)
+
+    monkeypatch.setattr(engine, "_FIRST_PACKET_S", 0.3)
+    monkeypatch.setattr(acquisition, "Recording", slow)
+    with acquiring(home) as run:
+        assert run.seen()["state"] == "running"
