@@ -18,7 +18,8 @@ from imutui.instrument.clock import Clock
 from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES
 from imutui.instrument.port import Port
 from imutui.session import exit_codes, ipc, live_filter, zeroing
-from imutui.session.acquisition import ERROR, Acquisition
+from imutui.session.acquisition import Acquisition
+from imutui.session.event_log import ERROR
 from imutui.session.handshake import InstrumentError
 from imutui.session.identity import Identity
 from imutui.session.lifecycle import Lifecycle

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from imutui.session.snapshot import EventLine, MarkLine
 from imutui.session.timebase import Timebase
 
+INFORMATION, WARNING, ERROR = 20, 30, 40
+"""Levels of events, as /rosout has them."""
+
 _EVENTS = 20
 _MARKS = 50
 

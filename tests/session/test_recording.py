@@ -14,7 +14,7 @@ from imutui.logbook import effects_file, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session import acquisition, engine, live_filter
+from imutui.session import engine, live_filter, recorder
 from imutui.session.recording import Recording, finish_file
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
@@ -136,6 +136,6 @@ def test_a_busy_machine_may_take_its_time_for_the_first_packet(home: Path, monke
         return Recording(*arguments)
 
     monkeypatch.setattr(engine, "_FIRST_PACKET_S", 0.3)
-    monkeypatch.setattr(acquisition, "Recording", slow)
+    monkeypatch.setattr(recorder, "Recording", slow)
     with acquiring(home) as run:
         assert run.seen()["state"] == "running"

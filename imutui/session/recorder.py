@@ -1,0 +1,266 @@
+"""The present run of samples of an acquisition, the file that it goes into, and where the next one begins.
+
+Nothing here knows packets' stamps, the line or viewers: `imutui.session.acquisition` calls these methods.
+"""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imutui.logbook.session_info import SessionInfo
+from imutui.plain_text import NOTE_LIMIT, one_line
+from imutui.session import exit_codes, previous_log
+from imutui.session.disk_space import FreeSpace, disk_message
+from imutui.session.duration import Duration
+from imutui.session.event_log import INFORMATION, WARNING, EventLog
+from imutui.session.lifecycle import Lifecycle
+from imutui.session.metadata import Setup, check_live, effects_of, motion_of
+from imutui.session.plan import Plan, RecordingWish
+from imutui.session.recording import Recording
+from imutui.session.sample_pipeline import SamplePipeline
+from imutui.session.timebase import EventClock, Timebase
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+
+_FILTER_PATIENCE_S = 0.8
+_MOST_FINDINGS = 20
+
+
+class Recorder:
+    """Runs of samples, one after the other, with a file or without. Not thread-safe.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    info : SessionInfo
+        Metadata of its logs.
+    lifecycle : Lifecycle
+        Where the acquisition stands; what must be said at its end goes there.
+    timebase : Timebase
+        From the monotonic clock to UTC.
+
+    Attributes
+    ----------
+    plan, info : Plan, SessionInfo
+        As they are in force.
+    motion : Profile, Trajectory or None
+        What the reference says of the motion.
+    pipeline : SamplePipeline
+        The present run.
+    recording : Recording or None
+        The file that it goes into, if there is one.
+    result : ResultDocument or None
+        Of the last recording that was finished.
+    duration : Duration
+        How long the plan asks for.
+    events : EventLog
+        Last events and marks.
+    event_clock : EventClock
+        When what is told happened.
+    begins_with_packet : bool
+        Whether the next packet begins the plan's recording.
+
+    Raises
+    ------
+    ValueError
+        If the filter could not run with what is asked; the message names it.
+    """
+
+    def __init__(self, plan: Plan, info: SessionInfo, lifecycle: Lifecycle, timebase: Timebase) -> None:
+        self.plan, self.info = plan, info
+        self.motion = motion_of(plan)
+        self.result: ResultDocument | None = None
+        self.recording: Recording | None = None
+        self.duration = Duration(plan.duration_s)
+        self.events = EventLog(timebase)
+        self.event_clock = EventClock()
+        self.begins_with_packet = plan.record
+        self._effects = effects_of(plan, info)
+        check_live(info, self.motion, self._effects)
+        self._lifecycle = lifecycle
+        self._timebase = timebase
+        self._free_space = FreeSpace()
+        self._has_recorded = False
+        self._is_out_of_space = False
+        self.pipeline = SamplePipeline(info, timebase, None, self.motion, self._effects)
+
+    # -- what is told ---------------------------------------------------------------------------------------------
+
+    def event(self, name: str, text: str, level: int = INFORMATION) -> None:
+        """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
+        now, text = self.event_clock.now_ns(), one_line(text, NOTE_LIMIT)
+        self.events.add(name, text, now)
+        self.pipeline.event(name, text, now, level)
+
+    def find(self, exit_code: int, text: str, *, is_said: bool = False) -> None:
+        """Take note of what must be said at the end, and say it now unless it is said already. Raises OSError."""
+        if len(self._lifecycle.findings) < _MOST_FINDINGS:  # a folder that is emptied each second is known by then
+            self._lifecycle.findings.append({"exit_code": exit_code, "text": text})
+        if not is_said:
+            self.event("acquisition", text, WARNING)
+
+    def disk_message(self, error: OSError) -> str:
+        """Words for a disk that does not take what is written."""
+        said = disk_message(None if self.recording is None else self.recording.writer, error)
+        before = [finding["text"] for finding in self._lifecycle.findings if finding["exit_code"] == exit_codes.DISK]
+        return " ".join([said, *before])
+
+    # -- runs of samples ------------------------------------------------------------------------------------------
+
+    def begin_run(self) -> None:
+        """Begin another run of samples, into the present file if there is one."""
+        recording = self.recording
+        info, writer = (self.info, None) if recording is None else (recording.info, recording.writer)
+        effects = effects_of(self.plan, info) if info.memory else self._effects
+        self.pipeline = SamplePipeline(info, self._timebase, writer, self.motion, effects)
+        self.events.forget_mark_times()
+        if not self._has_recorded:
+            self.duration.begin()
+
+    def configure(self, setup: Setup) -> None:
+        """Take another reference or other effects; the filter begins anew with them."""
+        self.plan, self.info, self.motion, self._effects = setup.plan, setup.info, setup.motion, setup.effects
+        self.begin_run()
+
+    def is_over(self, now_ns: int) -> bool:
+        """Whether the plan's duration is over, or the disk's room."""
+        return self._is_out_of_space or self.duration.is_over(now_ns)
+
+    # -- files ----------------------------------------------------------------------------------------------------
+
+    def record(self, wish: RecordingWish) -> None:
+        """Begin a recording as wished. What is wished but the note stays for later ones.
+
+        Raises
+        ------
+        ValueError
+            If the disk does not take it.
+        """
+        asked = {key: getattr(wish, key) for key in ("operator", "place", "table") if getattr(wish, key)}
+        limits = {key: getattr(wish, key) for key in ("rotate_minutes", "rotate_mb") if getattr(wish, key) is not None}
+        before = self.plan, self.info
+        self.plan = replace(self.plan, **asked, **limits)
+        self.info = replace(self.info, **asked)
+        try:
+            self.begin(wish.note or self.plan.note, None)
+        except OSError as error:  # nothing has been recorded yet, so nothing is lost but this wish
+            self.plan, self.info = before
+            raise ValueError(disk_message(None, error)) from error
+
+    def begin_planned(self) -> None:
+        """Begin the recording that the plan asks for. Raises OSError."""
+        # not before the first packet: a unit that sends nothing must not cost the file that --force would replace
+        self.begins_with_packet = False
+        self.begin(self.plan.note, Path(self.plan.output) if self.plan.output else None)
+
+    def begin(self, note: str, path: Path | None) -> None:
+        """Begin a recording and a run of samples in it; raises OSError."""
+        previous = None if self._has_recorded else self._previous_log()
+        recording = Recording(self.plan, previous_log.told(self.info, previous), note, path)
+        self.recording = recording
+        self.begin_run()
+        self._has_recorded = True
+        self.duration.begin()
+        self.events.clear_marks()
+        self.event("acquisition", f"recording to {recording.writer.path.name}")
+        if previous is not None:
+            self.event("acquisition", previous.in_words(), INFORMATION if previous.finished else WARNING)
+        if self.plan.rotates != bool(self.plan.rotate_minutes or self.plan.rotate_mb):
+            why = "the reference is told from one log's first sample on"
+            self.event("acquisition", f"the recording stays in one file: {why}", WARNING)
+
+    def _previous_log(self) -> previous_log.PreviousLog | None:
+        """What this acquisition recorded before it was started anew, if that is to be told."""
+        return previous_log.find(Path(self.plan.logs), self.info, finished_too=self.plan.unattended)
+
+    def rotate_if_full(self, now_ns: int) -> None:
+        """Go on in another file, from this packet on, if the present one is as long as it may be. Raises OSError."""
+        started, end_ns = self.pipeline.started_ns, self._lifecycle.stopping_since_ns
+        if self.recording is None or started is None or (end_ns is not None and now_ns >= end_ns):
+            return
+        if self.recording.is_full((now_ns - started) / 1e9):
+            self._rotate(self.recording)
+
+    def look_after_file(self, now_ns: int) -> bool:
+        """See whether the file is where it was made; returns whether its disk is too full to go on. Raises OSError."""
+        recording = self.recording
+        if recording is None:
+            return False
+        recording.measure_growth(now_ns)
+        if self._lifecycle.state == "running" and recording.look() is not None:
+            self._rotate(recording)
+            return False
+        path, guard = recording.writer.path, recording.guard
+        free = self._free_space.free_bytes(path.parent, now_ns)
+        short = guard.warn(guard.seconds_left(free, recording.growth.bytes_per_s()))
+        if short is not None:
+            self.event("acquisition", short, WARNING)
+        full = guard.stop(path, free)
+        if full is not None:
+            self.find(exit_codes.DISK, full)
+            self._is_out_of_space = self.plan.record
+        return full is not None
+
+    def free_bytes(self, now_ns: int) -> int | None:
+        """Free space where the present recording goes, or the next one would."""
+        folder = Path(self.plan.logs) if self.recording is None else self.recording.writer.path.parent
+        return self._free_space.free_bytes(folder, now_ns)
+
+    def disk_failed(self, error: OSError) -> None:
+        """Go on in another file if the disk of the present one has gone; raises the error if that is not what it is."""
+        recording = self.recording
+        if recording is None or recording.writer.is_empty or recording.look(error) is None:
+            raise error
+        self._rotate(recording)
+
+    def _rotate(self, recording: Recording) -> None:
+        self._finish_file(recording, recording.parts.next_path())
+        before, vanished = recording.writer.path.name, recording.vanished
+        recording.next_file()
+        self.recording = recording
+        self.begin_run()
+        why = "" if vanished is None else f": {vanished.words}"
+        self.event("acquisition", f"part {recording.parts.number}, continues {before}{why}")
+
+    def _finish_file(self, recording: Recording, following: Path | None = None) -> "ResultDocument":
+        """Finish the present file, and say so if it is not where it was made; `following` is the next one, if any."""
+        vanished = recording.look()
+        goes_on = None if following is None else f"continued in {following.name}"
+        if vanished is not None and vanished.is_lost:
+            self.pipeline.release_file()
+        if vanished is not None:
+            self.find(exit_codes.DISK, vanished.words + (f" Recording goes on: {goes_on}." if goes_on else ""))
+        elif goes_on is not None:
+            self.event("acquisition", goes_on)
+        self.result = recording.finish_file(self.pipeline, time.monotonic_ns())
+        self.recording = None
+        if recording.vanished is not vanished and recording.vanished is not None:
+            self.find(exit_codes.DISK, recording.vanished.words)
+        return self.result
+
+    def end_recording(self) -> "ResultDocument":
+        """Finish the recording; the run of samples, its filter included, goes on without a file.
+
+        Raises
+        ------
+        ValueError
+            If nothing is being recorded.
+        OSError
+            If the disk does not take the end.
+        """
+        if self.recording is None:
+            raise ValueError("nothing is being recorded")
+        result = self._finish_file(self.recording)
+        if result["finished"]:
+            self.event("acquisition", f"finished {result['log']}")
+        return result
+
+    def finish(self) -> None:
+        """Finish the file, if there is one; nothing comes any more. Raises OSError."""
+        if self.recording is not None:
+            if self._lifecycle.terminated and self.pipeline.filter is not None:
+                self.pipeline.filter.leave_out_unless_ready(_FILTER_PATIENCE_S)
+            self._finish_file(self.recording)
