@@ -80,8 +80,15 @@ class Acquired:
 
     def goes_on(self, seconds: float = 0.5) -> None:
         """Wait for so much more of packets."""
-        enough = self.state()["series"]["next"] + seconds / PERIOD_S
-        wait_until(lambda: self.state()["series"]["next"] > enough)
+        begun = self.state()
+        enough = begun["series"]["next"] + seconds / PERIOD_S
+        try:
+            wait_until(lambda: self.state()["series"]["next"] > enough)
+        except AssertionError as error:
+            now = self.state()
+            said = {key: now[key] for key in ("state", "error", "silent_s", "reconnecting", "zeroing", "events")}
+            took = f"from packet {begun['series']['next']} to {now['series']['next']}"
+            raise AssertionError(f"{took}; {len(self.sent.packets())} sent; {said}") from error
 
 
 @contextmanager
