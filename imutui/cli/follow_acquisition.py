@@ -50,15 +50,11 @@ def follow(
     add : callable
         Adds to the result document before it is printed.
     """
-    connection = _started(plan)
-    seen = connection.snapshot(since=NO_SERIES)
-    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(seen)}")
-    unsaid = not_said(seen["serial_number"], seen["firmware"])
-    if unsaid is not None:
-        say(unsaid)
     interrupted, terminated = False, threading.Event()
+    connection = _started(plan)
     with _leave_on_hangup(connection, terminated):
         try:
+            _say_begun(plan, connection)
             result = _watch(connection)
         except KeyboardInterrupt:
             interrupted = True
@@ -100,6 +96,14 @@ def _started(plan: Plan) -> Client:
         raise typer.Exit(FINE) from None
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _say_begun(plan: Plan, connection: Client) -> None:
+    seen = connection.snapshot(since=NO_SERIES)
+    say(f"acquisition {plan.name}, pid {connection.pid}, {_where(seen)}")
+    unsaid = not_said(seen["serial_number"], seen["firmware"])
+    if unsaid is not None:
+        say(unsaid)
 
 
 def _exit_code(plan: Plan, result: "ResultDocument", connection: Client, terminated: bool) -> int:

@@ -267,19 +267,19 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
         process.stdin.write(plan.dumps().encode() + b"\n")
         process.stdin.close()
         answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
+        process.stdout.close()
+        # the process outlives this one by design; a thread takes its exit status so that no zombie stays
+        threading.Thread(target=process.wait, daemon=True).start()
+        if answer["ok"]:
+            return Client(plan.name)
     except BaseException:
         # whoever gives up now (Ctrl+C) has not seen it begin, and must not leave it behind
         process.terminate()
         process.wait()
         raise
-    process.stdout.close()
-    # the process outlives this one by design; a thread takes its exit status so that no zombie stays
-    threading.Thread(target=process.wait, daemon=True).start()
-    if not answer["ok"]:
-        name = _holder(plan.port) if answer["exit_code"] == exit_codes.INSTRUMENT else None
-        held = name is not None and name != plan.name
-        raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
-    return Client(plan.name)
+    name = _holder(plan.port) if answer["exit_code"] == exit_codes.INSTRUMENT else None
+    held = name is not None and name != plan.name
+    raise SessionError(_in_use(plan.port, name) if held else answer["error"], answer["exit_code"])
 
 
 def ports() -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import typer
 from helpers.fake_devices import Device, Habits, answers
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import virtual
@@ -110,3 +111,22 @@ def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:
         with pytest.raises(follow_acquisition.TerminatedError):
             os.kill(os.getpid(), signal.SIGTERM)
     assert terminated.is_set()
+
+
+def test_ctrl_c_just_after_the_start_leaves_no_acquisition_behind(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither before whoever started it has a connection, nor before it is followed; the file is finished."""
+
+    def interrupts(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    plan = Plan("virtual", 133.0, record=True, filter="none", logs=str(home / "logs"))
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(client, "Client", interrupts)
+        client.start(plan)
+    wait_until(lambda: ipc.names() == [])
+    with monkeypatch.context() as patch, pytest.raises(typer.Exit) as ended:
+        patch.setattr(follow_acquisition, "say", interrupts)
+        follow_acquisition.follow(plan, json=True)
+    assert ended.value.exit_code == 130
+    wait_until(lambda: ipc.names() == [])
+    assert all(reader.read(path).finished for path in (home / "logs").glob("*.mcap"))
