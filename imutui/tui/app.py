@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from textual import on
+from textual import events, on
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.driver import Driver
@@ -29,6 +29,7 @@ from imutui.tui.drawing import Drawing
 from imutui.tui.leaving import Leaving
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import PAGES, Page
+from imutui.tui.pages.dialogs.base import FieldDialog
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
@@ -206,6 +207,13 @@ class ImutuiApp(App[int]):
             self._recorder.ask(message)
 
     # keys
+
+    def on_key(self, event: events.Key) -> None:
+        """A letter that was on its way when a field got the focus is typed into the field, and no key of the page."""
+        field = self.screen.field if isinstance(self.screen, FieldDialog) else self.focused
+        if isinstance(field, Input) and event.is_printable and event.character is not None:
+            event.prevent_default()
+            field.insert_text_at_cursor(event.character)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what needs an acquisition only with one, and no letters as keys while text is being typed."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from textual.message import Message
 from textual.screen import ModalScreen
+from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import Client
@@ -160,12 +161,13 @@ class Connector:
         """Say that the acquisition is over, and offer to connect again."""
         context, app = self._context, self._context.app
         reason = messages.ended(context.connection.newest, error)
+        typing = isinstance(app.focused, Input)
         self.release()
         context.connection.over()
         while isinstance(app.screen, ModalScreen):
             app.pop_screen()
         context.say("the acquisition has ended; 1 connects again", "bad")
-        app.push_screen(ended_dialog(reason), self._after_end)
+        app.push_screen(ended_dialog(reason, typing=typing), self._after_end)
 
     def _after_end(self, answer: str | None) -> None:
         if answer == "connect" and not self.connecting:

@@ -9,7 +9,7 @@ from imutui.tui import messages
 from imutui.tui.background import in_thread
 from imutui.tui.context import AppContext
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.mark import MarkDialog
+from imutui.tui.pages.dialogs.mark import MarkDialog, nothing_to_mark
 from imutui.tui.pages.record import text
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class RecordingControl:
     def ask_for_mark(self) -> None:
         """Ask for a mark's text, then set it."""
         if self._context.recording is None:
-            self._context.say("not recording, so there is nothing to mark: r starts a recording", "wait")
+            self._context.app.push_screen(nothing_to_mark())
         else:
             self._context.app.push_screen(MarkDialog(), self._mark)
 

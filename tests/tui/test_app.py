@@ -232,7 +232,9 @@ async def test_m_without_a_recording_says_why_not() -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "not recording: r writes")
         await pilot.press("m")
-        await shows(pilot, "nothing to mark: r starts a recording")
+        await shows(pilot, "Not recording", "nothing to mark", "r starts a recording")
+        await pilot.press(*"door", "enter")
+        await shows(pilot, "not recording: r writes")
         assert client.asked == []
 
 
@@ -349,7 +351,7 @@ async def test_a_failed_state_is_an_end_too() -> None:
         await shows(pilot, "SIMULATED")
         client.changes.update(state="failed", error="no space left on the disk")
         await shows(pilot, "The acquisition has ended", "no space left on the disk")
-        await pilot.press("v")
+        await pilot.press("escape")
         await shows(pilot, "ENDED", "gyro, deg/s")
 
 

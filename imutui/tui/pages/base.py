@@ -114,8 +114,13 @@ class Page(Screen[None]):
         """Show as much as the terminal's new size has room for."""
         self._fit()
 
+    def on_screen_suspend(self) -> None:
+        """Under a dialog the keys of the page do nothing, so they are not shown."""
+        self.query_one(Footer).visible = False
+
     def on_screen_resume(self) -> None:
         """Fit a size that changed while another page was on, and show the newest data."""
+        self.query_one(Footer).visible = True
         self._fit()
         self.post_message(self.Wanted(self))
 

@@ -146,7 +146,7 @@ async def test_esc_cancels_a_job_after_asking(client: FakeClient) -> None:
             await pilot.press("escape")
             await until(pilot, lambda: "Cancel replay of" in text_of(pilot.app) or not page.busy(), _PATIENCE)
             if page.busy():
-                await shows(pilot, "Cancel replay of whole.mcap?", "Nothing of it is kept")
+                await shows(pilot, "Cancel replay of whole.mcap?", "nothing of it is kept", "let it go on")
                 await pilot.press("y")
                 await until(pilot, lambda: not page.busy(), _PATIENCE)
             await until(pilot, lambda: _told(text_of(pilot.app)), _PATIENCE)

@@ -1,21 +1,22 @@
 """A question with a few answers, each with a key."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 from textual.content import Content
-from textual.screen import ModalScreen
+from textual.widget import Widget
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
 from imutui.tui import formatting
+from imutui.tui.pages.dialogs.base import Dialog
 
 _ROOM = 66
 """Characters of a line in a dialog."""
+_STAY = "stay"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Answer:
     label: str
 
 
-class ChoiceDialog(ModalScreen[str | None]):
+class ChoiceDialog(Dialog[str | None]):
     """Asks; returns the chosen answer's name, None for Esc.
 
     Parameters
@@ -37,36 +38,50 @@ class ChoiceDialog(ModalScreen[str | None]):
     answers : list of Answer
         The first one is Enter's.
     careful : bool
-        Whether Enter cancels instead.
+        Whether Enter is Esc instead.
+    stay : str
+        What Esc means here.
+    letters : bool
+        Whether the answers' keys choose. Without them a dialog that comes by itself can't be answered unawares by
+        somebody who is typing.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
+        Binding("enter", "choose", "choose", key_display="enter", priority=True),
     ]
 
-    def __init__(self, title: str, body: str, answers: list[Answer], *, careful: bool = False) -> None:
+    def __init__(
+        self,
+        title: str,
+        body: str,
+        answers: list[Answer],
+        *,
+        careful: bool = False,
+        stay: str = "cancel",
+        letters: bool = True,
+    ) -> None:
         super().__init__()
         self._careful = careful
         self._title = title
         self._body = body
         self._answers = answers
+        self._stay = stay
+        self._letters = letters
 
-    def compose(self) -> ComposeResult:
+    def body(self) -> Iterable[Widget]:
         """Title, the question, and the answers with their keys."""
-        with Vertical(classes="dialog"):
-            yield Static(Content.styled(self._title, "bold"), classes="title")
-            yield Static(Content(formatting.folded(self._body, _ROOM)), classes="text")
-            options = [Option(Content(f" {a.key}  {a.label}"), id=a.name) for a in self._answers]
-            yield OptionList(*options, Option(Content(" Esc  cancel"), id="cancel"), compact=True, markup=False)
+        yield Static(Content.styled(self._title, "bold"), classes="title")
+        yield Static(Content(formatting.folded(self._body, _ROOM)), classes="text")
+        options = [Option(Content(f" {a.key if self._letters else ' '}  {a.label}"), id=a.name) for a in self._answers]
+        yield OptionList(*options, Option(Content(f" Esc  {self._stay}"), id=_STAY), compact=True, markup=False)
 
     def on_mount(self) -> None:
         """Begin on the answer that Enter takes."""
-        if self._careful:
-            self.query_one(OptionList).highlighted = len(self._answers)
+        self.query_one(OptionList).highlighted = len(self._answers) if self._careful else 0
 
     def on_key(self, event: events.Key) -> None:
         """A letter chooses at once, and is no key of the page below any more."""
-        for answer in self._answers:
+        for answer in self._answers if self._letters else []:
             if event.character == answer.key:
                 event.stop()
                 event.prevent_default()
@@ -74,9 +89,9 @@ class ChoiceDialog(ModalScreen[str | None]):
                 return
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Enter or a click chooses."""
-        self.dismiss(None if event.option_id == "cancel" else event.option_id)
+        """A click chooses."""
+        self.dismiss(None if event.option_id == _STAY else event.option_id)
 
-    def action_cancel(self) -> None:
-        """Close without an answer."""
-        self.dismiss(None)
+    def action_choose(self) -> None:
+        """Take the answer with the cursor."""
+        self.query_one(OptionList).action_select()

@@ -2,14 +2,9 @@
 
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import VerticalScroll
-from textual.content import Content
-from textual.screen import ModalScreen
-from textual.widgets import Static
 
-from imutui.tui.terminal.glyphs import choose
+from imutui.tui.pages.dialogs.base import ScrollDialog
 
 HELP = """\
 FIRST STEPS
@@ -112,29 +107,12 @@ MOUSE
 """
 
 
-class HelpDialog(ModalScreen[None]):
+class HelpDialog(ScrollDialog):
     """Pages, keys and words of the screen in plain language, to scroll."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,question_mark,f1,ctrl+c", "dismiss_help", "close", priority=True),
-        Binding("j", "down", show=False),
-        Binding("k", "up", show=False),
+        Binding("question_mark,f1", "cancel", show=False, priority=True),
     ]
 
-    def compose(self) -> ComposeResult:
-        """The help, and how to leave."""
-        with VerticalScroll(classes="dialog help"):
-            yield Static(Content(choose().text(HELP)))
-            yield Static(Content.styled("arrows scroll, Esc closes", "dim"))
-
-    def action_dismiss_help(self) -> None:
-        """Back to the page."""
-        self.dismiss(None)
-
-    def action_down(self) -> None:
-        """Scroll as in vi."""
-        self.query_one(VerticalScroll).scroll_down()
-
-    def action_up(self) -> None:
-        """Scroll as in vi."""
-        self.query_one(VerticalScroll).scroll_up()
+    def __init__(self) -> None:
+        super().__init__(HELP)

@@ -2,30 +2,29 @@
 
 from typing import ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
-from textual.content import Content
-from textual.screen import ModalScreen
-from textual.widgets import Input, Static
+
+from imutui.tui.pages.dialogs.base import FieldDialog
+from imutui.tui.pages.dialogs.choice import ChoiceDialog
 
 
-class MarkDialog(ModalScreen[str | None]):
-    """A field for a mark's text; returns it, None for Esc. The mark is set at Enter."""
+class MarkDialog(FieldDialog):
+    """A field for a mark's text; returns it, "mark" for nothing, None for Esc. The mark is set at Enter."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,ctrl+c", "cancel", "cancel", priority=True)]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "submit", "set it", key_display="enter", priority=True),
+    ]
 
-    def compose(self) -> ComposeResult:
-        """Title, the field for the mark's text, and what Enter and Escape do."""
-        with Vertical(classes="dialog"):
-            yield Static(Content.styled("Mark in the recording", "bold"), classes="title")
-            yield Input(placeholder="what happens now, for example: table to 90 deg", compact=True)
-            yield Static(Content("Enter sets it with the time of Enter. Esc cancels."), classes="text")
+    def __init__(self) -> None:
+        hint = "Enter sets it with the time of Enter."
+        super().__init__("Mark in the recording", hint, placeholder="what happens now, for example: table to 90 deg")
 
-    def on_input_submitted(self, event: Input.Submitted) -> None:
+    def action_submit(self) -> None:
         """Return the text; an empty one is "mark"."""
-        self.dismiss(event.value.strip() or "mark")
+        self.dismiss(self.field.value.strip() or "mark")
 
-    def action_cancel(self) -> None:
-        """Close without a mark."""
-        self.dismiss(None)
+
+def nothing_to_mark() -> ChoiceDialog:
+    """Say why there is no mark. In front of the page, so that what is typed next is taken for no key of it."""
+    said = "There is nothing to mark. Close this; then r starts a recording, and m marks it."
+    return ChoiceDialog("Not recording", said, [], stay="close")

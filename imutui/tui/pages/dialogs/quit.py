@@ -51,7 +51,14 @@ def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
     return ChoiceDialog("Stop this acquisition?", body, [Answer("s", "stop", "stop it")], careful=True)
 
 
-def ended_dialog(reason: str) -> ChoiceDialog:
-    """Say that the acquisition is over."""
-    answers = [Answer("c", "connect", "connect again"), Answer("v", "view", "look at the last data")]
-    return ChoiceDialog("The acquisition has ended", reason, answers)
+def ended_dialog(reason: str, *, typing: bool = False) -> ChoiceDialog:
+    """Say that the acquisition is over; letters of somebody who was typing just then are no answers."""
+    answers = [Answer("c", "connect", "connect again")]
+    title, stay = "The acquisition has ended", "look at the last data"
+    return ChoiceDialog(title, reason, answers, stay=stay, careful=typing, letters=not typing)
+
+
+def cancel_dialog(job: str) -> ChoiceDialog:
+    """Ask before a job is cancelled; Enter lets it go on."""
+    answers = [Answer("y", "yes", "cancel it: nothing of it is kept")]
+    return ChoiceDialog(f"Cancel {job}?", "It is still being worked out.", answers, careful=True, stay="let it go on")

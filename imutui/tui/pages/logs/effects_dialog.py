@@ -1,15 +1,15 @@
 """Asks which found effects shall join the filter."""
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, ClassVar
 
-from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 from textual.content import Content
-from textual.screen import ModalScreen
+from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
 from imutui.tui import formatting
+from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.widgets.option_rows import OptionRows
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _LEAD = "The filter begins anew with them. Files that a trace wrote, newest firs
 _NONE = "No effects file here yet: t traces a log, then w on its result writes one. o opens another."
 
 
-class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
+class EffectsDialog(Dialog["EffectsFile | str | None"]):
     """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
 
     Parameters
@@ -33,9 +33,8 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
 
     DEFAULT_CSS = "EffectsDialog OptionRows { height: auto; max-height: 10; margin-bottom: 1; }"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,ctrl+c", "cancel", "cancel", priority=True),
         Binding("enter", "take", "take", key_display="enter"),
-        Binding("o", "open", "open"),
+        Binding("o", "open", "other file"),
     ]
 
     def __init__(self, files: "list[EffectsFile]", loaded: bool) -> None:
@@ -43,13 +42,12 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
         self._files = files
         self._loaded = loaded
 
-    def compose(self) -> ComposeResult:
+    def body(self) -> Iterable[Widget]:
         """Title, files, what is in the one with the cursor."""
-        with Vertical(classes="dialog"):
-            yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
-            yield Static(Content(_LEAD if self._files else _NONE), classes="text")
-            yield OptionRows(id="files")
-            yield Static(id="about", classes="text")
+        yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
+        yield Static(Content(_LEAD if self._files else _NONE), classes="text")
+        yield OptionRows(id="files")
+        yield Static(id="about", classes="text")
 
     def on_mount(self) -> None:
         """List the effects files that lie with the recordings."""
@@ -93,7 +91,3 @@ class EffectsDialog(ModalScreen["EffectsFile | str | None"]):
     def action_open(self) -> None:
         """Ask for the path of a file that is not listed."""
         self.dismiss("open")
-
-    def action_cancel(self) -> None:
-        """Close without an answer."""
-        self.dismiss(None)

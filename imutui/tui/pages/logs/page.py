@@ -16,8 +16,8 @@ from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.path import PathDialog
+from imutui.tui.pages.dialogs.quit import cancel_dialog
 from imutui.tui.pages.logs import jobs, text
 from imutui.tui.pages.logs.job_line import JobLine
 from imutui.tui.pages.logs.live_effects import LiveEffects
@@ -257,10 +257,9 @@ class LogsPage(Page):
         if job is None:
             self.app.call_later(self.app.run_action, "live")
             return
-        answers = [Answer("y", "yes", "yes, cancel it"), Answer("n", "no", "no, let it go on")]
 
         def cancel(answer: str | None) -> None:
-            if answer == "yes":
+            if answer == "yes" and self._job_line.job is job:
                 self._job_line.cancel("cancelling")
 
-        self.app.push_screen(ChoiceDialog(f"Cancel {job.what}?", "Nothing of it is kept.", answers), cancel)
+        self.app.push_screen(cancel_dialog(job.what), cancel)

@@ -228,7 +228,7 @@ class TablePage(Page):
 
     def action_other(self) -> None:
         """Ask for the path of a profile that is not listed."""
-        self.query_one("#other").focus()
+        self.set_focus(self.query_one("#other"))  # at once: what is typed next goes there
 
     def action_back(self) -> None:
         """From the field to the list; from the list to the profile that is followed; then to the live page."""

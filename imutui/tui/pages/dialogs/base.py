@@ -1,0 +1,105 @@
+"""What all dialogs share: a frame, a line with the keys that work in it, and where typed letters go."""
+
+from collections.abc import Iterable
+from typing import ClassVar, Literal
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen, ScreenResultType
+from textual.widget import Widget
+from textual.widgets import Footer, Input, Static
+
+from imutui.tui.terminal.glyphs import choose
+
+
+class Dialog(ModalScreen[ScreenResultType]):
+    """Base of dialogs; subclasses give `body`. Its footer lies over that of the page, whose keys do nothing now."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "cancel", "back", key_display="esc", priority=True),
+        Binding("ctrl+c", "cancel", show=False, priority=True),
+        Binding("ctrl+z", "app.suspend_process", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """The dialog's own widgets in a frame, and its keys."""
+        with Vertical(classes="dialog"):
+            yield from self.body()
+        yield Footer(compact=True, show_command_palette=False)
+
+    def body(self) -> Iterable[Widget]:
+        """Widgets inside the frame."""
+        raise NotImplementedError
+
+    def action_cancel(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)
+
+
+class FieldDialog(Dialog[str | None]):
+    """Title, a field and a hint; returns what was typed, None for Esc or nothing.
+
+    Parameters
+    ----------
+    title, hint : str
+        What it is for; what is to be known.
+    value, placeholder : str
+        To begin with; what stands in an empty field.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "submit", "take it", key_display="enter", priority=True),
+    ]
+
+    def __init__(self, title: str, hint: str, value: str = "", placeholder: str = "") -> None:
+        super().__init__()
+        self._title, self._hint = title, hint
+        self.field = Input(value, placeholder=placeholder, compact=True)
+        """Where the text is typed."""
+
+    def body(self) -> Iterable[Widget]:
+        """Title, field, hint."""
+        yield Static(Content.styled(self._title, "bold"), classes="title")
+        yield self.field
+        yield Static(Content(self._hint), classes="text")
+
+    def action_submit(self) -> None:
+        """Return what was typed."""
+        self.dismiss(self.field.value.strip() or None)
+
+
+class ScrollDialog(Dialog[None]):
+    """A text to scroll.
+
+    Parameters
+    ----------
+    text : str
+        All of it; signs that the terminal lacks are replaced.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("down", "scroll('down')", "scroll", key_display="up down", priority=True),
+        Binding("j", "scroll('down')", show=False, priority=True),
+        Binding("up,k", "scroll('up')", show=False, priority=True),
+        Binding("pagedown", "scroll('page_down')", "page", key_display="pgup pgdn", priority=True),
+        Binding("space", "scroll('page_down')", show=False, priority=True),
+        Binding("pageup", "scroll('page_up')", show=False, priority=True),
+        Binding("escape", "cancel", "close", key_display="esc", priority=True),
+        Binding("q,enter", "cancel", show=False, priority=True),
+    ]
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        """The text, and the keys."""
+        with VerticalScroll(classes="dialog help"):
+            yield Static(Content(choose().text(self._text)))
+        yield Footer(compact=True, show_command_palette=False)
+
+    def action_scroll(self, how: Literal["down", "up", "page_down", "page_up"]) -> None:
+        """Scroll as in vi."""
+        getattr(self.query_one(VerticalScroll), f"scroll_{how}")(animate=False)
