@@ -23,20 +23,20 @@ VIRTUAL_PORT = "virtual"
 
 @dataclass(frozen=True, slots=True)
 class RecordingWish:
-    """What the operator says when a recording begins; empty or None leaves it as the plan has it.
+    """What the operator says when a recording begins; None leaves it as the plan has it.
 
     Attributes
     ----------
-    note, operator, place, table : str
-        Go into the file: remark, who, where in words, which turn table.
+    note, operator, place, table : str or None
+        Go into the file: remark, who, where in words, which turn table. Empty says that there is none.
     rotate_minutes, rotate_mb : float or None
         The file is finished, and the next one begun, after so many minutes or megabytes; 0 for never.
     """
 
-    note: str = ""
-    operator: str = ""
-    place: str = ""
-    table: str = ""
+    note: str | None = None
+    operator: str | None = None
+    place: str | None = None
+    table: str | None = None
     rotate_minutes: float | None = None
     rotate_mb: float | None = None
 
@@ -51,6 +51,8 @@ def _clean(record: "RecordingWish | Plan") -> None:
     """Make what is typed one line of bounded length each; raises ValueError for what is no text."""
     for name, limit in _TEXTS.items():
         text = getattr(record, name)
+        if text is None and isinstance(record, RecordingWish):
+            continue
         if not isinstance(text, str):
             raise ValueError(f"`{name}` is no text")
         object.__setattr__(record, name, one_line(text, limit))

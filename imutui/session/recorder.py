@@ -4,7 +4,7 @@ Nothing here knows packets' stamps, the line or viewers: `imutui.session.acquisi
 """
 
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,20 +132,21 @@ class Recorder:
     # -- files ----------------------------------------------------------------------------------------------------
 
     def record(self, wish: RecordingWish) -> None:
-        """Begin a recording as wished. What is wished but the note stays for later ones.
+        """Begin a recording as wished. What is wished stays for later ones, but not the note: it is of one recording.
 
         Raises
         ------
         ValueError
             If the disk does not take it.
         """
-        asked = {key: getattr(wish, key) for key in ("operator", "place", "table") if getattr(wish, key)}
-        limits = {key: getattr(wish, key) for key in ("rotate_minutes", "rotate_mb") if getattr(wish, key) is not None}
+        said = {key: value for key, value in asdict(wish).items() if value is not None}
+        note = said.pop("note", self.plan.note)
         before = self.plan, self.info
-        self.plan = replace(self.plan, **asked, **limits)
-        self.info = replace(self.info, **asked)
+        # the plan's own note does not come back after another one, or none, was said
+        self.plan = replace(self.plan, **said, note=self.plan.note if wish.note is None else "")
+        self.info = replace(self.info, **{key: said[key] for key in ("operator", "place", "table") if key in said})
         try:
-            self.begin(wish.note or self.plan.note, None)
+            self.begin(note, None)
         except OSError as error:  # nothing has been recorded yet, so nothing is lost but this wish
             self.plan, self.info = before
             raise ValueError(disk_message(None, error)) from error

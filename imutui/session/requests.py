@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 class RecordingWishFields(TypedDict, total=False):
     """Fields of `imutui.session.plan.RecordingWish`; what lacks is as the plan has it."""
 
-    note: str
-    operator: str
-    place: str
-    table: str
+    note: str | None
+    operator: str | None
+    place: str | None
+    table: str | None
     rotate_minutes: float | None
     rotate_mb: float | None
 

@@ -59,7 +59,20 @@ async def test_the_form_goes_into_the_next_recording() -> None:
         assert "r record" not in screen
         await pilot.press("escape", "2", "r")
         await shows(pilot, "● REC")
-        assert client.wish == RecordingWish("cold 1", "ana r", "lab 2", "AC-120", 30.0, 0.0)
+        assert client.wish == RecordingWish("cold 1", "ana r", rotate_minutes=30.0)
+
+
+async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the_acquisition_has_it() -> None:
+    """What the form shows is what the file says; a field that nobody touched says nothing of its own."""
+    client = FakeClient()
+    client.changes["note"] = "demo"
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3")
+        await shows(pilot, "note      demo")
+        await pilot.press("e", *("tab",) * 4, *["backspace"] * 4, "escape", "r")
+        await shows(pilot, "● REC")
+        assert client.wish == RecordingWish(note="")
 
 
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
@@ -130,6 +143,8 @@ def test_losses_and_silence_have_levels() -> None:
 def test_a_wish_takes_decimal_commas_and_refuses_nonsense() -> None:
     """Empty is never; negative is refused with the field's name."""
     entered = dict.fromkeys(text.FIELDS, "")
+    assert text.wish({}) == RecordingWish()
+    assert text.wish(entered) == RecordingWish("", "", "", "", 0.0, 0.0)
     assert text.wish({**entered, "rotate_minutes": "2,5"}).rotate_minutes == 2.5
     assert text.wish(entered).rotate_mb == 0.0
     with pytest.raises(ValueError, match="or every, MB"):

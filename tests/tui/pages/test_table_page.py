@@ -215,7 +215,7 @@ async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None
         await shows(pilot, "b begins.")
         await pilot.press("b")
         await shows(pilot, "recording; the line in bold above says what to do")
-        assert client.wish == RecordingWish("cold 1", "ana", "lab 2", "AC-120", 3.0, 0.0)
+        assert client.wish == RecordingWish("cold 1", rotate_minutes=3.0)
 
 
 async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:

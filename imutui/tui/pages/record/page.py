@@ -102,8 +102,8 @@ class RecordPage(Page):
             self._touched.clear()  # the acquisition has it now
 
     def wish(self) -> RecordingWish:
-        """What the form asks; ValueError if it cannot be."""
-        return text.wish({name: self.query_one(f"#wish-{name}", Input).value for name in text.FIELDS})
+        """What was typed into the form; ValueError if it cannot be. The rest shows what the acquisition has anyway."""
+        return text.wish({name: self.query_one(f"#wish-{name}", Input).value for name in self._touched})
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Keep what is typed, and check it."""

@@ -136,21 +136,17 @@ def prefilled(now: Snapshot) -> dict[str, str]:
 
 
 def wish(entered: dict[str, str]) -> RecordingWish:
-    """What is asked of the recording that begins.
+    """What is asked of the recording that begins; a field that is not among those entered stays as it is.
 
     Raises
     ------
     ValueError
         If a number is none; the message names the field.
     """
-    return RecordingWish(
-        note=entered["note"].strip(),
-        operator=entered["operator"].strip(),
-        place=entered["place"].strip(),
-        table=entered["table"].strip(),
-        rotate_minutes=_number("rotate_minutes", entered["rotate_minutes"]),
-        rotate_mb=_number("rotate_mb", entered["rotate_mb"]),
-    )
+    texts = {name: said.strip() for name, said in entered.items()}
+    minutes, megabytes = (_number(name, entered[name]) if name in entered else None for name in NUMBERS)
+    note, operator, place, table = (texts.get(name) for name in ("note", "operator", "place", "table"))
+    return RecordingWish(note, operator, place, table, minutes, megabytes)
 
 
 def _number(name: str, entered: str) -> float:
