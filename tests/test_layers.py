@@ -16,11 +16,15 @@ GROUND = {
     f"filters.{name}" for name in ("types", "channels", "first_order", "earth", "attitude", "imu", "allan", "state")
 }
 
-EVERYWHERE = {"imutui.outside_file", "imutui.plain_text", "imutui.toml_text"}
-"""What any module of imutui may import: they know the standard library only."""
+EVERYWHERE = {
+    f"imutui.{name}" for name in ("estimate_history", "history_rows", "outside_file", "plain_text", "toml_text")
+}
+"""What any module of imutui may import: they know the standard library, and numpy, only."""
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
+    "imutui.history_rows": set(),
+    "imutui.estimate_history": set(),
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),
     "imutui.outside_file": set(),

@@ -7,7 +7,7 @@ port · `reconnection` finds the same unit again, `absence` says how long it was
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
 `lifecycle` where it stands · `duration` when it is over · `line_watch` what is to be said of the line, with `silence`.
 From packets to a file: `packet_stamps` when each was sampled · `sample_pipeline` a run of samples ·
-`averaging` packets to samples · `live_filter` the filter ·
+`averaging` packets to samples · `live_filter` the filter · `run_history` its past ·
 `recording` the file's life, `rotation` when it is full, `previous_log` what was before it ·
 `vanished_file` whether it is there still · `disk_space` · `timebase` UTC that no clock step moves.
 For viewers: `snapshot` what they see and `requests` what they ask, records only, `request_fields` read from one that

@@ -22,7 +22,7 @@ from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
-from imutui.session.plan import VIRTUAL_PORT, Plan
+from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
 from imutui.session.requests import Reply, Request, StartReport
 
 _SWITCH_S = 0.0005
@@ -100,6 +100,13 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "snapshot":
             since = request_fields.whole(request, "since", 0)
             return {"snapshot": engine.call(lambda acquisition: acquisition.snapshot(since), late=True)}
+        case "history":
+            has = HistoryWish(
+                request_fields.whole(request, "run", 0),
+                request_fields.instant(request, "estimates_s"),
+                request_fields.instant(request, "temperature_s"),
+            )
+            return {"history": engine.call(lambda acquisition: acquisition.history(has), late=True)}
         case "mark":
             text = request_fields.text(request, "text")
             engine.call(lambda acquisition: acquisition.mark(text))

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from filters.motion.profile import Profile
+from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.crossbow import Scaling
 from imutui.logbook.line_advice import LossAdvice
@@ -20,7 +21,7 @@ from imutui.session.line_watch import LineState, LineWatch
 from imutui.session.metadata import reconfigured
 from imutui.session.observe import AcquisitionView
 from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
-from imutui.session.plan import Plan, RecordingWish
+from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
@@ -252,6 +253,11 @@ class Acquisition:
             guide=self._guide,
         )
         return observe.snapshot(view, since)
+
+    def history(self, wish: HistoryWish) -> HistorySnapshot:
+        """The past of the present run of samples, as far as a viewer lacks it."""
+        pipeline = self._recorder.pipeline
+        return pipeline.history.piece(pipeline.first_stamp_ns or 0, wish)
 
     def mark(self, text: str) -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.

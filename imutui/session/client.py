@@ -12,8 +12,9 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Unpack, cast
 
+from imutui.history_rows import HistorySnapshot
 from imutui.session import exit_codes, ipc
-from imutui.session.plan import Plan, RecordingWish
+from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot
 
@@ -48,6 +49,10 @@ class SessionConnectingError(SessionError):
     """The acquisition process lives but does not talk to viewers yet, or no more."""
 
 
+class SessionRefusalError(SessionError):
+    """The acquisition cannot do what was asked; one that an older version started may not know the request."""
+
+
 class Client:
     """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply.
 
@@ -75,6 +80,19 @@ class Client:
     def snapshot(self, since: int = 0) -> Snapshot:
         """State for a screen; `series` holds the packets from number `since` on."""
         return self._ask({"ask": "snapshot", "since": since})["snapshot"]
+
+    def history(self, wish: HistoryWish) -> HistorySnapshot | None:
+        """What a viewer lacks of the run's past, a piece of it; None from an acquisition that keeps none.
+
+        Parameters
+        ----------
+        wish : HistoryWish
+            What the viewer has.
+        """
+        try:
+            return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
+        except SessionRefusalError:
+            return None
 
     def mark(self, text: str) -> None:
         """Put a mark into the recording."""
@@ -372,7 +390,7 @@ def _exchange(connection: socket.socket, request: Request, timeout: float | None
         raise SessionGoneError(_ended_message(name)) from error
     reply = json.loads(data)
     if not reply["ok"]:
-        raise SessionError(reply["error"])
+        raise SessionRefusalError(reply["error"])
     answer: Reply = reply
     return answer
 

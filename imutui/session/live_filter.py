@@ -16,8 +16,10 @@ from filters.kalman import layout
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from imutui.estimate_history import EstimateHistory
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
+from imutui.session.run_history import BIASES
 
 if TYPE_CHECKING:
     from filters.kalman.runner import Estimator
@@ -87,9 +89,13 @@ class LiveFilter:
         What the reference needs.
     effects : callable or None
         Makes the effects that join the filter.
+    history : EstimateHistory or None
+        Takes its biases.
 
     Attributes
     ----------
+    history : EstimateHistory
+        Biases since the run began.
     estimator : Estimator or None
         None until the first samples are used.
     failure : str or None
@@ -108,9 +114,14 @@ class LiveFilter:
     """
 
     def __init__(
-        self, info: SessionInfo, motion: Profile | Trajectory | None = None, effects: MakeEffects | None = None
+        self,
+        info: SessionInfo,
+        motion: Profile | Trajectory | None = None,
+        effects: MakeEffects | None = None,
+        history: EstimateHistory | None = None,
     ) -> None:
         self.info = info
+        self.history = EstimateHistory(BIASES) if history is None else history
         self.estimator: Estimator | None = None
         self.failure: str | None = None
         self.seconds = 0.0
@@ -199,4 +210,5 @@ class LiveFilter:
         assert self._first_ns is not None
         stamps = self._first_ns + np.round(rows[:, layout.OUT_T] * 1e9).astype(np.int64)
         verdict = estimates.BiasVerdicts.of(estimator, self.info)
+        estimates.add_to_history(self.history, rows, verdict, self.info)
         yield from zip(stamps.tolist(), estimates.encode(rows, stamps, verdict, self.info), strict=True)

@@ -22,6 +22,23 @@ VIRTUAL_PORT = "virtual"
 
 
 @dataclass(frozen=True, slots=True)
+class HistoryWish:
+    """What a viewer lacks of a run's history.
+
+    Attributes
+    ----------
+    run : int
+        The run that it has rows of; of another one all is sent.
+    estimates_s, temperature_s : float or None
+        Instants of the last rows that it has, s since the run's first sample; None if it has none.
+    """
+
+    run: int = 0
+    estimates_s: float | None = None
+    temperature_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingWish:
     """What the operator says when a recording begins; None leaves it as the plan has it.
 

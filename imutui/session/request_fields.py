@@ -3,6 +3,7 @@
 What it leaves out: whether what is asked can be done now, which the acquisition says.
 """
 
+import math
 from collections.abc import Mapping
 from typing import cast
 
@@ -36,6 +37,16 @@ def seconds(request: Request, name: str) -> float | None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= _LONGEST_WAIT_S:
         raise ValueError(f"the request's `{name}` is no time from 0 to {_LONGEST_WAIT_S:g} s")
+    return float(value)
+
+
+def instant(request: Request, name: str) -> float | None:
+    """A time, s; None if it lacks. Raises ValueError if it is none."""
+    value = cast("Mapping[str, object]", request).get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"the request's `{name}` is no time in seconds")
     return float(value)
 
 

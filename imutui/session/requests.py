@@ -6,6 +6,7 @@ carried out gets a `Refusal`.
 
 from typing import TYPE_CHECKING, Literal, NotRequired, TypedDict
 
+from imutui.history_rows import HistorySnapshot
 from imutui.session.snapshot import ProfileDescription, Snapshot
 
 if TYPE_CHECKING:
@@ -39,10 +40,26 @@ class Request(TypedDict):
     """Any request; the fields beyond `ask` belong to the kinds that say so."""
 
     ask: Literal[
-        "snapshot", "mark", "record", "configure", "zero", "profile", "guide", "stop_recording", "stop", "wait"
+        "snapshot",
+        "history",
+        "mark",
+        "record",
+        "configure",
+        "zero",
+        "profile",
+        "guide",
+        "stop_recording",
+        "stop",
+        "wait",
     ]
     since: NotRequired[int]
     """snapshot: number of the first packet wanted in the series."""
+    run: NotRequired[int]
+    """history: the run that the viewer has rows of."""
+    estimates_s: NotRequired[float | None]
+    """history: instant of the last row of estimates that the viewer has."""
+    temperature_s: NotRequired[float | None]
+    """history: instant of the last row of temperature that the viewer has."""
     text: NotRequired[str]
     """mark: what the operator says."""
     wish: NotRequired[RecordingWishFields]
@@ -70,6 +87,8 @@ class Reply(TypedDict, total=False):
     ok: Literal[True]
     snapshot: Snapshot
     """snapshot: state for a screen."""
+    history: HistorySnapshot
+    """history: biases and temperature of the run, what the viewer lacks of them."""
     path: str
     """record: of the file that has begun."""
     said: str

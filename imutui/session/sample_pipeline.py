@@ -21,6 +21,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session.averaging import Averager, Sample
 from imutui.session.live_filter import LiveFilter
+from imutui.session.run_history import RunHistory
 from imutui.session.timebase import Timebase
 
 _RATE_SPAN_NS = 10_000_000_000
@@ -83,6 +84,8 @@ class SamplePipeline:
         How many so far.
     rate : SampleRate
         Of the samples.
+    history : RunHistory
+        Biases and temperature since the run began.
     filter : LiveFilter or None
         None if nothing is filtered.
     started_ns, flushed_ns : int or None
@@ -112,7 +115,8 @@ class SamplePipeline:
         self.started_ns: int | None = None
         self.flushed_ns: int | None = None
         self.first_stamp_ns: int | None = None
-        self.filter = LiveFilter(info, motion, effects) if info.filter != "none" else None
+        self.history = RunHistory()
+        self.filter = LiveFilter(info, motion, effects, self.history.estimates) if info.filter != "none" else None
         self._writer = writer
         self._timebase = timebase
         self._axes = info.axes()
@@ -177,6 +181,7 @@ class SamplePipeline:
         self.first_stamp_ns = stamp_ns if self.first_stamp_ns is None else self.first_stamp_ns
         self.rate.add(sample.stamp_ns)
         degc = float(self._scaling.temperature_degc(sample.temperature))
+        self.history.add_temperature((stamp_ns - self.first_stamp_ns) / 1e9, degc)
         if self._writer is not None:
             log_ns = self._timebase.utc_ns(host_ns)
             self._writer.imu(log_ns, stamp_ns, gyro, accel, valid=valid)

@@ -144,7 +144,7 @@ class Connector:
         context = self._context
         if context.connection.owns(event.poller):
             recorded = context.recording is not None
-            context.connection.take(event.snapshot)
+            context.connection.take(event.snapshot, event.history)
             if recorded != (context.recording is not None):
                 context.app.screen.refresh_bindings()  # r begins, or finishes
             draw(event)

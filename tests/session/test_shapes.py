@@ -9,13 +9,14 @@ from helpers.fake_client import FakeClient
 from helpers.shapes import mismatches
 from helpers.units import Still, served
 
+from imutui.history_rows import HistorySnapshot
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port
 from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.logbook.results import ResultDocument
 from imutui.session import handshake, live_filter
 from imutui.session.engine import Engine
-from imutui.session.plan import Plan, RecordingWish
+from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot
 
 PROFILE = """
@@ -74,6 +75,10 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
             assert live_filter.PLAIN.ready.wait(120.0)
             while looked_at(engine)["filter"]["t"] is None:
                 pass
+        past = travelled(engine.call(lambda acquisition: acquisition.history(HistoryWish()), timeout=60.0))
+        assert mismatches(past, HistorySnapshot, "history") == []
+        assert past["temperature"]["t"][0] == 0.0
+        assert bool(past["estimates"]["t"]) == (filtering != "none")
         engine.request_stop()
         assert engine.lifecycle.ended.wait(60.0)
         last = looked_at(engine)

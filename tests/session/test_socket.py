@@ -16,6 +16,7 @@ from helpers.processes import wait_until
 from imutui.session import __main__ as process
 from imutui.session import client, ipc
 from imutui.session.client import SessionError
+from imutui.session.plan import HistoryWish
 from imutui.session.requests import Reply, Request
 
 HOSTILE = {
@@ -156,3 +157,11 @@ def test_a_field_that_does_not_fit_is_named(request_: dict[str, Any], words: str
     assert not reply["ok"]
     assert words in reply["error"]
     assert len(reply["error"]) < 500
+
+
+def test_an_acquisition_that_keeps_no_history_is_no_error(server: ipc.Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that an older version started does not know the request; a viewer then goes by what it sees itself."""
+    monkeypatch.setattr(client.Client, "snapshot", lambda self, since: {"pid": 1})
+    asked = client.Client("asked")
+    assert asked.history(HistoryWish()) is None
+    asked.close()

@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from imutui.estimate_history import EstimateHistory
+from imutui.history_rows import HistorySnapshot
 from imutui.session.client import Client
 from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
-from imutui.tui.connection.history import BiasHistory
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
 from imutui.tui.connection.verdict import Debounce, Verdict, judge, stale, waiting_profile
@@ -32,8 +33,10 @@ class View:
         The snapshot of tables and plots; an old one while the view is frozen.
     series : PacketSeries
         Packets of the plots.
-    biases : BiasHistory
+    biases : EstimateHistory
         Estimated biases and their certainty over the run.
+    temperature : EstimateHistory
+        Temperature over the run, degC; empty from an acquisition that keeps no history.
     frozen : bool
         Whether the view stands still.
     notice : tuple of str
@@ -53,7 +56,8 @@ class View:
     now: Snapshot | None
     shown: Snapshot | None
     series: PacketSeries
-    biases: BiasHistory
+    biases: EstimateHistory
+    temperature: EstimateHistory
     frozen: bool
     notice: tuple[str, str]
     verdict: Verdict | None = None
@@ -87,11 +91,16 @@ class ConnectionModel:
         self.newest: Snapshot | None = None
         self._looked = False
         self._series = PacketSeries(CHANNELS)
-        self._biases = BiasHistory(_BIASES)
+        self._newest_estimate_s = -np.inf
+        self._begin_history(0)
         self._debounce = Debounce()
         self._verdict: Verdict | None = None
         self._slope: float | None = None
         self._frozen: View | None = None
+
+    def _begin_history(self, run: int) -> None:
+        self._run = run
+        self._biases, self._temperature = EstimateHistory(_BIASES), EstimateHistory(1)
 
     def attach(self, client: Client, post: Callable[[Poller.Arrived | Poller.Lost], bool]) -> None:
         """Look at an acquisition."""
@@ -128,33 +137,46 @@ class ConnectionModel:
         """Whether what a poller posts is about this acquisition, and not a late one of the last."""
         return poller is self._poller
 
-    def take(self, snapshot: Snapshot) -> None:
-        """A snapshot has come."""
+    def take(self, snapshot: Snapshot, history: tuple[HistorySnapshot, ...] | None = None) -> None:
+        """A snapshot has come, and what is new of the run's past; None of that from who keeps none."""
         self.newest = snapshot
         series = snapshot["series"]
         if series["t"]:
             self._series.extend(np.asarray(series["t"], float), np.asarray(series["values"], float))
-        self._slope = self._series.slope_per_minute(TEMPERATURE)
-        self._take_biases(snapshot)
+        for piece in history or ():
+            self._take_history(piece)
+        slope = self._series.slope_per_minute(TEMPERATURE)
+        self._slope = self._temperature.slope_per_minute(0) if slope is None else slope
+        self._take_biases(snapshot, gathers=history is None)
         verdict = judge(snapshot["filter"], self._slope, stale(snapshot), waiting_profile(snapshot))
         # the acquisition's clock, which goes on when the filter's does not
         self._verdict = self._debounce.take(float(snapshot["since_start_s"]), verdict)
 
-    def _take_biases(self, snapshot: Snapshot) -> None:
+    def _take_history(self, piece: HistorySnapshot) -> None:
+        if piece["run"] != self._run:
+            self._begin_history(piece["run"])
+        self._biases.extend(piece["estimates"])
+        self._temperature.extend(piece["temperature"])
+
+    def _take_biases(self, snapshot: Snapshot, *, gathers: bool) -> None:
         estimates, first = snapshot["filter"], not self._looked
         self._looked = True
         if estimates is None or estimates["t"] is None or estimates["waiting"] or len(estimates["biases"]) != _BIASES:
             return
         t, biases = float(estimates["t"]), estimates["biases"]
-        if t < self._biases.newest:
+        if t < self._newest_estimate_s:
             self._debounce = Debounce()  # another run
-        self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"))
+        self._newest_estimate_s = t
+        if not gathers:
+            return
+        converged = np.array([bias["converged_s"] is not None for bias in biases])
+        self._biases.add(t, _numbers(biases, "value"), _numbers(biases, "sd3"), converged)
         if first:
             self._biases.attached_late = True
 
     def freeze(self, frozen: bool) -> None:
         """Let the view stand still, or follow again. Data are taken either way."""
-        self._frozen = self._view(self._series.frozen(), self._biases.frozen(), frozen=True) if frozen else None
+        self._frozen = self._view(frozen=True) if frozen else None
 
     @property
     def frozen(self) -> bool:
@@ -163,7 +185,7 @@ class ConnectionModel:
 
     def view(self) -> View:
         """What to show now."""
-        view = self._frozen or self._view(self._series, self._biases, frozen=False)
+        view = self._frozen or self._view(frozen=False)
         return replace(
             view,
             now=self.newest,
@@ -173,12 +195,13 @@ class ConnectionModel:
             debug=self._debug,
         )
 
-    def _view(self, series: PacketSeries, biases: BiasHistory, *, frozen: bool) -> View:
+    def _view(self, *, frozen: bool) -> View:
         return View(
             self.newest,
             self.newest,
-            series,
-            biases,
+            self._series.frozen() if frozen else self._series,
+            self._biases.frozen() if frozen else self._biases,
+            self._temperature.frozen() if frozen else self._temperature,
             frozen,
             self._notice(),
             verdict=self._verdict,

@@ -9,10 +9,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from imutui.history_rows import HistoryRows, HistorySnapshot
 from imutui.session.client import Client, SessionError
+from imutui.session.plan import HistoryWish
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.tui.terminal.pacing import LOCAL_FPS
+
+_PIECES = 30
 
 
 class Poller:
@@ -30,11 +34,15 @@ class Poller:
 
     @dataclass(frozen=True, slots=True)
     class Arrived:
-        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `poller.taken()`."""
+        """A snapshot, and when it was asked for (monotonic, s); whoever handles it calls `poller.taken()`.
+
+        `history` has pieces of the run's past that are new, None from an acquisition that keeps none.
+        """
 
         poller: "Poller"
         snapshot: Snapshot
         asked_at: float
+        history: tuple[HistorySnapshot, ...] | None = None
 
     @dataclass(frozen=True, slots=True)
     class Lost:
@@ -47,6 +55,9 @@ class Poller:
         self._client = client
         self._post = post
         self.rate_hz = rate_hz
+        self._wish = HistoryWish()
+        self._keeps_history = True
+        self._complete_at: int | None = None
         self._stop = threading.Event()
         self._taken = threading.Event()
         self._thread = threading.Thread(target=self._run, name="imutui-poller", daemon=True)
@@ -76,13 +87,38 @@ class Poller:
             due = asked_at + 1.0 / self.rate_hz
             try:
                 snapshot = self._client.snapshot(since)
+                history = self._new_history(snapshot)
             except (SessionError, OSError) as error:
                 if not self._stop.is_set():
                     self._post(Poller.Lost(self, messages.fault(error)))
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()
-            if self._stop.is_set() or not self._post(Poller.Arrived(self, snapshot, asked_at)):
+            if self._stop.is_set() or not self._post(Poller.Arrived(self, snapshot, asked_at, history)):
                 return
             self._taken.wait()
             self._stop.wait(max(due - time.monotonic(), 0.0))
+
+    def _new_history(self, snapshot: Snapshot) -> tuple[HistorySnapshot, ...] | None:
+        """What is new of the run's past: once a second, as its rows are, and at first as much as a moment allows."""
+        second = int(snapshot["since_start_s"])
+        pieces: list[HistorySnapshot] = []
+        while self._keeps_history and second != self._complete_at and len(pieces) < _PIECES:
+            piece = self._client.history(self._wish)
+            if piece is None:
+                self._keeps_history = False
+                break
+            pieces.append(piece)
+            before = self._wish if piece["run"] == self._wish.run else HistoryWish()
+            self._wish = HistoryWish(
+                piece["run"],
+                _last(piece["estimates"], before.estimates_s),
+                _last(piece["temperature"], before.temperature_s),
+            )
+            self._complete_at = second if piece["complete"] else None
+        return tuple(pieces) if self._keeps_history else None
+
+
+def _last(rows: HistoryRows, before: float | None) -> float | None:
+    """Instant of the last row that has come."""
+    return rows["t"][-1] if rows["t"] else before

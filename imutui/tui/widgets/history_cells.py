@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from imutui.tui.connection.history import BiasHistory
+from imutui.estimate_history import EstimateHistory
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
 from imutui.tui.widgets.raster import Bits, Envelope
@@ -45,12 +45,12 @@ def span_s(seconds: float) -> float:
     return float(next(step for step in _STEPS if step * power * unit >= seconds) * power * unit)
 
 
-def envelope(history: BiasHistory, column: int, span: float, columns: int) -> BiasEnvelope:
+def envelope(history: EstimateHistory, column: int, span: float, columns: int) -> BiasEnvelope:
     """Extremes of each dot column.
 
     Parameters
     ----------
-    history : BiasHistory
+    history : EstimateHistory
         With at least one row.
     column : int
         Which estimate.

@@ -3,12 +3,13 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from imutui.history_rows import HistorySnapshot
 from imutui.session.client import SessionError
-from imutui.session.plan import RecordingWish
+from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import (
     BiasSnapshot,
     FilterSnapshot,
@@ -17,6 +18,9 @@ from imutui.session.snapshot import (
     RecordingSnapshot,
     Snapshot,
 )
+
+if TYPE_CHECKING:
+    from imutui.session.run_history import RunHistory
 
 RATE_HZ = 133.0
 MEANS = np.array([0.3461, -0.4702, -0.2688, -6.112, -0.402, 1000.981, 24.96])
@@ -91,6 +95,8 @@ class FakeClient:
         self.polls = 0
         self.changes: dict[str, Any] = {"kind": kind}
         """Fields of the snapshot that a test wants otherwise."""
+        self.past: RunHistory | None = None
+        """What the acquisition keeps of its run; None as one that an older version started."""
         self.gone: str | None = None
         self.marks: list[MarkLine] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
         self.wish: RecordingWish | None = None
@@ -108,6 +114,10 @@ class FakeClient:
                 raise SessionError(self.gone)
             self.polls += 1
             return cast("Snapshot", {**self._snapshot(since), **self.changes})
+
+    def history(self, wish: HistoryWish) -> HistorySnapshot | None:
+        """The past that a test gave it; an acquisition of an older version has none."""
+        return None if self.past is None else self.past.piece(1, wish)
 
     def _snapshot(self, since: int) -> Snapshot:
         seconds = self._clock() - self._born

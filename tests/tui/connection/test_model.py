@@ -8,6 +8,8 @@ import pytest
 from helpers.fake_client import FakeClient
 
 from imutui.session.client import SessionError
+from imutui.session.plan import HistoryWish
+from imutui.session.run_history import RunHistory
 from imutui.tui.connection.attempt import Attempt
 from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.connection.packet_series import PacketSeries
@@ -95,6 +97,32 @@ def test_the_feed_asks_only_for_what_is_new() -> None:
     poller.stop()
     first, second = (m.snapshot["series"] for m in inbox.messages[:2] if isinstance(m, Poller.Arrived))
     assert len(second["t"]) == second["next"] - first["next"] < 100
+
+
+def test_who_attaches_late_sees_the_run_from_its_begin() -> None:
+    """Biases, certainty, convergence and temperature since the first sample, in pieces, each sent once."""
+    client, inbox, link = FakeClient(), Inbox(), ConnectionModel()
+    client.past = RunHistory()
+    for k in range(700):
+        client.past.estimates.add(float(k), np.full(6, 0.5), np.full(6, 0.1), np.full(6, k >= 30))
+        client.past.add_temperature(float(k), 20.0 + 0.001 * k)
+    poller = Poller(client, inbox.post, 100.0)  # type: ignore[arg-type]
+    poller.start()
+    assert inbox.came.wait(5.0)
+    poller.stop()
+    (first,) = inbox.messages
+    assert isinstance(first, Poller.Arrived)
+    assert first.history is not None
+    assert [len(piece["estimates"]["t"]) for piece in first.history] == [100] * 7 + [7]
+    link.take(first.snapshot, first.history)
+    seen = link.view()
+    assert (len(seen.biases), seen.biases.begin, seen.biases.attached_late) == (700, 0.0, False)
+    assert (seen.biases.converged(0).sum(), len(seen.temperature)) == (670, 700)
+    assert seen.slope_k_per_min == pytest.approx(0.06, rel=0.05)
+    other = RunHistory()
+    other.estimates.add(0.5, np.zeros(6), np.ones(6))
+    link.take(client.snapshot(), (other.piece(2, HistoryWish(1, 699.0, 699.0)),))
+    assert len(link.view().biases) == 1
 
 
 def test_a_lost_acquisition_is_told_once() -> None:

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imutui.tui.connection.history import BiasHistory
+from imutui.estimate_history import EstimateHistory
 from imutui.tui.pages.filter.bias_bar import gauge
 from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
 from imutui.tui.widgets import history_cells
 
 
-def ramp(seconds: float, noise: float = 0.0) -> BiasHistory:
+def ramp(seconds: float, noise: float = 0.0) -> EstimateHistory:
     """A bias of 0.5 that was uncertain at first."""
-    history = BiasHistory(1)
+    history = EstimateHistory(1)
     t = np.arange(0.0, seconds, 0.5)
     values = 0.5 + noise * np.sin(t) + 2.0 * np.exp(-t)
     for at, value in zip(t, values, strict=True):

@@ -7,8 +7,8 @@ from rich.segment import Segment
 from textual.strip import Strip
 from textual.widget import Widget
 
+from imutui.estimate_history import EstimateHistory
 from imutui.tui import formatting
-from imutui.tui.connection.history import BiasHistory
 from imutui.tui.terminal.glyphs import Glyphs, choose
 from imutui.tui.widgets import history_cells, raster
 from imutui.tui.widgets.history_cells import BiasEnvelope, Limits
@@ -70,12 +70,12 @@ class BiasPlot(Widget):
         self.column = column
         self._glyphs = glyphs or choose()
         self._range: tuple[float, float] | None = None
-        self._history: BiasHistory | None = None
+        self._history: EstimateHistory | None = None
         self._settings: BiasPlotSettings | None = None
         self._drawn: tuple[Any, ...] | None = None
         self._strips: list[Strip] = []
 
-    def show(self, history: BiasHistory, settings: BiasPlotSettings) -> None:
+    def show(self, history: EstimateHistory, settings: BiasPlotSettings) -> None:
         """Draw the past of a bias; nothing is sent to the terminal as long as it looks the same."""
         before = self._settings
         if before is None or (before.column, before.scale) != (settings.column, settings.scale):
@@ -107,7 +107,7 @@ class BiasPlot(Widget):
         self._strips = self._lines(history, settings, size.width, size.height)
         return before != self._strips
 
-    def _lines(self, history: BiasHistory, settings: BiasPlotSettings, width: int, height: int) -> list[Strip]:
+    def _lines(self, history: EstimateHistory, settings: BiasPlotSettings, width: int, height: int) -> list[Strip]:
         axis = int(height >= _ROWS_FOR_AXIS)
         rows, columns = height - 1 - axis, width - _GUTTER
         if rows < 1 or columns < 4:
@@ -147,7 +147,7 @@ class BiasPlot(Widget):
     def _segment(self, said: str, style: str) -> Segment:
         return Segment(said, self.get_component_rich_style(f"biasplot--{style}"))
 
-    def _head(self, settings: BiasPlotSettings, history: BiasHistory, span: float | None, width: int) -> Strip:
+    def _head(self, settings: BiasPlotSettings, history: EstimateHistory, span: float | None, width: int) -> Strip:
         axis = (
             ""
             if span is None
@@ -177,7 +177,7 @@ class BiasPlot(Widget):
         said = [f"{' ' * (_GUTTER - 1)}│ {why if row == rows // 2 else ''}" for row in range(rows)]
         return [Strip([self._segment(self._glyphs.text(line)[:width].ljust(width), "axis")], width) for line in said]
 
-    def _time_axis(self, history: BiasHistory, span: float, width: int) -> Strip:
+    def _time_axis(self, history: EstimateHistory, span: float, width: int) -> Strip:
         """Round times since the run's first sample."""
         room, line, free = width - _GUTTER, [" "] * width, 0
         for t in history_cells.ticks(history.begin, span, room // _TICK):
