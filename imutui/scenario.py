@@ -4,7 +4,7 @@ The format of a profile is in `imutui.logbook.reference_file`, effects and their
 scenario::
 
     seed = 7
-    profile = "tumble.toml"            # relative to this file; or [[profile.segment]] tables here
+    profile = "tumble.toml"            # beside this file, or a ready-made one's name; or [[profile.segment]]
     power_ons = 3                      # how often the unit is switched on, default 1
 
     [biases]                           # instrument axes and sign; what is absent is drawn from the seed
@@ -79,7 +79,7 @@ from filters.motion.profile import Profile
 from filters.simulation import Effect, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
 from imutui import outside_file, toml_text
-from imutui.logbook import reference_file
+from imutui.logbook import named_profiles, reference_file
 from imutui.scenario_wire import fault_of, personality_of
 from imutui.toml_text import is_number
 from imutui.toml_values import known, number, table_of, tables_of, triple, whole
@@ -131,7 +131,8 @@ def load_scenario(path: Path) -> Scenario:
     Parameters
     ----------
     path : Path
-        The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table.
+        The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and so
+        does the name of a ready-made one.
 
     Returns
     -------
@@ -142,6 +143,11 @@ def load_scenario(path: Path) -> Scenario:
     ScenarioError
         If it can't be read, or something in it does not fit.
     """
+    named = None if path.exists() else named_profiles.find(str(path))
+    if named is not None:
+        return Scenario(profile=named.profile)
+    if not path.suffix and not path.exists():
+        raise ScenarioError(f"{path} is no file, nor a ready-made profile: {named_profiles.listed()}.")
     document = _parsed(path)
     try:
         if "segment" in document or "samples" in document:
@@ -239,7 +245,7 @@ def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
     if profile is None:
         return None
     if isinstance(profile, str):
-        return load_profile(path.parent / profile)
+        return _profile_named(profile, path.parent)
     if isinstance(profile, dict):
         try:
             return _profile(profile, path)
@@ -248,6 +254,16 @@ def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
                 raise ScenarioError(f"{path}: profile, {str(error).removeprefix(f'{path}: ')}") from error
             raise
     raise ValueError(f"`profile` is {profile!r}; it is the name of a file, or [[profile.segment]] tables")
+
+
+def _profile_named(name: str, folder: Path) -> Profile:
+    """Profile of a file in a folder, or of a name."""
+    file, named = folder / name, named_profiles.find(name)
+    if named is not None and not file.exists():
+        return named.profile
+    if not file.exists() and file.suffix.lower() not in (".toml", ".csv"):
+        raise ValueError(f'`profile` is "{name}": no such file, nor a ready-made profile: {named_profiles.listed()}')
+    return load_profile(file)
 
 
 def _spec(table: Mapping[str, Any]) -> ImuSpec:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.motion.positions import LEVEL, SIX, TWELVE, positions, turns
 from filters.motion.profile import Profile
 from filters.motion.segments import AXES, Dwell, Rate, Segment, Sine
 from filters.tracing.result import Thermal
@@ -31,16 +32,7 @@ _SOAK_S, _DWELL_S, _STILL_S = 120.0, 300.0, 1800.0
 _FASTEST, _LEAST_FAST = 120.0, 60.0  # deg/s
 _SWING_DEG, _SWING_HZ = 20.0, (0.3, 0.8)
 _SWING = f"by {_SWING_DEG:.0f} deg at {_SWING_HZ[0]} and {_SWING_HZ[1]} Hz"
-_LEVEL = Dwell((0.0, 0.0, 0.0), 10.0)
 _POINTS = 31
-
-SIX = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0))
-"""Each axis up and down: outer, middle, inner, deg."""
-TWELVE = (
-    *((0, 0, 90), (0, 0, 180), (45, 0, 0), (-45, 0, 30), (0, 45, 60), (0, -45, 0)),
-    *((45, 45, 0), (30, -45, 90), (135, 0, 0), (-135, 0, 0), (90, 0, 90), (-90, 0, 45)),
-)
-"""Twelve more, in between."""
 
 
 @dataclass(frozen=True)
@@ -314,12 +306,6 @@ def _profile(segments: Sequence[Segment]) -> Profile:
     return Profile(tuple(segments), align="gyro")
 
 
-def positions(angles_deg: Sequence[tuple[float, float, float]], seconds: float) -> list[Segment]:
-    """Dwells at angles, and back to level."""
-    made = [Dwell((math.radians(o), math.radians(m), math.radians(i)), seconds) for o, m, i in angles_deg]
-    return [*made, _LEVEL]
-
-
 def _headings() -> list[tuple[str, list[Segment]]]:
     """Slow turns both ways, level and tilted."""
     description = "turn the inner axis slowly, twice round each way, level"
@@ -332,10 +318,5 @@ def _heading(angles: tuple[float, float, float]) -> list[Segment]:
     return [Dwell(angles, 10.0), Rate("inner", slow, twice_s), Rate("inner", -slow, twice_s), Dwell(angles, 10.0)]
 
 
-def turns(axis: str, rates: Sequence[float]) -> list[Segment]:
-    """One axis turned at each of some rates, rad/s, between rests."""
-    return [_LEVEL, *(Rate(axis, rate, 24.0) for rate in rates), _LEVEL]
-
-
 def _sines(axis: str) -> list[Segment]:
-    return [_LEVEL, *(Sine(axis, math.radians(_SWING_DEG), hz, 45.0) for hz in _SWING_HZ), _LEVEL]
+    return [LEVEL, *(Sine(axis, math.radians(_SWING_DEG), hz, 45.0) for hz in _SWING_HZ), LEVEL]

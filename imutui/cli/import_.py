@@ -76,7 +76,7 @@ def command(
     if output.exists() and file.exists() and output.samefile(file):
         raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
     refuse_existing(output, force)
-    beside = import_reference.from_file(Path(reference)) if reference is not None and _is_file(reference) else None
+    beside = import_reference.from_text(reference) if reference is not None else None
     flags = {
         "instrument.accel_sign": accel_sign,
         "instrument.mount": mount,
@@ -133,10 +133,6 @@ def _before(log: Path | None, info: "SessionInfo", output: Path) -> "Preceding |
     before = power_on.preceding(log)
     power_on.check_same_unit(before, info)
     return before
-
-
-def _is_file(reference: str) -> bool:
-    return Path(reference).suffix.lower() in (".csv", ".toml")
 
 
 def _reference(

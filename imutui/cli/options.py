@@ -15,9 +15,9 @@ Reference = Annotated[
     Optional[str],  # noqa: UP045
     typer.Option(
         "--reference",
-        metavar="level|gravity|turned|FILE",
-        help="What is known of the motion: level on north-east-down, still, turned by hand between rests, or a file:"
-        " table profile, trajectory.",
+        metavar="level|gravity|turned|FILE|NAME",
+        help="What is known of the motion: level on north-east-down, still, turned by hand between rests, a file"
+        " (table profile, trajectory), or a ready-made profile's name, which `imutui profile` lists.",
     ),
 ]
 Effects = Annotated[
@@ -66,13 +66,13 @@ Output = Annotated[Optional[Path], typer.Option("-o", "--output", help="File to 
 
 
 def reference_of(text: str | None) -> "tuple[ReferenceFile | None, str | None]":
-    """File that --reference names, if it names one, and the reference's kind."""
-    if text is None or Path(text).suffix.lower() not in (".csv", ".toml"):
-        return None, text
+    """File or ready-made profile that --reference names, if it names one, and the reference's kind."""
+    if text is None:
+        return None, None
     from imutui.logbook import import_reference
 
-    file = import_reference.from_file(Path(text))
-    return file, file.kind
+    file = import_reference.from_text(text)
+    return file, text if file is None else file.kind
 
 
 def effects_of(text: str | None) -> bytes | None:

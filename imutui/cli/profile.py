@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from imutui.cli.options import Json
+from imutui.cli.options import Force, Json, Output
 
 if TYPE_CHECKING:
     from imutui.jobs.operator_steps import Offer, OperatorStep
@@ -16,36 +16,57 @@ if TYPE_CHECKING:
 def command(
     file: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Argument(metavar="[FILE]", help="Table profile, TOML or CSV, or a ready-made one's name; else a list."),
+        typer.Argument(
+            metavar="[FILE|NAME]", help="Table profile, TOML or CSV, or a ready-made one's name; else a list."
+        ),
     ] = None,
+    output: Output = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Show a table profile as a list for an operator: what to do, and what each segment makes testable.
 
-    The same list guides in the terminal UI (5 Table). Without a file: profiles here and in the logs folder.
+    The same list guides in the terminal UI (5 Table). Without a file: the ready-made profiles, whose names do wherever
+    a profile's file does, and those here and in the logs folder. -o writes the profile to a file, to be changed.
 
-    Example: imutui profile "six positions, 30 s each"
+    Example: imutui profile "six positions, 30 s each" -o six.toml
     """
-    from imutui.cli.exit_codes import UNREADABLE, fail, tell
+    from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, tell
     from imutui.jobs import operator_steps
     from imutui.logbook.json_text import dumps
 
     if file is None:
+        if output is not None:
+            raise fail(USAGE, '-o needs a profile to write: imutui profile "six positions, 30 s each" -o six.toml')
         found = operator_steps.offers(_folders())
         if json:
             print(dumps([_row(offer) for offer in found]))
         else:
             tell(_listed(found))
         return
-    named = [offer for offer in operator_steps.ready_made() if offer.name == str(file)]
-    offer = named[0] if named else operator_steps.offer_of(file)
+    offer = operator_steps.offer_of(file)
     if offer.error:
         raise fail(UNREADABLE, f"{file}: {offer.error}. `imutui profile` lists what there is.")
+    if output is not None:
+        _export(offer, output, force)
+        return
     profile = operator_steps.load(offer.file, offer.text)
     if json:
         print(dumps(operator_steps.document(profile, offer.name)))
     else:
         tell(_text(offer, operator_steps.steps(profile)))
+
+
+def _export(offer: "Offer", output: Path, force: bool) -> None:
+    from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say
+    from imutui.logbook import atomic_file
+
+    suffix = Path(offer.file).suffix
+    if output.suffix.lower() != suffix.lower():
+        raise fail(USAGE, f"{output} does not end in {suffix}, as a profile of this kind does.")
+    refuse_existing(output, force)
+    atomic_file.write(output, offer.text, overwrite=force)
+    say(f"imutui: {output}: {offer.name}, {offer.segments} segments, joined by {offer.align}")
 
 
 def _folders() -> list[Path]:

@@ -117,7 +117,16 @@ def command(
         unattended=unattended,
         output=str(Path(output).resolve()) if output is not None else "",
         overwrite=force,
-        reference_file=("", "") if file is None else (Path(str(reference)).name, file.content.decode("utf-8-sig")),
+        reference_file=("", "") if file is None else (_name_of(str(reference)), file.content.decode("utf-8-sig")),
         effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
     follow(plan, json=json)
+
+
+def _name_of(reference: str) -> str:
+    """Name of a file that --reference names; that which a ready-made profile would have."""
+    from imutui.logbook import named_profiles
+
+    path = Path(reference)
+    named = None if path.suffix.lower() in (".csv", ".toml") else named_profiles.find(reference)
+    return path.name if named is None else named.file

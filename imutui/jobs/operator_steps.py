@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import cast
 
 from filters.motion.profile import Profile
-from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
-from filters.tracing import candidate_motions, detectability
+from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
+from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
 from imutui.jobs.documents import GuidedListDocument, SegmentOfProfile
-from imutui.logbook import reference_file
+from imutui.logbook import named_profiles, reference_file
+from imutui.logbook.named_profiles import NamedProfile
 
 VERSION = 1
 _ACCELS = ("ax", "ay", "az")
@@ -36,7 +37,8 @@ _WORDS = {
 }
 _SUFFIXES = (".toml", ".csv")
 _PARTNERS = ("scale", "cross_axis", "tilt")
-_BY_HAND_S, _BRIEF_S = 30.0, 20.0
+READY_MADE = "ready-made"
+"""Place of a profile that lies in no folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +89,11 @@ class OperatorStep:
 
 def ready_made() -> list[Offer]:
     """Profiles that need no file."""
-    six = candidate_motions.positions(candidate_motions.SIX, _BY_HAND_S)
-    eighteen = candidate_motions.positions((*candidate_motions.SIX, *candidate_motions.TWELVE), _BRIEF_S)
-    rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
-    turns = [segment for axis in reversed(AXES) for segment in candidate_motions.turns(axis, rates)]
-    made = [
-        (f"six positions, {_BY_HAND_S:.0f} s each", "six positions", Profile(tuple(six), align="marks")),
-        (f"eighteen positions, {_BRIEF_S:.0f} s each", "eighteen positions", Profile(tuple(eighteen), align="marks")),
-        ("six positions, each axis ±30 ±90 deg/s", "six positions and rates", Profile((*six, *turns), align="gyro")),
-    ]
-    return [
-        _offer(profile, name, "ready-made", reference_file.to_toml(profile), f"{file}.toml")
-        for name, file, profile in made
-    ]
+    return [_ready(made) for made in named_profiles.ready_made()]
+
+
+def _ready(made: NamedProfile) -> Offer:
+    return _offer(made.profile, made.name, READY_MADE, made.text, made.file)
 
 
 def offers(folders: Iterable[Path]) -> list[Offer]:
@@ -113,13 +107,17 @@ def offers(folders: Iterable[Path]) -> list[Offer]:
 
 
 def offer_of(path: Path) -> Offer:
-    """Profile of a file; one that cannot be used says why."""
+    """Profile of a file, or of a name; one that cannot be used says why."""
     place = str(path.parent)
+    named = None if path.exists() else named_profiles.find(str(path))
+    if named is not None:
+        return _ready(named)
     if path.exists() and not path.is_file():
         # a device would be read for ever, and from under whoever has it
         return Offer(path.name, place, error="is no file")
     if path.suffix.lower() not in _SUFFIXES:
-        return Offer(path.name, place, error="is neither .toml nor .csv by its name")
+        error = f"is neither .toml nor .csv by its name, nor a ready-made profile: {named_profiles.listed()}"
+        return Offer(path.name, place, error=error)
     try:
         content = outside_file.read(path, outside_file.TEXT_LIMIT)
         profile = reference_file.parse(path.name, content)

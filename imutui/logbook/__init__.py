@@ -7,7 +7,7 @@
 compiled: `mcap_kernels`) · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what
 they lack · `polled_rate` whether polling kept what was asked · `power_on` logs that continue others ·
-`reference_file`, `trajectory_file`, `effects_file` other formats ·
+`reference_file`, `trajectory_file`, `effects_file` other formats · `named_profiles` profiles that need no file ·
 `results` the JSON document of a replay or a live run, `quality_summary` what a log holds of one.
 The only user of mcap, zstandard, lz4 and rosbags.
 """

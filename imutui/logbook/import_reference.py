@@ -8,11 +8,11 @@ import numpy as np
 from filters import attitude
 from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
-from filters.motion.reference import Trajectory
+from filters.motion.reference import KINDS, Trajectory
 from filters.state import Site
 from filters.types import Array
 from imutui import outside_file
-from imutui.logbook import reference_file, trajectory_file
+from imutui.logbook import named_profiles, reference_file, trajectory_file
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.reference_file import ReferenceFile
 
@@ -40,6 +40,30 @@ def from_file(path: Path) -> ReferenceFile:
     if path.suffix.lower() == ".toml":
         return ReferenceFile(kind, "reference.toml", "application/toml", content)
     return ReferenceFile(kind, "reference.csv", "text/csv", content)
+
+
+def from_text(text: str) -> ReferenceFile | None:
+    """Reference from what --reference says: a file, or the name of a ready-made profile; None for a word of its own.
+
+    Raises
+    ------
+    ImportDataError
+        If the file cannot be used.
+    ValueError
+        If it is none of them; the message lists the names.
+    """
+    path = Path(text)
+    if path.suffix.lower() in (".csv", ".toml"):
+        return from_file(path)
+    named = None if text in KINDS else named_profiles.find(text)
+    if named is not None:
+        return ReferenceFile("profile", "reference.toml", "application/toml", named.text.encode())
+    if text not in KINDS:
+        raise ValueError(
+            f'--reference is "{text}": no word for a reference (level, gravity, turned), no .toml or .csv file, and no'
+            f" ready-made profile. Those are {named_profiles.listed()}."
+        )
+    return None
 
 
 def _content(path: Path) -> bytes:

@@ -181,3 +181,12 @@ def test_the_command_prints_the_guided_list(home: Path) -> None:
     listed = json.loads(imutui("profile", "--json").stdout)
     assert [entry["name"] for entry in listed][-1] == "a.toml"
     assert "can't be read" in imutui("profile", "none.toml", check=3).stderr
+
+
+def test_the_command_exports_a_profile_and_replaces_none(home: Path) -> None:
+    """A ready-made one becomes a file of the same motion; a file that is there stays."""
+    imutui("profile", "six positions, 30 s each", "-o", "six.toml")
+    copied = operator_steps.offer_of(home / "six.toml")
+    assert copied.text == operator_steps.ready_made()[0].text
+    assert "--force" in imutui("profile", "six.toml", "-o", "six.toml", check=2).stderr
+    assert ".toml" in imutui("profile", "six.toml", "-o", "six.csv", check=2).stderr
