@@ -40,7 +40,7 @@ FLOORS = {
     "imutui.session": {"imutui.instrument", "imutui.logbook", "filters"},
     "imutui.session.snapshot": set(),
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling", "imutui.instrument.crossbow"},
-    "imutui.report": {"filters", "imutui.jobs"},
+    "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text"},
     "imutui.tui": {
         "imutui.session.client",
         "imutui.session.plan",

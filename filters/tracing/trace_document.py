@@ -237,8 +237,53 @@ class ExperimentEntry(TypedDict):
     leaves: list[str]
 
 
+class IdentityEntry(TypedDict):
+    """What a log says of the unit, and of who recorded it where and with what; "" where it does not say."""
+
+    instrument: str
+    serial_number: str
+    firmware: str
+    operator: str
+    table: str
+    place: str
+    note: str
+    software: str
+
+
+class CurveEntry(TypedDict):
+    """A curve before and after, for a figure; None where it is interrupted."""
+
+    x: list[float]
+    before: list[float | None]
+    after: list[float | None]
+
+
+class ChannelCurvesEntry(TypedDict):
+    """Residual over time (s), its amplitude spectrum over frequency (Hz), its Allan deviation over averaging time (s).
+
+    In deg/s and mg, the spectrum per √Hz. `bridged` says whether the last two have straight lines over gaps.
+    """
+
+    residual: CurveEntry
+    spectrum: CurveEntry
+    allan: CurveEntry
+    bridged: bool
+
+
+class RunCurvesEntry(TypedDict):
+    """Curves of a run, by channel."""
+
+    run: str
+    heldout: bool
+    channels: dict[str, ChannelCurvesEntry]
+
+
 class RunEntry(TypedDict):
-    """A log that was read; logs of the same `power_on` are parts of one run."""
+    """A log that was read; logs of the same `power_on` are parts of one run.
+
+    What came later into this edition of documents lacks in older ones: whose log it is, when it begins (UTC), and the
+    least and the greatest temperature in it.
+    """
 
     id: str
     log: str
@@ -255,6 +300,9 @@ class RunEntry(TypedDict):
     begins_s: float
     history_known: bool
     log_sha256: str
+    identity: NotRequired[IdentityEntry]
+    start_utc: NotRequired[str]
+    temperature_degc: NotRequired[list[float] | None]
 
 
 Status = Literal["clean", "explained", "confounded", "partial", "stochastic", "run_specific", "unexplained"]
@@ -288,3 +336,6 @@ class TraceDocument(TraceFindings):
     separating_experiment: ExperimentEntry | None
     notes: list[str]
     library: str
+    source: NotRequired[str]
+    damage: NotRequired[list[str]]
+    curves: NotRequired[list[RunCurvesEntry]]

@@ -27,6 +27,7 @@ from imutui.cli import (
     record,
     recover,
     replay,
+    report,
     service,
     status,
     stop,
@@ -51,6 +52,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "recover": recover.command,
     "replay": replay.command,
     "trace": trace.command,
+    "report": report.command,
     "profile": profile.command,
     "config": config.command,
 }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from imutui.cli.options import Force, Json, Output, Reference, reference_of
+from imutui.cli.report import check_folder
 
 if TYPE_CHECKING:
     from imutui.jobs.trace import Traced
@@ -70,7 +71,7 @@ def command(
     if report is not None:
         from imutui.report import page
 
-        written = page.write(report, traced.document, traced.trace.series, traced.source)
+        written = page.write(report, [traced.document])
         say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
     raise typer.Exit(FINDINGS if traced.damage else FINE)
 
@@ -85,15 +86,8 @@ def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], f
         refuse_existing(output, force)
         if not output.parent.is_dir():
             raise fail(USAGE, f"{output.parent} is no folder: -o needs one that exists.")
-    if report is None:
-        return
-    from imutui.report import figures
-
-    if not figures.available():
-        raise fail(USAGE, "--report draws figures with matplotlib, which is not here: pip install 'imutui[report]'.")
-    if report.exists() and not report.is_dir():
-        raise fail(USAGE, f"{report} is a file; --report names a folder.")
-    refuse_existing(report / "index.html", force, "name another folder with --report")
+    if report is not None:
+        check_folder(report, force, "--report")
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:

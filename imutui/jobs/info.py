@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -16,6 +15,7 @@ from imutui.jobs.documents import (
     SessionFields,
     TemperatureFields,
 )
+from imutui.jobs.quantities import utc_text
 from imutui.logbook import summary, unread_channels
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 from imutui.plain_text import NOTE_LIMIT, in_line, one_line
@@ -208,7 +208,7 @@ def _extent(content: "Audit", found: "Scan") -> ExtentFields:
     first = int(stamps[0]) if stamps.size else next((p.first_ns for p in found.pieces if p.first_ns), None)
     span = float(stamps[-1] - stamps[0]) / 1e9 if stamps.size else None
     return {
-        "start_utc": None if first is None else _utc(first),
+        "start_utc": None if first is None else utc_text(first),
         "duration_s": span,
         "rate_asked_hz": _number(content.session.get("rate_hz")),
         "rate_measured_hz": (stamps.size - 1) / span if span else None,
@@ -253,7 +253,7 @@ def _events(content: "Audit") -> EventFields:
     for event in content.events:
         t = None if first is None else (event.stamp_ns - first) / 1e9
         same_kind = told["marks"] if event.name == "mark" else told["events"]
-        same_kind.append({"t": t, "utc": _utc(event.stamp_ns), "text": event.text})
+        same_kind.append({"t": t, "utc": utc_text(event.stamp_ns), "text": event.text})
     return told
 
 
@@ -297,14 +297,6 @@ _NUMBERS = (
 )  # fmt: skip
 _COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes")
 _FIGURES = ("converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
-
-
-def _utc(ns: int) -> str:
-    """UTC with milliseconds."""
-    try:
-        return datetime.fromtimestamp(ns / 1e9, UTC).strftime("%Y-%m-%dT%H:%M:%S.") + f"{ns // 1_000_000 % 1000:03d}Z"
-    except (OverflowError, ValueError, OSError):
-        return "no time"
 
 
 def _number(text: str | None) -> float | None:

@@ -15,8 +15,9 @@ import imutui
 from filters.channels import CHANNELS
 from filters.effects import plain_names
 from filters.tracing.result import SeparatingExperiment, Trace
-from filters.tracing.trace_document import ExperimentEntry, RunEntry, TraceDocument
-from imutui.jobs import power_ons, replay, run_consistency, runs, turned
+from filters.tracing.trace_document import ExperimentEntry, RunCurvesEntry, RunEntry, TraceDocument
+from imutui.jobs import power_ons, replay, residual_curves, run_consistency, runs, turned
+from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import power_on
 from imutui.logbook.reference_file import ReferenceFile, to_toml
@@ -123,7 +124,13 @@ def trace(
     notes += own_notes
     damage = tuple(sentence for read in reads if (sentence := _damage(read)))
     document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
-    return Traced(document, found, _source(fitted, held), damage)
+    source = _source(fitted, held)
+    document["source"], document["damage"] = source, list(damage)
+    document["curves"] = cast(
+        "list[RunCurvesEntry]",
+        _plain(residual_curves.curves(found.series, None if held is None else held.run.name)),
+    )
+    return Traced(document, found, source, damage)
 
 
 def _trace_known(
@@ -260,6 +267,10 @@ def _run(read: LoggedRun, *, heldout: bool) -> RunEntry:
         "begins_s": run.begins,
         "history_known": run.history_known,
         "log_sha256": read.sha256,
+        "identity": info.identity(),
+        # the stamps of an import begin when its file was last written
+        "start_utc": "" if info.sampling == "imported" else utc_text(read.first_ns),
+        "temperature_degc": None if run.temperature is None else [run.temperature.min(), run.temperature.max()],
     }
 
 

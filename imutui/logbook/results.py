@@ -12,6 +12,7 @@ import numpy as np
 from filters import attitude, state
 from filters.imu import AxisMap
 from filters.state import NavState
+from filters.tracing.trace_document import IdentityEntry
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -174,6 +175,10 @@ class ResultDocument(TypedDict):
     steps_per_s: NotRequired[float | None]
     times_real_time: NotRequired[float | None]
     config_sha256: NotRequired[str]
+    identity: NotRequired[IdentityEntry]
+    start_utc: NotRequired[str]
+    """Of the log, as are temperatures: what `imutui report` adds where the log is at hand."""
+    temperature_degc: NotRequired[list[float] | None]
     damage: NotRequired[str]
     """Replays only: what is wrong with the file, if anything."""
     parts: NotRequired[list[PartResult]]
@@ -330,6 +335,7 @@ def document(
         "times_real_time": duration / timings.filter_s if timings.filter_s > 0.0 else None,
         "log_sha256": log_sha256,
         "config_sha256": info.config_sha256(),
+        "identity": info.identity(),
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
 from filters.state import PAPER_SITE, Site
+from filters.tracing.trace_document import IdentityEntry
 from imutui.plain_text import in_line
 
 if TYPE_CHECKING:
@@ -214,6 +215,19 @@ class SessionInfo:
                 if convert is not str and not low <= values[f.name] <= high:
                     raise ValueError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
         return replace(cls(), **values)
+
+    def identity(self) -> IdentityEntry:
+        """Whose samples these are, and who recorded them, for a result."""
+        return {
+            "instrument": in_line(self.instrument),
+            "serial_number": in_line(self.serial_number),
+            "firmware": in_line(self.firmware),
+            "operator": in_line(self.operator),
+            "table": in_line(self.table),
+            "place": in_line(self.place),
+            "note": in_line(self.note),
+            "software": in_line(self.software),
+        }
 
     def config_sha256(self) -> str:
         """Hash of all that decides the estimates apart from the samples."""

@@ -1,5 +1,7 @@
 """Pages, figures and text from result records: pure functions, no reading of logs, no judgement of their own.
 
-`sentences` what a trace found, in words · `logs` what `info`, `check` and `recover` found · `numbers` as people read
-them · `figures` matplotlib, the only user of it · `page` one HTML file
+`sentences` what a trace found, in words · `advice` what to do next · `logs` what `info`, `check` and `recover` found ·
+`numbers` as people read them · `blocks` what a page consists of, apart from how it is written · `identity`,
+`trace_report`, `replay_report` results as such blocks · `trace_figures`, `axes` what figures show · `figures` the only
+user of matplotlib · `html`, `html_style` a page as one file · `page` the folder to hand over
 """

@@ -41,3 +41,8 @@ def duration(seconds: float) -> str:
     if seconds < 600.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def three_digits(x: float) -> str:
+    """Three digits, so that numbers of one column compare: 0.120, 12.0, 120."""
+    return f"{x:#.3g}".removesuffix(".") if abs(x) < 999.5 else f"{x:.4g}"

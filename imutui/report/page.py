@@ -1,41 +1,49 @@
-"""One HTML page of a trace, with its figures inside: a file that can be sent."""
+"""A folder to hand over: the page, its figures as files, the result, what goes beside a trace."""
 
-import base64
 from collections.abc import Sequence
-from html import escape as escaped
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias, cast
 
-from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import CommonEntry, TraceDocument
-from imutui.plain_text import in_line, visible
-from imutui.report import sentences
-from imutui.report.figures import Picture, pictures
+from imutui.logbook import json_text
+from imutui.plain_text import in_line
+from imutui.report import figures, html, replay_report, sentences, trace_report
+from imutui.report.blocks import Article, Page
 
-INDEX, EXPERIMENT = "index.html", "experiment.toml"
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #1a1a1a }
-h1 { font-size: 1.5rem } h2 { font-size: 1.15rem; margin-top: 2rem }
-table { border-collapse: collapse } td { vertical-align: top; padding: .3rem .9rem .3rem 0; border-top: 1px solid #ddd }
-td:first-child { font-family: monospace } td:nth-child(2) { white-space: nowrap }
-img { max-width: 100% } figure { margin: 1.5rem 0 } figcaption { color: #555 }
-pre { background: #f4f4f4; padding: .7rem }
-"""
+INDEX, RESULT = "index.html", "result.json"
+Result: TypeAlias = "TraceDocument | ResultDocument"
 
 
-def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], source: str) -> list[Path]:
-    """Write page, figures, courses of common causes, and the experiment that would separate rivals, into a folder.
+def page(results: Sequence[Result]) -> Page:
+    """A page of results, of traces and of replays.
+
+    Parameters
+    ----------
+    results : sequence of TraceDocument or ResultDocument
+        At least one.
+    """
+    articles = tuple(_article(result) for result in results)
+    title = articles[0].title if len(articles) == 1 else f"{len(articles)} results"
+    return Page(title, articles)
+
+
+def is_trace(result: Result) -> bool:
+    """Whether a result is a trace's."""
+    return "findings" in result
+
+
+def write(folder: Path, results: Sequence[Result]) -> list[Path]:
+    """Write page, figures, results, and of a trace the courses of common causes and the experiment, into a folder.
 
     Parameters
     ----------
     folder : Path
         Made if absent; files of these names are replaced.
-    document : TraceDocument
-        Contracts section 6.
-    series : sequence of RunSeries
-        Residuals of all runs.
-    source : str
-        What it is a trace of.
+    results : sequence of TraceDocument or ResultDocument
+        At least one.
 
     Returns
     -------
@@ -43,21 +51,33 @@ def write(folder: Path, document: TraceDocument, series: Sequence[RunSeries], so
         What was written, the page first.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    made = list(pictures(document, series))
-    written = [folder / INDEX]
-    for picture in made:
-        (folder / picture.name).write_bytes(picture.png)
-        written.append(folder / picture.name)
-    for number, entry in enumerate(document.get("common", []), 1):
-        path = folder / sentences.common_file(number)
-        path.write_text(course(entry), encoding="utf-8")
-        written.append(path)
-    experiment = document.get("separating_experiment")
+    made = page(results)
+    contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
+    contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else list(results)) + "\n").encode()
+    for number, (result, article) in enumerate(zip(results, made.articles, strict=True), 1):
+        prefix = "" if len(results) == 1 else f"{number}-"
+        for figure in article.figures():
+            for kind in ("svg", "png"):
+                contents[f"{prefix}{figure.name}.{kind}"] = figures.file(figure, kind)
+        if is_trace(result):
+            contents |= {prefix + name: text.encode() for name, text in _beside(cast("TraceDocument", result)).items()}
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    return [folder / name for name in contents]
+
+
+def _article(result: Result) -> Article:
+    if is_trace(result):
+        return trace_report.article(cast("TraceDocument", result))
+    return replay_report.article(cast("ResultDocument", result))
+
+
+def _beside(d: TraceDocument) -> dict[str, str]:
+    made = {sentences.common_file(n): course(entry) for n, entry in enumerate(d.get("common", []), 1)}
+    experiment = d.get("separating_experiment")
     if experiment and experiment.get("profile"):
-        (folder / EXPERIMENT).write_text(experiment["profile"], encoding="utf-8")
-        written.append(folder / EXPERIMENT)
-    written[0].write_text(page(document, made, source), encoding="utf-8")
-    return written
+        made[trace_report.EXPERIMENT] = experiment["profile"]
+    return made
 
 
 def course(entry: CommonEntry) -> str:
@@ -73,37 +93,3 @@ def course(entry: CommonEntry) -> str:
 
 def _cell(text: str) -> str:
     return in_line(text).replace('"', '""')
-
-
-def escape(text: str) -> str:
-    """Text as HTML shows it: nothing in it is a tag, and nothing acts on what stands around it."""
-    return escaped(visible(text))
-
-
-def page(document: TraceDocument, made: Sequence[Picture], source: str) -> str:
-    """HTML of the page, pictures and style in it."""
-    head, *lines = sentences.headline(document, source)
-    body = [f"<h1>{escape(head)}</h1>", *(f"<p>{escape(line)}</p>" for line in lines), "<table>"]
-    for line in sentences.channel_lines(document):
-        said = escape(" ".join(line.sentences))
-        body.append(f"<tr><td>{line.channel}</td><td>{escape(line.status)}</td><td>{said}</td></tr>")
-    body.append("</table>")
-    for section in sentences.sections(document):
-        body.append(f"<h2>{escape(section.title)}</h2>")
-        body += [f"<p>{escape(sentence)}</p>" for sentence in section.sentences]
-    experiment = document.get("separating_experiment")
-    if experiment and experiment.get("profile"):
-        body.append(f"<h2>{EXPERIMENT}</h2><pre>{escape(experiment['profile'])}</pre>")
-    if made:
-        body.append("<h2>Figures</h2>")
-    for picture in made:
-        data = base64.b64encode(picture.png).decode()
-        title = escape(picture.title)
-        body.append(
-            f'<figure><img alt="{title}" src="data:image/png;base64,{data}"><figcaption>{title}</figcaption></figure>'
-        )
-    body.append(f"<p>{escape(str(document.get('library', '')))}, seed {document.get('seed')}</p>")
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(head)}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
-    )

@@ -101,18 +101,18 @@ def text(d: TraceDocument, source: str, width: int, saved: str = SAVED) -> str:
     for line in channel_lines(d):
         first = f"{line.channel}  {line.status:<18} "
         for n, sentence in enumerate(line.sentences or ("–",)):
-            start = first if n == 0 else " " * len(first)
-            out.append(textwrap.fill(_start(sentence), width, initial_indent=start, subsequent_indent=" " * len(first)))
+            begin = first if n == 0 else " " * len(first)
+            out.append(textwrap.fill(start(sentence), width, initial_indent=begin, subsequent_indent=" " * len(first)))
     for section in sections(d, saved):
         out += ["", section.title]
         out += [
-            textwrap.fill(_start(sentence), width, initial_indent="  ", subsequent_indent="    ")
+            textwrap.fill(start(sentence), width, initial_indent="  ", subsequent_indent="    ")
             for sentence in section.sentences
         ]
     return "\n".join(out)
 
 
-def _start(sentence: str) -> str:
+def start(sentence: str) -> str:
     """A sentence begins with a capital, unless it begins with the name of a channel or a run."""
     first = sentence.split(" ", 1)[0]
     named = first.endswith(":") or first in CHANNELS
@@ -420,7 +420,7 @@ def _change(e: ErrorEntry) -> str:
 def _experiment(d: TraceDocument, saved: str) -> Iterable[str]:
     experiment = d.get("separating_experiment")
     if experiment:
-        a, b = _label_of(d, experiment["a"]), _label_of(d, experiment["b"])
+        a, b = label_of(d, experiment["a"]), label_of(d, experiment["b"])
         words = experiment.get("motion") or f"a run of {duration(experiment['duration_s'])}"
         expected = float(experiment["d_expected"])
         if expected < SEPARATES:
@@ -432,7 +432,8 @@ def _experiment(d: TraceDocument, saved: str) -> Iterable[str]:
         )
 
 
-def _label_of(d: TraceDocument, effect: str) -> str:
+def label_of(d: TraceDocument, effect: str) -> str:
+    """An effect of a result in words, with its code name."""
     for f in d.get("findings", []):
         if f["effect"] == effect:
             return plain_names.named(str(f["label"]), effect)

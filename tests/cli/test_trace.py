@@ -182,7 +182,7 @@ def test_without_matplotlib_a_report_is_refused_first(
     monkeypatch.setattr(figures, "available", lambda: False)
     done = run(logs["a"], "--report", "r")
     assert done.code == 2
-    assert "pip install 'imutui[report]'" in done.stderr
+    assert "pip install" in done.stderr
     assert tracer.runs == []
 
 

@@ -1,5 +1,6 @@
 """What is told of a result: sentences, numbers, figures and page, from a hand-made one."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 from helpers import traces
 
-from imutui.report import figures, page, sentences
+from filters.tracing.result import RunSeries
+from imutui.jobs import residual_curves
+from imutui.report import advice, axes, figures, html, identity, page, sentences, trace_figures, trace_report
 from imutui.report.numbers import duration, plus_minus, share, times_floor
 
 SOURCE = "trace of a.mcap; held out b.mcap"
@@ -18,6 +21,11 @@ RUN = {"id": "a", "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "refer
 def document(**changes: Any) -> dict[str, Any]:
     runs = [RUN, {**RUN, "id": "b", "heldout": True}]
     return {**traces.document(), "runs": runs, "notes": ["a note"], "library": "imutui 1"} | changes
+
+
+def traced(**changes: Any) -> dict[str, Any]:
+    """A document with curves of one run."""
+    return document(curves=residual_curves.curves(traces.trace(("a",)).series, None)) | changes
 
 
 @pytest.mark.parametrize(
@@ -53,11 +61,20 @@ def test_a_common_cause_is_told_with_what_to_record() -> None:
     )
 
 
-def test_a_report_has_the_course_of_a_common_cause(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of a trace with something of everything, and what lies beside it; `result.json` is what it is of."""
+    pytest.importorskip("matplotlib")
+    made: Path = tmp_path_factory.mktemp("page") / "r"
+    written = page.write(made, [traced(common=[COMMON])])
+    assert sorted(written) == sorted(made.iterdir())
+    return made
+
+
+def test_a_report_has_the_course_of_a_common_cause(folder: Path) -> None:
     """A CSV that can be plotted against anything logged elsewhere, and a figure."""
-    written = {path.name for path in page.write(tmp_path, document(common=[COMMON]), traces.trace().series, SOURCE)}
-    assert {"common_1.csv", "common-1.png"} <= written
-    assert (tmp_path / "common_1.csv").read_text() == "t_s,value\n699.500,0.01\n700.500,2.75\n"
+    assert (folder / "common_1.csv").read_text() == "t_s,value\n699.500,0.01\n700.500,2.75\n"
+    assert (folder / "common-1.png").exists()
 
 
 def test_numbers_never_claim_more_than_they_are() -> None:
@@ -166,33 +183,125 @@ def test_simulated_readings_are_called_simulated() -> None:
     assert "SIMULATED" not in sentences.headline(document(runs=[{**RUN, "kind": "measured"}]), SOURCE)[1]
 
 
-def test_a_page_has_all_sentences_and_figures_in_one_file(tmp_path: Path) -> None:
-    """It can be sent by itself; the experiment lies beside it. Gaps and a channel without any weight stop no figure."""
-    pytest.importorskip("matplotlib")
-    (series,) = traces.trace(("a",)).series
-    before = series.before.copy()
-    before[:, 3] = np.nan
-    written = page.write(tmp_path / "r", document(), [replace(series, before=before)], SOURCE)
-    names = {path.name for path in written}
-    wanted = {"residual-1.png", "driver-1.png", "spectrum.png", "allan.png", "scores.png"}
-    assert names == wanted | {"index.html", "error.png", "experiment.toml"}
-    text = (tmp_path / "r" / "index.html").read_text()
-    assert text.count("data:image/png;base64,") == 6
-    assert 'src="http' not in text
-    for line in sentences.channel_lines(document()):
+def test_a_page_has_all_sentences_and_figures_in_one_file(folder: Path) -> None:
+    """It can be sent by itself; figures, result and experiment lie beside it."""
+    made = traced(common=[COMMON])
+    drawn = ("residual-1", "driver-1", "common-1", "spectrum", "allan", "error")
+    pictures = {f"{name}.{kind}" for name in drawn for kind in ("svg", "png")}
+    beside = {"index.html", "result.json", "experiment.toml", "common_1.csv"}
+    assert {path.name for path in folder.iterdir()} == pictures | beside
+    text = (folder / "index.html").read_text()
+    for line in sentences.channel_lines(made):
         for sentence in line.sentences:
-            assert sentence.replace("'", "&#x27;") in text
-    assert (tmp_path / "r" / "experiment.toml").read_text() == traces.PROFILE
+            assert html.text(sentences.start(sentence)) in text
+    assert (folder / "experiment.toml").read_text() == traces.PROFILE
+    assert json.loads((folder / "result.json").read_text()) == made
+
+
+def test_a_page_has_the_sections_of_a_report_in_order() -> None:
+    """Whose unit, then the verdict and what to do, then the error, figures, how it was made."""
+    titles = [section.title for section in trace_report.article(traced()).sections]
+    assert titles == [
+        "Unit and files", "Verdict", "What to do", "Error before and after", "Figures", "What was found, in detail",
+        "Method and provenance",
+    ]  # fmt: skip
+
+
+def test_what_is_unknown_of_a_unit_is_not_stated() -> None:
+    """And what the files say stands there: who, which unit, when, how warm, with which software, SHA-256."""
+    bare = identity.section([identity.of_run(RUN)], "")
+    (facts, files) = bare.blocks
+    assert {label: value for label, value in facts.rows if value != "not stated"} == {"Readings": "SIMULATED"}
+    assert files.rows[0][-1] == "not stated"
+    known = {
+        "identity": {"instrument": "IMU400CD-200", "serial_number": "17", "firmware": "2.1", "operator": "ana",
+                     "table": "T3", "place": "lab", "note": "cold", "software": "imutui 1"},
+        "start_utc": "2026-03-01T09:30:00.000Z", "temperature_degc": [19.2, 31.0], "log_sha256": "ab" * 32,
+        "log": "/data/a.mcap", "source": "",
+    }  # fmt: skip
+    whole = identity.section([identity.of_run({**RUN, **known})], "imutui 2")
+    said = dict(whole.blocks[0].rows)
+    assert said["Serial number"] == "17"
+    assert said["Operator"] == "ana"
+    assert said["Recorded"] == "2026-03-01 09:30 UTC"
+    assert said["Temperature in the case"] == "19.2 to 31.0 °C"
+    assert said["Notes"] == "a.mcap: cold"
+    assert whole.blocks[1].rows[0][-1] == "ab" * 32
+    two = identity.section([identity.of_run({**RUN, **known}), identity.of_run(RUN)], "imutui 2")
+    assert dict(two.blocks[0].rows)["Operator"] == "ana (not stated in some of the files)"
+
+
+@pytest.mark.parametrize(
+    ("kinds", "kind"), [(("measured", "measured"), "measured"), (("measured", "simulated"), "simulated"),
+                        (("measured", "unknown"), "unknown")]
+)  # fmt: skip
+def test_a_page_is_called_measured_only_if_all_of_it_is(kinds: tuple[str, ...], kind: str) -> None:
+    """One simulated run makes the result a simulated one."""
+    runs = [{**RUN, "kind": k} for k in kinds]
+    assert trace_report.article(traced(runs=runs)).kind == kind
+
+
+def test_what_to_do_is_said_in_order_and_without_a_finding_nothing() -> None:
+    """The data first; then what to use, what not, what to record next."""
+    told = advice.after_trace(traced(refuted=[REFUTED]))
+    begins = ("Look at the data first", "Correct for", "ax, ay and az: the acc", "Do not correct for",
+              "To tell whether", "Nothing that was logged explains all", "gx drift")  # fmt: skip
+    assert [t.startswith(b) for t, b in zip(told, begins, strict=False)] == [True] * len(begins), told
+    clean = {**traces.nothing().document, "runs": [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]}
+    assert advice.after_trace(clean) == [advice.NOTHING]
+    assert "switched off" in advice.after_trace({**clean, "runs": [RUN]})[-1]
 
 
 def test_equal_results_give_equal_files() -> None:
     """No date, no chance, no version of a library in a figure."""
     pytest.importorskip("matplotlib")
-    one, two = (next(figures.pictures(document(findings=[]), [])) for _ in range(2))
-    assert one.name == "error.png"
-    assert one.png == two.png
+    figure = trace_figures.error_figure(document())
+    assert figure is not None
+    for kind in ("svg", "png"):
+        assert figures.file(figure, kind) == figures.file(figure, kind)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.9, 1.1), (1.0, 1.0), (2.1, 2.2), (3e-4, 4e-2), (0.25, 225.0), (1e-8, 1e8), (1e-5, 1e-4)]
+)
+def test_an_axis_has_numbers_however_short_it_is(low: float, high: float) -> None:
+    """Two at least, seven at most, none far from the data."""
+    ticks = axes.log_ticks(low, high)
+    assert 2 <= len(ticks) <= 7
+    assert ticks == sorted(set(ticks))
+    assert ticks[0] >= low / 2.6
+    assert ticks[-1] <= high * 2.6
+
+
+def test_an_edge_of_a_dwell_is_drawn_from_whole_cells() -> None:
+    """A cell that a motion cuts is not a mean of the few readings left of it, and the curve is interrupted there."""
+    rng = np.random.default_rng(1)
+    n = 12_000
+    before = rng.normal(size=(n, 6))
+    gaps = np.zeros(n, bool)
+    for first in range(0, n, 1207):
+        gaps[first : first + 80] = True
+    before[gaps] = np.nan
+    (run,) = residual_curves.curves([RunSeries("a", 0.25, np.arange(n) * 0.25, before, before)], None)
+    curve = run["channels"]["gx"]["residual"]
+    values = np.array(curve["before"], float)
+    assert np.isnan(values).sum() == gaps.sum() // 80 - 1
+    assert np.nanmax(np.abs(values)) < 5.0 * np.rad2deg(1.0) / np.sqrt(30.0)
+    assert run["channels"]["gx"]["bridged"]
+
+
+def test_a_channel_without_any_reading_stops_no_figure() -> None:
+    """It is left out of them."""
+    (series,) = traces.trace(("a",)).series
+    before = series.before.copy()
+    before[:, 3] = np.nan
+    made = traced(curves=residual_curves.curves([replace(series, before=before)], None))
+    assert all(len(figure.panels) == 5 for figure in trace_figures.figures(made) if figure.name == "allan")
 
 
 def test_a_text_cannot_become_markup() -> None:
     """Names of files and notes are text."""
-    assert "<b>" not in page.page(document(notes=["<b>x"]), [], "trace of <b>.mcap")
+    made = document(notes=["<b>x"], source="trace of <b>.mcap", findings=[], error=[])
+    text = html.document(page.page([made]))
+    assert "<b>" not in text
+    assert "&lt;b&gt;x" in text

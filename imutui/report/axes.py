@@ -1,0 +1,111 @@
+"""Axes that can be read: ticks with numbers on every axis, however short its range, and a few ways to draw on them."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from filters.types import Array
+from imutui.plain_text import in_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER, FLOOR, INK = "#d95f02", "#1b4f9c", "#888888", "#1c1c1c"
+"""Colours of files, told apart by lightness too, for a grey print; a page has its own for light and dark."""
+_MOST_TICKS = 7
+_NEAR = 1.0 + 1e-9
+_STEPS = (1.0, 2.0, 5.0)
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Where a logarithmic axis has numbers: decades, or 1-2-5 where that leaves few; two of them at least.
+
+    They lie in the range, but for the one below or above that it takes to have two.
+
+    Parameters
+    ----------
+    low, high : float
+        Positive range of the data.
+    """
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    decades = [10.0**k for k in range(first, last + 1) if low <= 10.0**k * _NEAR and 10.0**k <= high * _NEAR]
+    fine = [float(f"{step * 10.0**k:.3g}") for k in range(first - 1, last + 2) for step in _STEPS]
+    inside = [x for x in fine if low <= x * _NEAR and x <= high * _NEAR]
+    if len(inside) > _MOST_TICKS:
+        return decades[:: math.ceil(len(decades) / _MOST_TICKS)]
+    if len(inside) < 2:
+        inside = [max(x for x in fine if x * _NEAR < (inside or [low])[0]), *inside]
+    if len(inside) < 2:
+        inside.append(min(x for x in fine if x > high))
+    return inside
+
+
+def number_text(value: float) -> str:
+    """A number of a tick as a document has it: 0.001, 20, 1e-05."""
+    return f"{value:g}"
+
+
+def logarithmic(ax: "Axes", which: str, *values: Array) -> None:
+    """Make an axis logarithmic over the positive ones of some values, with numbers that can be read.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where.
+    which : str
+        "x" or "y".
+    *values : Array
+        All that is drawn along it.
+    """
+    every = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
+    positive = every[np.isfinite(every) & (every > 0.0)]
+    if not positive.size:
+        return
+    low, high = float(positive.min()), float(positive.max())
+    ticks = log_ticks(low, high)
+    set_scale, set_ticks, set_limits = (
+        (ax.set_xscale, ax.set_xticks, ax.set_xlim) if which == "x" else (ax.set_yscale, ax.set_yticks, ax.set_ylim)
+    )
+    set_scale("log")
+    set_ticks(ticks, [number_text(tick) for tick in ticks])
+    (ax.xaxis if which == "x" else ax.yaxis).set_minor_formatter("")
+    set_limits(min(low, ticks[0]) * 0.97, max(high, ticks[-1]) * 1.03)
+
+
+def name(ax: "Axes", x: str, y: str, *, legend: bool = False) -> None:
+    """Name both axes, with a faint grid."""
+    ax.set_xlabel(plain(x))
+    ax.set_ylabel(plain(y))
+    ax.grid(visible=True, lw=0.3, color=FLOOR, alpha=0.6)
+    ax.set_axisbelow(True)
+    if legend:
+        ax.legend(frameon=False, fontsize="small", loc="best")
+
+
+def before_and_after(ax: "Axes", x: Sequence[float], before: Array, after: Array) -> None:
+    """Two curves; if they are the same, one of them, which says so."""
+    if np.allclose(before, after, rtol=1e-6, atol=0.0, equal_nan=True):
+        ax.plot(x, before, color=AFTER, lw=1.1, label="before = after")
+        return
+    ax.plot(x, before, color=BEFORE, lw=1.3, label="before")
+    ax.plot(x, after, color=AFTER, lw=0.9, label="after")
+
+
+def whiskers(ax: "Axes", at: float, value: float, interval: Sequence[float | None], color: str, marker: str) -> None:
+    """A value with its interval, across an axis of channels."""
+    low, high = interval
+    if low is not None and high is not None:
+        ax.plot([at, at], [low, high], color=color, lw=1.4)
+    ax.plot([at], [value], color=color, marker=marker, ms=4.5, ls="none")
+
+
+def column(values: Sequence[float | None]) -> Array:
+    """Numbers of a document; NaN where there is none."""
+    return np.array([np.nan if value is None else value for value in values], float)
+
+
+def plain(text: str) -> str:
+    """A label with text from outside: no control characters, and no formula between dollar signs."""
+    return in_line(text).replace("$", r"\$")

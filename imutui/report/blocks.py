@@ -1,0 +1,131 @@
+"""What a page to hand over consists of, apart from how it is written: sections of blocks.
+
+A page holds one result or several; `html` writes it. Text in backticks is to be typed or is a name of a file. Nothing
+here knows of a file, a browser or a library that draws.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """Whole sentences."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """Sentences that stand one below the other; `numbered` if their order says which comes first."""
+
+    texts: tuple[str, ...]
+    numbered: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Labels with their values."""
+
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column: its heading, and what its cells are: "text", "number", "code" (a short name), "file", "hash"."""
+
+    heading: str
+    kind: str = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under headings; each row has a cell a column."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Text of a file, as it is."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One pair of axes: what it shows, in a few words, and what draws it."""
+
+    name: str
+    draw: "Callable[[Axes], None]"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure of one panel or several.
+
+    Attributes
+    ----------
+    name : str
+        Of its files, without suffix.
+    title, caption : str
+        What it shows; how to read it.
+    panels : tuple of Panel
+        Side by side where there is room.
+    """
+
+    name: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+
+
+Block: TypeAlias = Paragraph | Items | Facts | Table | Code | Figure
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading with blocks under it."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Article:
+    """All that is said of one result.
+
+    Attributes
+    ----------
+    title : str
+        What it is of.
+    kind : str
+        "measured", "simulated" or "unknown": who made the readings.
+    origin : str
+        The same as a sentence.
+    sections : tuple of Section
+        In order.
+    """
+
+    title: str
+    kind: str
+    origin: str
+    sections: tuple[Section, ...]
+
+    def figures(self) -> list[Figure]:
+        """All figures, in order."""
+        return [block for section in self.sections for block in section.blocks if isinstance(block, Figure)]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """One result or several, to hand over."""
+
+    title: str
+    articles: tuple[Article, ...]

@@ -1,0 +1,187 @@
+"""Whose readings a result is of: unit, people, place, dates, temperatures, files. What is unknown is "not stated"."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from filters.tracing.trace_document import IdentityEntry, RunEntry
+from imutui.report.blocks import Column, Facts, Section, Table
+from imutui.report.numbers import duration
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import ResultDocument
+
+NOT_STATED = "not stated"
+ORIGINS = {
+    "measured": "These readings are those of a real unit.",
+    "simulated": (
+        "These readings come from a virtual unit, or effects were added to them. They say nothing of a real unit."
+    ),
+    "unknown": "Whether these readings were measured or simulated is unknown.",
+}
+_KINDS = {"measured": "measured", "simulated": "SIMULATED"}
+_UNKNOWN = ("", "unknown", "none")
+_LABELS: tuple[tuple[str, str], ...] = (
+    ("Unit", "instrument"),
+    ("Serial number", "serial_number"),
+    ("Firmware", "firmware"),
+    ("Operator", "operator"),
+    ("Turn table", "table"),
+    ("Place", "place"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LogFacts:
+    """What is known of a log that a result is of; None where it is not."""
+
+    log: str
+    role: str
+    kind: str
+    source: str
+    seconds: float | None
+    rate_hz: float | None
+    start_utc: str | None
+    temperature_degc: Sequence[float] | None
+    sha256: str | None
+    identity: IdentityEntry | None
+
+
+def of_run(run: RunEntry) -> LogFacts:
+    """Facts of a log that was traced."""
+    return LogFacts(
+        run.get("log", ""),
+        "held out" if run.get("heldout") else "fitted",
+        run["kind"],
+        run.get("source", ""),
+        run["seconds"],
+        run["rate_hz"],
+        run.get("start_utc"),
+        run.get("temperature_degc"),
+        run.get("log_sha256"),
+        run.get("identity"),
+    )
+
+
+def of_result(d: "ResultDocument") -> LogFacts:
+    """Facts of a log that was filtered."""
+    return LogFacts(
+        d["log"],
+        "filtered",
+        d["kind"],
+        "",
+        d.get("duration_s"),
+        d.get("rate_hz"),
+        d.get("start_utc"),
+        d.get("temperature_degc"),
+        d["log_sha256"],
+        d.get("identity"),
+    )
+
+
+def kind_of(logs: Sequence[LogFacts]) -> str:
+    """Who made the readings: "simulated" if any of them are, "measured" only if all are."""
+    kinds = {log.kind for log in logs}
+    if "simulated" in kinds:
+        return "simulated"
+    return "measured" if kinds == {"measured"} else "unknown"
+
+
+def section(logs: Sequence[LogFacts], library: str) -> Section:
+    """The block that stands first.
+
+    Parameters
+    ----------
+    logs : sequence of LogFacts
+        At least one.
+    library : str
+        What made the result, with its version.
+    """
+    rows = [(label, _stated(_all(logs, key))) for label, key in _LABELS]
+    rows += [
+        ("Recorded", _dates(logs)),
+        ("Temperature in the case", _temperatures(logs)),
+        ("Readings", _readings(logs)),
+        ("Recorded with", _stated(_all(logs, "software"))),
+        ("Computed with", library or NOT_STATED),
+    ]
+    notes = [f"{_name(log)}: {note}" for log in logs if (note := _text(log, "note"))]
+    rows.append(("Notes", "; ".join(notes) or NOT_STATED))
+    return Section("Unit and files", (Facts(tuple(rows)), _files(logs)))
+
+
+def _files(logs: Sequence[LogFacts]) -> Table:
+    columns = (
+        Column("File", "file"), Column("Use"), Column("Begins (UTC)"), Column("Length"), Column("Rate", "number"),
+        Column("Temperature", "number"), Column("SHA-256", "hash"),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            _name(log),
+            log.role,
+            _minute(log.start_utc),
+            NOT_STATED if log.seconds is None else duration(log.seconds),
+            NOT_STATED if log.rate_hz is None else f"{log.rate_hz:.4g} Hz",
+            _range(log.temperature_degc),
+            log.sha256 or NOT_STATED,
+        )
+        for log in logs
+    )
+    return Table(columns, rows)
+
+
+def _name(log: LogFacts) -> str:
+    return PurePath(log.log).name or NOT_STATED
+
+
+def _text(log: LogFacts, key: str) -> str:
+    said: Mapping[str, object] = log.identity or {}
+    value = str(said.get(key, "")).strip()
+    return "" if value.lower() in _UNKNOWN else value
+
+
+def _all(logs: Iterable[LogFacts], key: str) -> list[str]:
+    """What the logs say of one thing, each answer once; those that say nothing count where others do."""
+    return list(dict.fromkeys(_text(log, key) for log in logs))
+
+
+def _stated(values: list[str]) -> str:
+    said = [value for value in values if value]
+    if not said:
+        return NOT_STATED
+    text = ", ".join(said)
+    text += f" ({NOT_STATED} in some of the files)" if len(said) < len(values) else ""
+    return text if len(said) == 1 else f"{text} (the files differ)"
+
+
+def _readings(logs: Sequence[LogFacts]) -> str:
+    sources: dict[str, dict[str, None]] = {}
+    for log in logs:
+        sources.setdefault(_KINDS.get(log.kind, "origin " + NOT_STATED), {})[log.source] = None
+    named = {word: ", ".join(source for source in own if source) for word, own in sources.items()}
+    return "; ".join(f"{word} ({own})" if own else word for word, own in named.items())
+
+
+def _dates(logs: Sequence[LogFacts]) -> str:
+    starts = sorted(_minute(log.start_utc) for log in logs if log.start_utc)
+    if not starts:
+        return NOT_STATED
+    text = starts[0] if starts[0] == starts[-1] else f"{starts[0]} to {starts[-1]}"
+    return f"{text} UTC" + ("" if len(starts) == len(logs) else f" ({NOT_STATED} of some of the files)")
+
+
+def _minute(start: str | None) -> str:
+    return NOT_STATED if not start else start[:16].replace("T", " ")
+
+
+def _temperatures(logs: Sequence[LogFacts]) -> str:
+    known = [log.temperature_degc for log in logs if log.temperature_degc]
+    if not known:
+        return NOT_STATED
+    text = _range([min(t[0] for t in known), max(t[-1] for t in known)])
+    return text if len(known) == len(logs) else f"{text} ({NOT_STATED} of some of the files)"
+
+
+def _range(values: Sequence[float] | None) -> str:
+    return NOT_STATED if not values else f"{values[0]:.1f} to {values[-1]:.1f} °C"

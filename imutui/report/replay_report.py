@@ -1,0 +1,189 @@
+"""A replay, or a live run's result, as an article: unit and files, verdict, what to do, biases, figures, method."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from imutui.report import advice, axes, identity
+from imutui.report.axes import AFTER, INK
+from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from imutui.jobs.documents import ResultDocument
+
+
+class _Kind(NamedTuple):
+    """Three biases: name, fields of the document, unit, digits."""
+
+    name: str
+    key: Literal["gyro_bias_dps", "accel_bias_mg"]
+    since: str
+    unit: str
+    digits: int
+
+
+_KINDS = (
+    _Kind("gyro", "gyro_bias_dps", "gyro_bias", "deg/s", 4),
+    _Kind("accelerometer", "accel_bias_mg", "accel_bias", "mg", 3),
+)
+_DASH = "–"
+
+
+def article(d: "ResultDocument") -> Article:
+    """All that is said of a result.
+
+    Parameters
+    ----------
+    d : ResultDocument
+        The result; fields that came later may lack.
+    """
+    logs = [identity.of_result(d)]
+    kind = identity.kind_of(logs)
+    made = [identity.section(logs, identity.NOT_STATED), Section("Verdict", tuple(_verdict(d)))]
+    if "final" in d:
+        made += [
+            Section("What to do", (Items(tuple(advice.after_replay(d)), numbered=True),)),
+            Section("Error before and after", (Paragraph(_MEANING), _biases(d))),
+            Section("Figures", (_figure(d),)),
+            Section("Method and provenance", tuple(_method(d))),
+        ]
+    title = f"Filtered: {PurePath(d['log']).name}"
+    return Article(title, kind, identity.ORIGINS[kind], tuple(made))
+
+
+_MEANING = (
+    "Before, a reading is wrong by the bias itself; after the bias is subtracted, by what the filter does not know of"
+    " it: three standard deviations."
+)
+
+
+def _verdict(d: "ResultDocument") -> Iterator[Block]:
+    if "final" not in d:
+        yield Paragraph(f"No filter ran over these {d['samples']} samples, so there is nothing to judge.")
+        return
+    if d["alarms"]:
+        yield Paragraph("ALARM: readings and model contradict each other.")
+        yield Items(tuple(d["alarms"]))
+    if "damage" in d:
+        yield Paragraph(f"The file is damaged: {d['damage']}. This is the result of the part before the damage.")
+    elif not d["finished"]:
+        yield Paragraph("The file is unfinished. This is the result of all up to its last flush.")
+    yield Paragraph(_converged(d))
+    if d.get("confounded"):
+        yield Paragraph("This motion does not tell apart:")
+        yield Items(tuple(d["confounded"]))
+
+
+def _converged(d: "ResultDocument") -> str:
+    since = [t for kind in _KINDS for t in d["converged_s"][kind.since]]
+    seen = [value for kind in _KINDS for value in d["final"][kind.key]]
+    settled = [t for t in since if t is not None]
+    observable = sum(value is not None for value in seen)
+    if d.get("converged") and settled:
+        return f"All {observable} observable biases converged, the last of them at {max(settled):.0f} s."
+    return f"NOT converged: {len(settled)} of {observable} observable biases have settled."
+
+
+def _biases(d: "ResultDocument") -> Table:
+    columns = (Column("Bias"), Column("Before: the bias", "number"), Column("After: 3 sd", "number"),
+               Column("Mean ± sd after convergence", "number"), Column("Converged"))  # fmt: skip
+    rows = []
+    for kind in _KINDS:
+        for i, axis in enumerate("xyz"):
+            value, sd = d["final"][kind.key][i], d["sd"][kind.key][i]
+            label = f"{axis} {kind.name}"
+            if value is None or sd is None:
+                rows.append((label, _DASH, _DASH, _DASH, "not observable with this reference"))
+                continue
+            at = d["converged_s"][kind.since][i]
+            rows.append(
+                (
+                    label,
+                    f"{value:.{kind.digits}f} {kind.unit}",
+                    f"{3.0 * sd:.{kind.digits}f} {kind.unit}",
+                    _spread(d, kind, i),
+                    "not yet" if at is None else f"at {at:.0f} s",
+                )
+            )
+    return Table(columns, tuple(rows), "In the unit's own axes and sign: corrected reading = reading − bias.")
+
+
+def _spread(d: "ResultDocument", kind: _Kind, i: int) -> str:
+    spread = d.get("spread")
+    if not spread:
+        return _DASH
+    mean, sd = spread["mean"][kind.key][i], spread["sd"][kind.key][i]
+    return _DASH if mean is None or sd is None else f"{mean:.{kind.digits}f} ± {sd:.{kind.digits}f} {kind.unit}"
+
+
+def _figure(d: "ResultDocument") -> Figure:
+    panels = tuple(Panel(f"{kind.name} biases", partial(_draw, d=d, kind=kind)) for kind in _KINDS)
+    return Figure(
+        "biases",
+        "Biases with three standard deviations",
+        "A bias whose bar crosses zero is not told from none.",
+        panels,
+    )
+
+
+def _draw(ax: "Axes", d: "ResultDocument", kind: _Kind) -> None:
+    values, sds = axes.column(d["final"][kind.key]), axes.column(d["sd"][kind.key])
+    for i in np.flatnonzero(np.isfinite(values) & np.isfinite(sds)):
+        spread = [float(values[i] - 3.0 * sds[i]), float(values[i] + 3.0 * sds[i])]
+        axes.whiskers(ax, float(i), float(values[i]), spread, AFTER, "o")
+    ax.axhline(0.0, color=INK, lw=0.6)
+    axes.name(ax, "axis", kind.unit)
+    ax.set_xticks(range(3), ["x", "y", "z"])
+    ax.set_xlim(-0.5, 2.5)
+
+
+def _method(d: "ResultDocument") -> Iterator[Block]:
+    yield Paragraph(
+        "A 15-state Kalman filter ran over the samples of the file, in the same steps as live. ± is one standard"
+        " deviation unless it says otherwise."
+    )
+    rows = [
+        ("Filter", d["filter"]),
+        ("Reference", d["reference"]),
+        ("Measurements", d["measurements"] + ("" if d["seed"] is None else f", seed {d['seed']}")),
+        ("Accelerometer sign", f"{d['accel_sign']:+d}"),
+        ("Mounting (table x, y, z)", d["mount"]),
+        ("Samples", f"{d['samples']} ({d['rejected']} updates left out as outliers)"),
+        ("Lost packets, bad checksums, gaps", f"{d['lost_packets']}, {d['bad_checksums']}, {len(d['gaps'])}"),
+        ("NIS", _nis(d)),
+        ("Noise of this log", _noise(d)),
+        ("Effects in the filter", ", ".join(effect["name"] for effect in d["effects"]) or "none"),
+        ("SHA-256 of the settings", d["config_sha256"]),
+        ("Result document", f"version {d['version']}, beside this page as `result.json`"),
+    ]
+    yield Facts(tuple(rows))
+
+
+def _nis(d: "ResultDocument") -> str:
+    nis = d["nis"]
+    if nis["mean"] is None:
+        return "none"
+    low, high = nis["band95"]
+    band = (
+        f"95 % band {low:.3g} to {high:.3g}" if nis["is_test"] and low is not None and high is not None else nis["why"]
+    )
+    return f"{nis['mean']:.3g} of {nis['dof']:g} degrees of freedom ({band})"
+
+
+def _noise(d: "ResultDocument") -> str:
+    noise, limits = d["noise"], d["noise"]["specification"]
+    if noise["gyro_arw_deg_sqrt_h"][0] is None and noise["accel_vrw_mps_sqrt_h"][0] is None:
+        return "too short to tell"
+    parts = []
+    for name, unit, own, limit in (
+        ("gyro", "deg/√h", noise["gyro_arw_deg_sqrt_h"], limits["gyro_arw_deg_sqrt_h"]),
+        ("accelerometer", "m/s/√h", noise["accel_vrw_mps_sqrt_h"], limits["accel_vrw_mps_sqrt_h"]),
+    ):
+        values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
+        parts.append(f"{name} {values} {unit} (specification {limit[0]:.3g})")
+    return ", ".join(parts)

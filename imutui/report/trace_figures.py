@@ -1,0 +1,183 @@
+"""Figures of a trace, from its document alone."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from filters.channels import CHANNELS
+from filters.tracing.trace_document import (
+    ChannelCurvesEntry,
+    CommonEntry,
+    DriverCurveEntry,
+    ErrorEntry,
+    FindingEntry,
+    RunCurvesEntry,
+    TraceDocument,
+)
+from imutui.report import axes
+from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
+from imutui.report.blocks import Figure, Panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_UNITS = {"g": "deg/s", "a": "mg"}
+_BRIDGED = " Where readings are missing, straight lines stand for them: short averaging times then look quieter."
+_FEW_POINTS = 30
+
+
+def error_figure(d: TraceDocument) -> Figure | None:
+    """Error of 10 s means over its floor, before and after, with intervals; None without any."""
+    errors = [e for e in d.get("error", []) if e["metric"] == "e10" and e["floor"] and e["after"] is not None]
+    if not errors:
+        return None
+    return Figure(
+        "error",
+        "Error before and after, in units of its floor",
+        "Bars are 95 % intervals. The grey band is where 95 % of clean units would be: a channel inside it has no error"
+        " beside white noise.",
+        (Panel("Error of 10 s means", partial(_errors, errors=errors)),),
+    )
+
+
+def figures(d: TraceDocument) -> list[Figure]:
+    """All other figures."""
+    return [*_drivers(d), *_commons(d), *(f for run in d.get("curves", []) for f in _of_run(run, d))]
+
+
+def _of_run(run: RunCurvesEntry, d: TraceDocument) -> Iterator[Figure]:
+    number = 1 + [entry["run"] for entry in d["curves"]].index(run["run"])
+    which = f"run {run['run']}" + (", held out" if run["heldout"] else "")
+    yield Figure(
+        f"residual-{number}",
+        f"Residual of {which}",
+        "Reading minus what a perfect unit would read, without its mean (the bias), as means over cells that begin and"
+        " end with the readings. A flat line after is what correcting for everything found leaves.",
+        _panels(run, _residual),
+    )
+    if number < len(d["curves"]):
+        return
+    bridged = _BRIDGED if any(c["bridged"] for c in run["channels"].values()) else ""
+    yield Figure(
+        "allan",
+        f"Allan deviation of the residual of {which}",
+        "A straight line that halves when the averaging time quadruples is white noise; where it bends up, something"
+        " else moves the channel." + bridged,
+        _panels(run, _allan),
+    )
+    yield Figure(
+        "spectrum",
+        f"Spectrum of the residual of {which}",
+        "Flat is white noise; a peak is a vibration or an electrical line; a rise to the left is drift." + bridged,
+        _panels(run, _spectrum),
+    )
+
+
+def _panels(run: RunCurvesEntry, draw: Callable[..., None]) -> tuple[Panel, ...]:
+    made = []
+    # gyros on the left, accelerometers on the right
+    for name in (CHANNELS[k // 2 + 3 * (k % 2)] for k in range(6)):
+        curves = run["channels"].get(name)
+        if curves is not None and curves["residual"]["x"]:
+            made.append(Panel(name, partial(draw, curves=curves, unit=_UNITS[name[0]])))
+    return tuple(made)
+
+
+def _residual(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
+    curve = curves["residual"]
+    axes.before_and_after(ax, curve["x"], axes.column(curve["before"]), axes.column(curve["after"]))
+    axes.name(ax, "s since power-on", unit, legend=True)
+
+
+def _spectrum(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
+    _log_log(ax, curves["spectrum"]["x"], curves["spectrum"]["before"], curves["spectrum"]["after"])
+    axes.name(ax, "frequency, Hz", f"{unit}/√Hz", legend=True)
+
+
+def _allan(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
+    _log_log(ax, curves["allan"]["x"], curves["allan"]["before"], curves["allan"]["after"])
+    axes.name(ax, "averaging time, s", unit, legend=True)
+
+
+def _log_log(ax: "Axes", x: Sequence[float], before: Sequence[float | None], after: Sequence[float | None]) -> None:
+    both = axes.column(before), axes.column(after)
+    axes.before_and_after(ax, x, *both)
+    axes.logarithmic(ax, "x", np.asarray(x, float))
+    axes.logarithmic(ax, "y", *both)
+
+
+def _errors(ax: "Axes", errors: Sequence[ErrorEntry]) -> None:
+    seen: list[float] = [1.0]
+    for k, e in enumerate(errors):
+        floor = e["floor"] or 1.0
+        band = _over(e.get("floor_band95"), floor)
+        ax.fill_between([k - 0.42, k + 0.42], band[0] or 1.0, band[1] or 1.0, color=FLOOR, alpha=0.35, lw=0)
+        for at, value, interval, color, marker in (
+            (k - 0.13, e["before"], e.get("before_ci95"), BEFORE, "s"),
+            (k + 0.13, e["after"], e.get("ci95"), AFTER, "o"),
+        ):
+            if value is None:
+                continue
+            ends = _over(interval, floor)
+            axes.whiskers(ax, at, value / floor, ends, color, marker)
+            seen += [x for x in (value / floor, *ends, *band) if x]
+    ax.axhline(1.0, color=INK, lw=0.7)
+    for color, marker, label in ((BEFORE, "s", "before"), (AFTER, "o", "after")):
+        ax.plot([], [], color=color, marker=marker, ms=4.5, ls="none", label=label)
+    axes.logarithmic(ax, "y", np.array(seen))
+    axes.name(ax, "channel", "error / floor", legend=True)
+    ax.set_xticks(range(len(errors)), [str(e["channel"]) for e in errors])
+
+
+def _over(interval: Sequence[float | None] | None, floor: float) -> tuple[float | None, float | None]:
+    low, high = interval or (None, None)
+    return (None if low is None else low / floor), (None if high is None else high / floor)
+
+
+def _drivers(d: TraceDocument) -> Iterator[Figure]:
+    curves = [(f, curve) for f in d.get("findings", []) if (curve := f.get("driver_curve"))]
+    for n, (finding, curve) in enumerate(curves, 1):
+        yield Figure(
+            f"driver-{n}",
+            f"{' '.join(finding['channels'])}: {finding['label']}",
+            "Error over what it follows, relative to the first point; the band is two standard deviations wide on each"
+            " side.",
+            (Panel(finding["label"], partial(_driver, finding=finding, curve=curve)),),
+        )
+
+
+def _driver(ax: "Axes", finding: FindingEntry, curve: DriverCurveEntry) -> None:
+    x, y = np.asarray(curve["x"], float), np.asarray(curve["y"], float)
+    sd = np.asarray(curve["sd"], float) if curve.get("sd") else np.zeros(x.size)
+    ax.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=AFTER, alpha=0.25, lw=0)
+    ax.plot(x, y, color=AFTER, lw=1.2, marker="o" if x.size < _FEW_POINTS else None, ms=3)
+    ax.axhline(0.0, color=INK, lw=0.5)
+    driver = curve["driver"].replace("_", " ")
+    axes.name(ax, _with_unit(driver, curve.get("unit")), _with_unit(" ".join(finding["channels"]), curve.get("y_unit")))
+
+
+def _commons(d: TraceDocument) -> Iterator[Figure]:
+    for n, entry in enumerate(d.get("common", []), 1):
+        yield Figure(
+            f"common-{n}",
+            f"{' '.join(entry['channels'])} {entry['label']}",
+            f"What the channels share, as it shows on {entry['channels'][0]}. Lay it beside what was logged elsewhere.",
+            (Panel(entry["label"], partial(_common, entry=entry)),),
+        )
+
+
+def _common(ax: "Axes", entry: CommonEntry) -> None:
+    t, y = np.asarray(entry["curve"]["t_s"], float), np.asarray(entry["curve"]["y"], float)
+    of_run = entry["curve"].get("run") or [entry.get("run", "")] * t.size
+    for run, style in zip(dict.fromkeys(of_run), ("-", "--", "-.", ":") * len(of_run), strict=False):
+        own = np.array([name == run for name in of_run])
+        ax.plot(t[own], y[own], lw=1.1, ls=style, color=AFTER, label=axes.plain(f"run {run}"))
+    if entry["kind"] == "event":
+        ax.axvspan(entry["t_start_s"], min(entry["t_end_s"], float(t[-1])), color=FLOOR, alpha=0.25, lw=0)
+    axes.name(ax, "s since the start of the run", f"{entry['channels'][0]}, {entry['unit']}", legend=True)
+
+
+def _with_unit(text: str, unit: str | None) -> str:
+    return f"{text}, {unit}" if unit else text
