@@ -140,11 +140,12 @@ def _timed(path: Path, pid: int, end: Callable[[], None], code: Callable[[], int
 
 def interrupted(folder: Path) -> Ended:
     """Ctrl+C under `imutui record` in the foreground."""
-    path = folder / "out.mcap"
+    path, name = folder / "out.mcap", "ended-by-hand"  # others of the same user may run beside it
     line = command_line("record", "--port", "virtual", "--rate", "20", "--filter", "none", "--json", "-o", str(path))
+    line += ["--name", name]
     with started(line, cwd=folder) as run:
-        wait_until(lambda: path.exists() and client.running() != [])
-        connection = _attached()
+        wait_until(lambda: path.exists() and name in client.running())
+        connection = _attached(name)
         wait_until(lambda: connection.snapshot(NOTHING_NEW)["packets"] > 50)
         ended = _timed(path, run.pid, lambda: run.send_signal(signal.SIGINT), lambda: run.wait(LIMIT_S))
         out, err = run.communicate(timeout=LIMIT_S)
@@ -153,12 +154,12 @@ def interrupted(folder: Path) -> Ended:
     return ended
 
 
-def _attached() -> client.Client:
+def _attached(name: str) -> client.Client:
     found: list[client.Client] = []
 
     def answers() -> bool:
         try:
-            found.append(client.attach())
+            found.append(client.attach(name))
         except client.SessionError:
             return False
         return True
