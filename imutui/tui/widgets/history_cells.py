@@ -24,16 +24,38 @@ _TICKS_S = (
 )
 _UNSETTLED = 0.25
 _ROOM = 1.08
-EMPTY, LINE, BAND, ESTIMATE = 0, 1, 2, 3
-"""What a cell shows, later ones over earlier ones."""
+_GAP = "gap"
+EMPTY, LINE, EDGE, HALF, GAP, ESTIMATE, CONVERGED = range(7)
+"""What the sign in a cell shows, later ones over earlier ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class BiasEnvelope:
-    """An estimate and its band in dot columns from the run's begin on."""
+    """An estimate and its band in dot columns from the run's begin on.
+
+    Attributes
+    ----------
+    estimate, band : Envelope
+        Extremes.
+    converged : Bits
+        Whether the estimate was converged all through a column, (columns,).
+    gaps : tuple of (int, int)
+        First and last column of each pause.
+    """
 
     estimate: Envelope
     band: Envelope
+    converged: Bits
+    gaps: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Lines of characters, what the sign of each cell shows, and whether the band is behind it, (rows, columns)."""
+
+    lines: list[str]
+    shows: npt.NDArray[np.int64]
+    shaded: Bits
 
 
 def span_s(seconds: float) -> float:
@@ -60,19 +82,25 @@ def envelope(history: EstimateHistory, column: int, span: float, columns: int) -
         Dot columns.
     """
     t = history.instants() - history.begin
-    end = span - 0.5 * span / columns
+    width = span / columns
+    gaps = tuple((_column(begin, history, width), _column(end, history, width)) for begin, end in history.breaks())
+    low, high = history.estimate(column)
+    bottom, top = history.band(column)
+    known = ~np.isnan(low)
+    values = np.column_stack([low, high, bottom, top, history.converged(column)])[known]
+    lows, highs = raster.column_extremes(t[known], values, width, 0, columns, np.inf)
+    for begin, end in gaps:  # at least one column is left out, so that no line is drawn across
+        lows[:, begin + 1 : max(end, begin + 2)] = highs[:, begin + 1 : max(end, begin + 2)] = np.nan
+    return BiasEnvelope(Envelope(lows[0], highs[1]), Envelope(lows[2], highs[3]), lows[4] > 0.5, gaps)
 
-    def extremes(low: raster.Floats, high: raster.Floats) -> Envelope:
-        known = ~np.isnan(low)
-        bottom = raster.envelope(t[known], low[known], end, span, columns).low
-        return Envelope(bottom, raster.envelope(t[known], high[known], end, span, columns).high)
 
-    return BiasEnvelope(extremes(*history.estimate(column)), extremes(*history.band(column)))
+def _column(t: float, history: EstimateHistory, width: float) -> int:
+    return int((t - history.begin) // width)
 
 
-def extent(envelope: BiasEnvelope, scale: str, limit: float) -> Limits | None:
-    """What the axis has to contain; None without an estimate."""
-    if scale == "Table 1":
+def extent(envelope: BiasEnvelope, scale: str, limit: float | None) -> Limits | None:
+    """What the axis has to contain; None without an estimate. Without a limit there is no scale of Table 1."""
+    if scale == "Table 1" and limit is not None:
         return -_ROOM * limit, _ROOM * limit
     filled = np.flatnonzero(~np.isnan(envelope.estimate.low))
     if not filled.size:
@@ -84,14 +112,12 @@ def extent(envelope: BiasEnvelope, scale: str, limit: float) -> Limits | None:
     return min(low for low, _ in known), max(high for _, high in known)
 
 
-def shading(area: Bits) -> Bits:
-    """An area as a light pattern, with a broken line at its edges."""
-    row, column = np.indices(area.shape)
-    inside = (row % 4 == 1) & (column % 4 == 0)
+def edges(area: Bits) -> Bits:
+    """The edges of an area as broken lines."""
     edge = area.copy()
     edge[1:-1] &= ~(area[:-2] & area[2:])
     edge[[0, -1]] = False  # an area that goes on beyond the scale has no edge there
-    return np.asarray((area & inside) | (edge & (column % 2 == 0)))
+    return np.asarray(edge & (np.indices(area.shape)[1] % 2 == 0))
 
 
 def level_line(level: float, limits: Limits, rows: int, columns: int) -> Bits:
@@ -104,9 +130,9 @@ def level_line(level: float, limits: Limits, rows: int, columns: int) -> Bits:
 
 
 def cells(
-    envelope: BiasEnvelope, limits: Limits, levels: list[float], rows: int, glyphs: Glyphs
-) -> tuple[list[str], npt.NDArray[np.int64]]:
-    """Lines of characters, and what each cell shows.
+    envelope: BiasEnvelope, limits: Limits, levels: list[float], rows: int, glyphs: Glyphs, *, shades: bool
+) -> Cells:
+    """What a plot shows: the estimate as a line of dots, its band behind it.
 
     Parameters
     ----------
@@ -120,24 +146,58 @@ def cells(
         Lines.
     glyphs : Glyphs
         Signs of the terminal.
+    shades : bool
+        Whether the terminal can show the band as background; else its edges are drawn.
     """
     dots, columns = rows * glyphs.rows, envelope.estimate.low.size
     estimate = raster.dots(envelope.estimate, limits, dots)
     area = raster.dots(envelope.band, limits, dots)
     line = np.any([level_line(level, limits, dots, columns) for level in levels], axis=0) if levels else area & False
     shows = np.full((rows, columns // glyphs.columns), EMPTY)
-    for kind, bits in ((LINE, line), (BAND, area), (ESTIMATE, estimate)):
+    edge = area & False if shades else edges(area)
+    settled = estimate & envelope.converged
+    for kind, bits in ((LINE, line), (EDGE, edge), (ESTIMATE, estimate), (CONVERGED, settled)):
         shows[_any(bits, glyphs)] = kind
+    drawn = shows >= ESTIMATE
     if glyphs.name == "braille":
-        behind = (shading(area) | line) & ~_whole(shows == ESTIMATE, glyphs)
-        return raster.cells(estimate | behind, glyphs), shows
-    signs = np.array([" ", glyphs.text("-"), {"block": "░"}.get(glyphs.name, "~"), ""])
-    drawn = raster.cells(estimate, glyphs)
-    lines = [
-        "".join(sign if kind == ESTIMATE else str(signs[kind]) for sign, kind in zip(text, kinds, strict=True))
-        for text, kinds in zip(drawn, shows, strict=True)
-    ]
-    return lines, shows
+        lines = raster.cells(estimate | ((edge | line) & ~_whole(drawn, glyphs)), glyphs)
+    else:
+        signs = np.array([" ", glyphs.text("-"), "░" if glyphs.name == "block" else "~"])
+        text = raster.cells(estimate, glyphs)
+        lines = [
+            "".join(sign if kind >= ESTIMATE else str(signs[kind]) for sign, kind in zip(*row, strict=True))
+            for row in zip(text, shows, strict=True)
+        ]
+    made = Cells(lines, shows, np.zeros_like(drawn))
+    return _with_gaps(_with_band(made, area, glyphs) if shades else made, envelope.gaps, glyphs)
+
+
+def _with_band(made: Cells, area: Bits, glyphs: Glyphs) -> Cells:
+    """The same with the band behind it; what it covers by half is half a block, if nothing is drawn there."""
+    rows = made.shows.shape[0]
+    upper, lower = area.reshape(rows, 2, glyphs.rows // 2, -1, glyphs.columns).mean(axis=(2, 4)).swapaxes(0, 1) >= 0.5
+    touched = (made.shows >= ESTIMATE) & _any(area, glyphs)
+    texts = [list(line) for line in made.lines]
+    for row, column in np.argwhere((upper ^ lower) & (made.shows == EMPTY)).tolist():
+        texts[row][column] = "▀" if upper[row, column] else "▄"
+        made.shows[row, column] = HALF
+    return Cells(["".join(text) for text in texts], made.shows, (upper & lower) | touched)
+
+
+def _with_gaps(made: Cells, gaps: tuple[tuple[int, int], ...], glyphs: Glyphs) -> Cells:
+    """The same with a dotted line at both ends of each pause, and its name between them where there is room."""
+    texts, sign = [list(line) for line in made.lines], "┊" if glyphs.name == "braille" else ":"
+    for begin, end in gaps:
+        first, last = (min(column // glyphs.columns, made.shows.shape[1] - 1) for column in (begin + 1, end))
+        for column in (first, max(first, last)):
+            for row in np.flatnonzero(made.shows[:, column] < ESTIMATE).tolist():
+                texts[row][column] = sign
+                made.shows[row, column] = GAP
+        if last - first > len(_GAP) + 1:
+            row, start = len(texts) // 2, (first + last + 1 - len(_GAP)) // 2
+            texts[row][start : start + len(_GAP)] = _GAP
+            made.shows[row, start : start + len(_GAP)] = GAP
+    return Cells(["".join(text) for text in texts], made.shows, made.shaded)
 
 
 def _any(bits: Bits, glyphs: Glyphs) -> Bits:

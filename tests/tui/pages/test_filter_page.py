@@ -8,6 +8,7 @@ from helpers.fake_client import PATH, FakeClient, bias, estimates
 from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
+from imutui.session.run_history import RunHistory
 from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel
@@ -89,6 +90,25 @@ async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
         await shows(pilot, "─> z accel, mg")
         await pilot.press("escape")
         await shows(pilot, "velocity N", ">z accel")
+
+
+async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -> None:
+    """From the run's first sample, though the screen came later; without the temperature's past there is no plot of it."""
+    client = client_with()
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "─> x gyro, deg/s")
+        await pilot.press("enter")
+        assert "temperature, °C" not in await shows(pilot, "Esc back, a scale")
+    client.past = RunHistory()
+    for k in range(0, 1500, 2):
+        if not 600 < k < 800:
+            client.past.estimates.add(float(k), np.full(6, 0.3), np.full(6, 0.1))
+        client.past.add_temperature(float(k), 24.0 + 0.001 * k)
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await filter_page(pilot, "─> x gyro, deg/s")
+        await pilot.press("enter")
+        screen = await shows(pilot, "temperature, °C", " gap ", "25 min", "± 3 sd shaded")
+        assert "since attached" not in screen
 
 
 @pytest.mark.parametrize("size", [(80, 40), (120, 40), (112, 34)])

@@ -78,12 +78,14 @@ def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None
     """In every set of signs, cells of the estimate and of the band look different."""
     history = ramp(600.0)
     curve = history_cells.envelope(history, 0, 600.0, 60 * glyphs.columns)
-    lines, shows = history_cells.cells(curve, (0.2, 0.8), [0.0, 0.5], 6, glyphs)
+    made = history_cells.cells(curve, (0.2, 0.8), [0.0, 0.5], 12, glyphs, shades=False)
+    lines, shows = made.lines, made.shows
     assert {len(line) for line in lines} == {60}
+    assert not made.shaded.any()
     signs = np.array([list(line) for line in lines])
     late = np.s_[:, 20:50]
     estimate = set(signs[late][shows[late] == history_cells.ESTIMATE])
-    band = set(signs[late][shows[late] == history_cells.BAND])
+    band = set(signs[late][shows[late] == history_cells.EDGE])
     assert estimate
     assert band
     assert not estimate & band
@@ -91,12 +93,45 @@ def test_estimate_and_band_are_told_apart_without_colour(glyphs: Glyphs) -> None
         assert "".join(lines).isascii()
 
 
-def test_the_band_is_where_it_belongs() -> None:
-    """The estimate's cells lie between the band's, in every column."""
+def test_the_band_is_behind_the_estimate_and_no_dot_of_it_is_drawn() -> None:
+    """Where the terminal has the colours the band is background, around the estimate's cells in every column."""
     curve = history_cells.envelope(ramp(600.0), 0, 600.0, 120)
-    _, shows = history_cells.cells(curve, (-0.5, 1.5), [], 20, GLYPHS["braille"])
-    for column in shows[:, 5:55].T:
-        rows = np.flatnonzero(column == history_cells.ESTIMATE)
-        band = np.flatnonzero(column == history_cells.BAND)
-        assert rows.size
-        assert band.size == 0 or band.min() - 1 <= rows.min() <= rows.max() <= band.max() + 1
+    made = history_cells.cells(curve, (-0.5, 1.5), [], 20, GLYPHS["braille"], shades=True)
+    assert set(np.unique(made.shows)) == {history_cells.EMPTY, history_cells.HALF, history_cells.ESTIMATE}
+    assert all(made.lines[row][column] in "▀▄" for row, column in np.argwhere(made.shows == history_cells.HALF))
+    assert all(made.lines[row][column] == " " for row, column in np.argwhere(made.shows == history_cells.EMPTY))
+    for shows, shaded in zip(made.shows.T[5:55], made.shaded.T[5:55], strict=True):
+        rows, band = np.flatnonzero(shows == history_cells.ESTIMATE), np.flatnonzero(shaded)
+        assert band.min() <= rows.min() <= rows.max() <= band.max()
+        assert (np.diff(band) == 1).all()
+    assert made.shaded[:, 5].sum() > made.shaded[:, 50].sum() > 0
+
+
+def test_convergence_is_seen_in_the_line() -> None:
+    """The estimate's cells say from when on it was converged."""
+    history = EstimateHistory(1)
+    for k in range(600):
+        history.add(float(k), np.full(1, 0.5), np.full(1, 0.1), np.array([k >= 300]))
+    curve = history_cells.envelope(history, 0, 600.0, 120)
+    shows = history_cells.cells(curve, (0.0, 1.0), [], 8, GLYPHS["braille"], shades=True).shows
+    converged = (shows == history_cells.CONVERGED).any(axis=0)
+    assert (converged[:30].any(), converged[30:].all()) == (False, True)
+
+
+@pytest.mark.parametrize("glyphs", GLYPHS.values(), ids=lambda glyphs: glyphs.name)
+def test_a_pause_is_marked_and_no_line_drawn_across_it(glyphs: Glyphs) -> None:
+    """Neither estimate nor band between the last before and the first after; a short pause leaves a mark too."""
+    history = EstimateHistory(1)
+    for k in range(600):
+        if not (200 <= k < 300 or 500 <= k < 506):
+            history.add(float(k), np.full(1, 0.5), np.full(1, 0.1))
+    curve = history_cells.envelope(history, 0, 600.0, 60 * glyphs.columns)
+    made = history_cells.cells(curve, (0.0, 1.0), [], 8, glyphs, shades=glyphs.name != "ascii")
+    drawn = (made.shows >= history_cells.ESTIMATE).any(axis=0)
+    assert (drawn[:20].all(), drawn[21:30].any(), drawn[31:50].all()) == (True, False, True)
+    assert not made.shaded[:, 21:30].any()
+    assert "gap" in "\n".join(line[20:31] for line in made.lines)
+    marks = (made.shows == history_cells.GAP).any(axis=0)
+    assert marks[[20, 21]].any()
+    assert marks[[29, 30]].any()
+    assert marks[49:52].any()

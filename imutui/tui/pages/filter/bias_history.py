@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.segment import Segment
+from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -17,8 +18,11 @@ _GUTTER = 10
 _STYLES = {
     history_cells.EMPTY: "axis",
     history_cells.LINE: "axis",
-    history_cells.BAND: "band",
+    history_cells.EDGE: "edge",
+    history_cells.HALF: "band",
+    history_cells.GAP: "axis",
     history_cells.ESTIMATE: "estimate",
+    history_cells.CONVERGED: "converged",
 }
 _ROWS_FOR_AXIS = 6
 _TICK = 10
@@ -30,7 +34,7 @@ class BiasPlotSettings:
 
     name: str
     unit: str
-    limit: float
+    limit: float | None
     column: int
     scale: str
     hint: str
@@ -39,7 +43,9 @@ class BiasPlotSettings:
 
 
 class BiasPlot(Widget):
-    """One plot: estimate as a line, band shaded, broken lines at zero and at the data sheet's limits.
+    """One plot: estimate as a line, band behind it, broken lines at zero and at the data sheet's limits, pauses marked.
+
+    The band is the background's colour; without colours, or with sixteen only, its edges are drawn.
 
     Parameters
     ----------
@@ -48,15 +54,18 @@ class BiasPlot(Widget):
     """
 
     COMPONENT_CLASSES = {  # noqa: RUF012 - Textual's way
-        "biasplot--title", "biasplot--chosen", "biasplot--axis", "biasplot--band", "biasplot--estimate",
+        "biasplot--title", "biasplot--chosen", "biasplot--axis", "biasplot--band", "biasplot--edge",
+        "biasplot--estimate", "biasplot--converged",
     }  # fmt: skip
     DEFAULT_CSS = """
     BiasPlot { height: 1fr; width: 1fr; min-height: 3; }
     BiasPlot > .biasplot--title { color: $foreground 80%; }
     BiasPlot > .biasplot--chosen { text-style: bold; }
     BiasPlot > .biasplot--axis { color: $foreground 60%; }
-    BiasPlot > .biasplot--band { color: $text-accent; }
-    BiasPlot > .biasplot--estimate { color: $text-primary; text-style: bold; }
+    BiasPlot > .biasplot--band { background: $primary 35%; }
+    BiasPlot > .biasplot--edge { color: $text-accent; }
+    BiasPlot > .biasplot--estimate { color: $text-warning; }
+    BiasPlot > .biasplot--converged { color: $text-primary; text-style: bold; }
     """
 
     def __init__(
@@ -100,7 +109,8 @@ class BiasPlot(Widget):
         if history is None or settings is None:
             return False
         # a row a second: what comes within it is drawn with it
-        stamp = (settings, size, id(history), len(history), history.attached_late)
+        second = history.newest // 1.0 if len(history) else None
+        stamp = (settings, size, id(history), len(history), history.attached_late, second)
         if stamp == self._drawn:
             return False
         self._drawn, before = stamp, self._strips
@@ -127,25 +137,38 @@ class BiasPlot(Widget):
         limits = self._range = raster.keep_range(self._range, *extent)
         return [head, *self._plot(envelope, limits, settings.limit, rows), *tail]
 
-    def _plot(self, envelope: BiasEnvelope, limits: Limits, limit: float, rows: int) -> list[Strip]:
-        lines, shows = history_cells.cells(envelope, limits, [0.0, limit, -limit], rows, self._glyphs)
-        labels = _labels(limits, limit, rows)
-        return [
-            self._strip(label, line, kinds) for label, line, kinds in zip(labels, lines, shows.tolist(), strict=True)
-        ]
+    @property
+    def _shades(self) -> bool:
+        """Whether the terminal has a colour between its background and its text."""
+        return not (self.app.no_color or self.app.native_ansi_color or self._glyphs.name == "ascii")
 
-    def _strip(self, label: str, line: str, kinds: list[int]) -> Strip:
+    def _plot(self, envelope: BiasEnvelope, limits: Limits, limit: float | None, rows: int) -> list[Strip]:
+        levels = [] if limit is None else [0.0, limit, -limit]
+        shades = self._shades and limit is not None
+        made = history_cells.cells(envelope, limits, levels, rows, self._glyphs, shades=shades)
+        labels = _labels(limits, limit, rows)
+        kinds = zip(labels, made.lines, made.shows.tolist(), made.shaded.tolist(), strict=True)
+        return [self._strip(label, line, list(zip(shown, behind, strict=True))) for label, line, shown, behind in kinds]
+
+    def _strip(self, label: str, line: str, kinds: list[tuple[int, bool]]) -> Strip:
         # every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none
         segments = [self._segment(self._glyphs.text(label), "axis")]
         begin = 0
         for i in range(1, len(kinds) + 1):
             if i == len(kinds) or kinds[i] != kinds[begin]:
-                segments.append(self._segment(line[begin:i], _STYLES[kinds[begin]]))
+                kind, behind = kinds[begin]
+                segments.append(self._segment(line[begin:i], _STYLES[kind], shaded=behind))
                 begin = i
         return Strip(segments, _GUTTER + len(line))
 
-    def _segment(self, said: str, style: str) -> Segment:
-        return Segment(said, self.get_component_rich_style(f"biasplot--{style}"))
+    def _segment(self, said: str, style: str, *, shaded: bool = False) -> Segment:
+        if style == "band":  # half a cell in the band's colour
+            half = self.get_component_rich_style("biasplot--axis")
+            return Segment(said, half + Style(color=self.get_component_rich_style("biasplot--band").bgcolor))
+        look = self.get_component_rich_style(f"biasplot--{style}")
+        if shaded:
+            look += Style(bgcolor=self.get_component_rich_style("biasplot--band").bgcolor)
+        return Segment(said, look)
 
     def _head(self, settings: BiasPlotSettings, history: EstimateHistory, span: float | None, width: int) -> Strip:
         axis = (
@@ -157,7 +180,7 @@ class BiasPlot(Widget):
         scale = {"auto": "", "whole run": "scale: whole run", "Table 1": "scale: Table 1"}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
         rights = (
-            (settings.hint, "± 3 sd shaded", scale, since, axis),
+            (settings.hint, self._band_name(settings), scale, since, axis),
             (settings.hint, scale, since, axis),
             (scale, since, axis),
         )
@@ -171,6 +194,11 @@ class BiasPlot(Widget):
         middle = self._glyphs.text("─") * max(width - len(left) - len(said), 0)
         style = "chosen" if settings.chosen else "title"
         return Strip([self._segment((left + middle + said)[:width].ljust(width), style)], width)
+
+    def _band_name(self, settings: BiasPlotSettings) -> str:
+        if settings.limit is None:
+            return ""
+        return "± 3 sd shaded" if self._shades else "± 3 sd edged"
 
     def _empty(self, settings: BiasPlotSettings, rows: int, width: int) -> list[Strip]:
         why = "no estimate yet" if settings.observable else "unobservable in this setup: there is no estimate"
@@ -190,12 +218,13 @@ class BiasPlot(Widget):
         return Strip([self._segment("".join(line), "axis")], width)
 
 
-def _labels(limits: Limits, limit: float, rows: int) -> list[str]:
+def _labels(limits: Limits, limit: float | None, rows: int) -> list[str]:
     """Gutter: both ends of the axis, and the level lines between them."""
     room, (low, high) = _GUTTER - 2, limits
     decimals = raster.label_decimals(limits)
     labels = [f"{'':<{room}} │"] * rows
-    for level, name in ((0.0, "0"), (limit, f"+{limit:g}"), (-limit, f"-{limit:g}")):
+    named = () if limit is None else ((0.0, "0"), (limit, f"+{limit:g}"), (-limit, f"-{limit:g}"))
+    for level, name in named:
         if low <= level <= high and rows > 1:
             labels[round((high - level) * (rows - 1) / (high - low))] = f"{name:>{room}} ┤"
     labels[0] = f"{formatting.number(high, room, decimals)} ┤"

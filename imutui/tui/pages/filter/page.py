@@ -27,6 +27,7 @@ from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
 _LIMITS = (1.0,) * 3 + (12.0,) * 3
+_TEMPERATURE = BiasPlotSettings("temperature", "°C", None, 0, "whole run", "", chosen=False, observable=True)
 # side by side: gyro and accelerometer of one axis
 _ORDER = (0, 3, 1, 4, 2, 5)
 
@@ -47,6 +48,8 @@ class FilterPage(Page):
     FilterPage.-plot #one { display: block; }
     FilterPage.-plot .details, FilterPage.-plot RuleLines { display: none; }
     FilterPage.-plot BiasTable { height: 2; }
+    FilterPage #temperature { display: none; height: 30%; }
+    FilterPage.-plot.-warm #temperature { display: block; }
     FilterPage Notice { dock: bottom; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -81,6 +84,7 @@ class FilterPage(Page):
                     yield AlarmLines()
             yield RuleLines()
         yield BiasPlot(id="one")
+        yield BiasPlot(id="temperature")
         with Grid(id="all"):
             for index in _ORDER:
                 yield BiasPlot(index)
@@ -88,7 +92,11 @@ class FilterPage(Page):
     def show(self, view: View) -> None:
         """Show verdict, biases and their history of a view."""
         super().show(view)
-        for plot in self.query(BiasPlot):
+        warm = self.query_one("#temperature", BiasPlot)
+        self.set_class(len(view.temperature) > 0, "-warm")
+        if self.has_class("-plot"):
+            warm.show(view.temperature, _TEMPERATURE)
+        for plot in self.query(BiasPlot).exclude("#temperature"):
             if (plot.column is None) == self._alone:
                 plot.show(view.biases, self._settings(view, self._chosen if plot.column is None else plot.column))
 
