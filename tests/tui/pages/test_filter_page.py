@@ -93,7 +93,7 @@ async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
 
 
 async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -> None:
-    """From the run's first sample, though the screen came later; without the temperature's past there is no plot of it."""
+    """From the first sample, though the screen came later; without a past of the temperature there is no plot."""
     client = client_with()
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "─> x gyro, deg/s")
