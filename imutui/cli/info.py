@@ -9,17 +9,52 @@ from imutui.cli.options import Json
 
 
 def command(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")], json: Json = False
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...|FOLDER...", help="Logs, finished or not; or folders of logs.")
+    ],
+    json: Json = False,
 ) -> None:
     """Say what is in logs.
 
     Instrument, operator, rate, length, temperature, reference, effects, marks, topics, attachments, and whether the
     file is finished. Damaged parts are passed over; `imutui check` names them.
 
+    Of a folder: a table with a row for each log, newest first, from the files' first and last few kilobytes; with
+    --json a list of what is in the table.
+
     Example: imutui info logs/sample.mcap
     """
     from imutui.cli.each_log import over
+
+    if any(path.is_dir() for path in logs):
+        _folders(logs, json=json)
+        return
     from imutui.jobs.info import info
     from imutui.report.logs import info_text
 
     over(logs, info, info_text, json=json)
+
+
+def _folders(folders: list[Path], *, json: bool) -> None:
+    from imutui.cli.exit_codes import USAGE, fail, tell
+    from imutui.jobs.info import folder_logs, row
+    from imutui.report import log_table
+
+    file = next((path for path in folders if not path.is_dir()), None)
+    if file is not None:
+        raise fail(USAGE, f"{file} is no folder, and others are: ask for logs or for folders, one after the other.")
+    found = {folder: [row(brief) for brief in folder_logs(folder)] for folder in folders}
+    if json:
+        from imutui.logbook.json_text import dumps
+
+        print(dumps([one for rows in found.values() for one in rows]))
+    else:
+        tell("\n\n".join(log_table.text(str(folder), rows, _columns()) for folder, rows in found.items()))
+
+
+def _columns() -> int | None:
+    """Columns of the terminal; None where the output goes elsewhere, so that nothing is cut."""
+    import shutil
+    import sys
+
+    return shutil.get_terminal_size((80, 24)).columns if sys.stdout.isatty() else None

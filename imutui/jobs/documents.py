@@ -114,6 +114,42 @@ class QualityFields(TypedDict, total=False):
     alarms: list[str]
 
 
+class AddedField(TypedDict):
+    """What was said of a log after it was recorded, see `logbook.added_notes`; None where it says nothing."""
+
+    utc: str
+    by: str
+    note: str | None
+    operator: str | None
+
+
+class LogRow(TypedDict):
+    """A log of a folder, from its first and last few kilobytes; None or "" where it does not say."""
+
+    log: str
+    bytes: int
+    state: str
+    why: str
+    finished: bool
+    start_utc: str | None
+    duration_s: float | None
+    rate_asked_hz: float | None
+    rate_measured_hz: float | None
+    samples: int | None
+    packets: int | None
+    lost_packets: int | None
+    kind: str
+    instrument: str
+    serial_number: str
+    operator: str
+    place: str
+    table: str
+    note: str
+    added_note: str | None
+    added_operator: str | None
+    converged: bool | None
+
+
 class InfoDocument(SessionFields, ExtentFields, EventFields):
     """All that is in a log; `imutui info --json`."""
 
@@ -129,6 +165,7 @@ class InfoDocument(SessionFields, ExtentFields, EventFields):
     attachments: dict[str, int]
     metadata: list[str]
     recovered: dict[str, str] | None
+    added: list[AddedField]
     quality: QualityFields
 
 

@@ -1,22 +1,24 @@
 """What is in a log: in a millisecond for a list of them (`brief`), or all of it (`info`)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from filters.imu import AxisMap
 from imutui.jobs.documents import (
+    AddedField,
     EventFields,
     ExtentFields,
     InfoDocument,
+    LogRow,
     QualityFields,
     SessionFields,
     TemperatureFields,
 )
 from imutui.jobs.quantities import utc_text
-from imutui.logbook import summary, unread_channels
+from imutui.logbook import added_notes, schemas, summary, unread_channels
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 from imutui.plain_text import NOTE_LIMIT, in_line, one_line
 
@@ -65,6 +67,10 @@ class Brief:
         Of the filter that ran when it was recorded.
     lost_packets : int or None
         As counted when it was recorded.
+    packets : int or None
+        As received from the unit; None without a summary.
+    added_note, added_operator : str or None
+        What was said of them later, in a file beside the log; None if nothing.
     """
 
     path: Path
@@ -89,6 +95,24 @@ class Brief:
     filter: str = ""
     converged: bool | None = None
     lost_packets: int | None = None
+    packets: int | None = None
+    added_note: str | None = None
+    added_operator: str | None = None
+
+    @property
+    def latest_note(self) -> str:
+        """The note as it was said last, in the log or beside it."""
+        return self.note if self.added_note is None else self.added_note
+
+    @property
+    def latest_operator(self) -> str:
+        """The operator as said last, in the log or beside it."""
+        return self.operator if self.added_operator is None else self.added_operator
+
+    @property
+    def began(self) -> float:
+        """When the recording began, or when the file was last written to if it does not say; Unix time, s."""
+        return self.modified if self.started is None else self.started
 
     @property
     def name(self) -> str:
@@ -114,6 +138,7 @@ def brief(path: Path) -> Brief:
     span, samples, session = found.seconds, found.samples, found.session
     measured = (samples - 1) / span if samples and samples > 1 and span else None
     kind = session.get("kind", UNKNOWN)
+    added_note, added_operator = added_notes.latest(added_notes.read_or_none(path))
     converged, lost = found.result.get("converged"), found.result.get("lost_packets")
     return Brief(
         path,
@@ -131,16 +156,57 @@ def brief(path: Path) -> Brief:
         **{name: one_line(session.get(name, ""), NOTE_LIMIT) for name in _TEXTS},
         converged=converged if isinstance(converged, bool) else None,
         lost_packets=lost if isinstance(lost, int) else None,
+        packets=found.counts.get(schemas.RAW),
+        added_note=added_note,
+        added_operator=added_operator,
     )
 
 
+def newest_first(briefs: Iterable[Brief]) -> list[Brief]:
+    """Logs by when they were begun, the last one first; a file that does not say, by when it was written to."""
+    return sorted(briefs, key=lambda b: (-b.began, -b.modified, b.path.name))
+
+
 def recordings(folder: Path) -> list[Brief]:
-    """Logs of a folder (not of folders in it), the one written to last first; empty if there is no such folder."""
+    """Logs of a folder (not of folders in it), the newest first; empty if there is no such folder."""
     try:
-        paths = [path for path in folder.iterdir() if path.suffix == SUFFIX and path.is_file()]
+        return folder_logs(folder)
     except OSError:
         return []
-    return sorted((brief(path) for path in paths), key=lambda b: (-b.modified, b.path.name))
+
+
+def folder_logs(folder: Path) -> list[Brief]:
+    """As `recordings`; raises OSError where the folder cannot be read."""
+    paths = [path for path in folder.iterdir() if path.suffix == SUFFIX and path.is_file()]
+    return newest_first(brief(path) for path in paths)
+
+
+def row(b: Brief) -> LogRow:
+    """A log of a folder as JSON has it; names and units as in `info`."""
+    return {
+        "log": str(b.path.resolve()),
+        "bytes": b.bytes,
+        "state": b.state,
+        "why": b.why,
+        "finished": b.state == summary.FINISHED,
+        "start_utc": None if b.started is None else utc_text(round(b.started * 1e9)),
+        "duration_s": b.seconds,
+        "rate_asked_hz": b.rate_hz,
+        "rate_measured_hz": b.measured_hz,
+        "samples": b.samples,
+        "packets": b.packets,
+        "lost_packets": b.lost_packets,
+        "kind": b.kind,
+        "instrument": b.instrument,
+        "serial_number": b.serial_number,
+        "operator": b.operator,
+        "place": b.place,
+        "table": b.table,
+        "note": b.note,
+        "added_note": b.added_note,
+        "added_operator": b.added_operator,
+        "converged": b.converged,
+    }
 
 
 def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> InfoDocument:
@@ -190,8 +256,13 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         "attachments": {name: len(data) for name, data in content.attachments.items()},
         "metadata": list(content.metadata),
         "recovered": content.metadata.get("imutui.recovered"),
+        "added": [_added(note) for note in added_notes.read_or_none(path)],
         "quality": _quality(content),
     }
+
+
+def _added(said: added_notes.AddedNote) -> AddedField:
+    return {"utc": said.utc, "by": said.by, "note": said.note, "operator": said.operator}
 
 
 def _session(content: "Audit") -> SessionFields:

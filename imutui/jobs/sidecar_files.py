@@ -1,11 +1,16 @@
 """Files that a screen writes beside a log, and the effects files that it can load."""
 
-from collections.abc import Iterable, Iterator
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from imutui.logbook import atomic_file
 from imutui.logbook import effects_file as effects
+
+_LONGEST = 120
+"""Bytes of a name that is made of those of several logs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +36,36 @@ class EffectsFile:
     source: str = ""
     effects: tuple[str, ...] = ()
     error: str = ""
+
+
+def base(logs: Sequence[Path]) -> Path:
+    """Path whose name begins those of files made of logs: the log's own, or one that no other set of logs has.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        At least one; files are written beside the first.
+    """
+    first, *others = logs
+    if not others:
+        return first
+    unit = _beginning([log.stem for log in logs])
+    name = f"{first.stem}_with_{'_'.join(log.stem.removeprefix(unit) for log in others)}"
+    if len(os.fsencode(name)) > _LONGEST:
+        digest = hashlib.sha256("/".join(log.stem for log in logs).encode("utf-8", "surrogateescape")).hexdigest()
+        name = f"{first.stem[:_LONGEST]}_with_{len(others)}_more_{digest[:8]}"
+    return first.with_name(name + first.suffix)
+
+
+def _beginning(names: Sequence[str]) -> str:
+    """What all names begin with, up to an underscore: what recordings of one unit have in common."""
+    parts = [name.split("_")[:-1] for name in names]
+    shared = ""
+    for same in zip(*parts, strict=False):
+        if len(set(same)) > 1:
+            break
+        shared += f"{same[0]}_"
+    return shared
 
 
 def keep(log: Path, ending: str, text: str) -> Path:

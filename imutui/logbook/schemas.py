@@ -30,6 +30,9 @@ TYPES = {
     EVENTS: "rcl_interfaces/msg/Log",
 }
 
+DESCRIPTION = ("note", "operator")
+"""What of the session may be changed while a file is written: from then on its diagnostics say it each second."""
+
 FLAG_LOST_BEFORE = 1
 FLAG_HOST_STAMP = 2
 FLAG_LIMIT = 4

@@ -196,8 +196,8 @@ class _Sample:
 def _from_ends(stream: IO[bytes], found: Summary) -> None:
     """Take what the beginning and the last whole chunk say, and how the file ends."""
     inflater = mcap_format.Inflater(found.bytes, _MOST)
-    first, channel = _beginning(stream, found, inflater)
-    last, how = _ending(stream, found.bytes, channel, inflater)
+    first, channels = _beginning(stream, found, inflater)
+    last, how = _ending(stream, found, channels, inflater)
     found.by_ends = True
     if found.state != DAMAGED:
         found.state = DAMAGED if how else UNFINISHED
@@ -210,8 +210,16 @@ def _from_ends(stream: IO[bytes], found: Summary) -> None:
         found.samples = last.sequence - first.sequence + 1 if last.sequence or last is first else None
 
 
-def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater) -> tuple[_Sample | None, int | None]:
-    """Metadata and attachments before the first chunk with samples; that chunk's first sample, and its channel."""
+@dataclass(frozen=True, slots=True)
+class _Numbers:
+    """Channels of the samples and of the diagnostics; None where the beginning does not say."""
+
+    samples: int | None = None
+    diagnostics: int | None = None
+
+
+def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater) -> tuple[_Sample | None, _Numbers]:
+    """Metadata and attachments before the first chunk with samples; that chunk's first sample, and its channels."""
     at, names, topics = len(MAGIC), dict[int, str](), dict[int, str]()
     for _ in range(_FIRST_RECORDS):
         stream.seek(at)
@@ -235,9 +243,13 @@ def _beginning(stream: IO[bytes], found: Summary, inflater: mcap_format.Inflater
                 found.types = {topic: names.get(number, "") for number, topic in topics.items()}
                 sample, channel = _first_sample(inside, found.types, topics)
                 if sample is not None:
-                    return sample, channel
+                    return sample, _Numbers(channel, _number_of(schemas.DIAGNOSTICS, topics))
         at += HEAD.size + length
-    return None, None
+    return None, _Numbers()
+
+
+def _number_of(topic: str | None, topics: dict[int, str]) -> int | None:
+    return next((number for number, name in topics.items() if name == topic), None)
 
 
 def _channels(content: bytes, names: dict[int, str], topics: dict[int, str]) -> None:
@@ -254,25 +266,26 @@ def _channels(content: bytes, names: dict[int, str], topics: dict[int, str]) -> 
 
 
 def _first_sample(content: bytes, types: dict[str, str], topics: dict[int, str]) -> tuple[_Sample | None, int | None]:
-    topic = imu_topic(types)
-    channel = next((number for number, name in topics.items() if name == topic), None)
+    channel = _number_of(imu_topic(types), topics)
     samples = _samples(content, channel)
     return next(samples, None), channel
 
 
 def _ending(
-    stream: IO[bytes], size: int, channel: int | None, inflater: mcap_format.Inflater
+    stream: IO[bytes], found: Summary, channels: _Numbers, inflater: mcap_format.Inflater
 ) -> tuple[_Sample | None, str]:
     """Last sample of the last whole chunk that has one, and what is wrong behind it, if anything."""
-    stream.seek(max(0, size - _TAIL))
+    stream.seek(max(0, found.bytes - _TAIL))
     tail = stream.read()
-    at, how, judged = len(tail), "", False
+    at, how, judged, described = len(tail), "", False, False
     while (at := _chunk_before(tail, at)) >= 0:
         _, length = HEAD.unpack_from(tail, at)
         try:
             chunk = mcap_format.chunk_of(tail[at + HEAD.size : at + HEAD.size + length])
+            content = inflater.content(chunk)
             # the last one; a list of all could be far longer than the chunk
-            latest = deque(_samples(inflater.content(chunk), channel), 1)
+            latest = deque(_samples(content, channels.samples), 1)
+            described = described or _take_description(content, channels.diagnostics, found)
         except MALFORMED:
             how, judged = how or "a chunk near its end cannot be read", True
             continue
@@ -281,6 +294,17 @@ def _ending(
         if latest:
             return latest[0], how
     return None, how
+
+
+def _take_description(content: bytes, channel: int | None, found: Summary) -> bool:
+    """Take note and operator as they are now, where they were changed since the file was begun; whether they were."""
+    told: dict[str, str] = {}
+    for number, data in _messages(content):
+        if channel is not None and number == channel:
+            with contextlib.suppress(*schemas.UNDECODABLE):
+                told |= schemas.decode_diagnostics(data) or {}
+    found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
+    return bool(told)
 
 
 def _chunk_before(tail: bytes, end: int) -> int:
@@ -319,6 +343,13 @@ def _samples(content: bytes, channel: int | None) -> Iterator[_Sample]:
             number, sequence, _, publish_ns = MESSAGE.unpack_from(content, at)
             if number == channel:
                 yield _Sample(sequence, publish_ns)
+
+
+def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Channel and data of each message of a chunk."""
+    for opcode, at, length in records(content):
+        if opcode == Opcode.MESSAGE and length >= MESSAGE.size:
+            yield MESSAGE.unpack_from(content, at)[0], content[at + MESSAGE.size : at + length]
 
 
 def _strings(metadata: dict[str, str]) -> dict[str, str]:

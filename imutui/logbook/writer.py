@@ -135,6 +135,14 @@ class LogWriter:
             self._abandon(error)
             raise
 
+    def describe(self, info: SessionInfo) -> None:
+        """Write the session's metadata again, with what has changed in it; readers take the last."""
+        try:
+            self._writer.add_metadata(METADATA, info.strings())
+        except OSError as error:
+            self._abandon(error)
+            raise
+
     def flush(self) -> None:
         """Close the chunk and see it onto the disk."""
         try:

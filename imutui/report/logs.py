@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from imutui.jobs.documents import (
+    AddedField,
     CheckDocument,
     EventField,
     InfoDocument,
@@ -96,6 +97,8 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "place", d["place"]
     yield "table", d["table"]
     yield "note", d["note"]
+    for entry in d["added"]:
+        yield "added later", _added(entry)
     yield "start", d["start_utc"] or ""
     yield "length", _length(d)
     yield "rate", _rate(d)
@@ -119,6 +122,12 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
             "recovered",
             f"from {d['recovered'].get('source', _NOTHING)}; lost: {d['recovered'].get('lost', _NOTHING)}",
         )
+
+
+def _added(entry: AddedField) -> str:
+    said = [] if entry["note"] is None else [f"note: {entry['note'] or 'none'}"]
+    said += [] if entry["operator"] is None else [f"operator: {entry['operator'] or 'none'}"]
+    return f"{', '.join(said)} ({entry['utc']}{', by ' if entry['by'] else ''}{entry['by']}; the log is unchanged)"
 
 
 def _length(d: InfoDocument) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
-from imutui.plain_text import NAME_LIMIT, visible
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import exit_codes, handshake, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.engine import Engine
@@ -114,6 +114,11 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "record":
             wish = request_fields.wish(request)
             return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
+        case "describe":
+            note = request_fields.text_or_none(request, "note", NOTE_LIMIT)
+            operator = request_fields.text_or_none(request, "operator", NAME_LIMIT)
+            engine.call(lambda acquisition: acquisition.describe(note, operator))
+            return {}
         case "configure":
             changes = request_fields.changes(request)
             engine.call(lambda acquisition: acquisition.configure(changes))

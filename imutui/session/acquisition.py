@@ -290,6 +290,10 @@ class Acquisition:
         assert self._recorder.recording is not None
         return str(self._recorder.recording.writer.path)
 
+    def describe(self, note: str | None, operator: str | None) -> None:
+        """Change note and operator of the file that is being written; see `Recorder.describe`."""
+        self._recorder.describe(note, operator)
+
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
 

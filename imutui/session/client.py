@@ -102,6 +102,10 @@ class Client:
         """Start recording; returns the file's path. The filter starts anew with the file."""
         return self._ask({"ask": "record", "wish": _fields(wish)})["path"]
 
+    def describe(self, note: str | None = None, operator: str | None = None) -> None:
+        """Change note and operator of the file that is being written; None leaves one as it is."""
+        self._ask({"ask": "describe", "note": note, "operator": operator})
+
     def configure(self, **changes: Unpack[FilterChanges]) -> None:
         """Change what the filter takes from now on; it starts anew. Refused while recording.
 

@@ -151,6 +151,27 @@ class Recorder:
             self.plan, self.info = before
             raise ValueError(disk_message(None, error)) from error
 
+    def describe(self, note: str | None, operator: str | None) -> None:
+        """Change note and operator of the file that is being written; None leaves one as it is. Raises OSError.
+
+        Raises
+        ------
+        ValueError
+            If nothing is being recorded.
+        """
+        if self.recording is None:
+            raise ValueError("nothing is being recorded, so there is no file to describe; start recording first")
+        before = self.recording.info
+        self.recording.describe(note, operator)
+        now = self.recording.info
+        self.pipeline.describe(now)
+        if operator:
+            self.plan, self.info = replace(self.plan, operator=operator), replace(self.info, operator=operator)
+        for name in ("note", "operator"):
+            was, is_now = getattr(before, name), getattr(now, name)
+            if was != is_now:
+                self.event("acquisition", f"{name}: {is_now or 'none'} (before: {was or 'none'})")
+
     def begin_planned(self) -> None:
         """Begin the recording that the plan asks for. Raises OSError."""
         # not before the first packet: a unit that sends nothing must not cost the file that --force would replace

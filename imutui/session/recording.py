@@ -111,6 +111,15 @@ class Recording:
             self._plan = replace(self._plan, filter="none", reference="gravity", reference_file=("", ""))
             self._next_info = replace(self._next_info, filter="none", reference="gravity", reference_sha256="")
 
+    def describe(self, note: str | None, operator: str | None) -> None:
+        """Change what the present file, and those after it, say as note and operator; None leaves it as it is."""
+        info = self.info
+        self.info = replace(
+            info,
+            note=info.note if note is None else note,
+            operator=info.operator if operator is None else operator,
+        )
+
     def measure_growth(self, now_ns: int) -> None:
         """Take note of the present file's size; once a second."""
         self.growth.add(now_ns, self.writer.size)

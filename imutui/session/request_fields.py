@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import cast
 
-from imutui.plain_text import NAME_LIMIT
+from imutui.plain_text import NAME_LIMIT, one_line
 from imutui.session.plan import RecordingWish
 from imutui.session.requests import FilterChanges, RecordingWishFields, Request
 
@@ -20,6 +20,14 @@ def text(request: Request, name: str) -> str:
     if not isinstance(value, str):
         raise ValueError(f"the request's `{name}` is no text")
     return value
+
+
+def text_or_none(request: Request, name: str, limit: int) -> str | None:
+    """A text on one line, cut to a length; None if it lacks. Raises ValueError if it is something else."""
+    value = cast("Mapping[str, object]", request).get(name)
+    if value is not None and not isinstance(value, str):
+        raise ValueError(f"the request's `{name}` is no text")
+    return None if value is None else one_line(value, limit)
 
 
 def whole(request: Request, name: str, default: int | None = None) -> int:

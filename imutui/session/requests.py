@@ -44,6 +44,7 @@ class Request(TypedDict):
         "history",
         "mark",
         "record",
+        "describe",
         "configure",
         "zero",
         "profile",
@@ -64,6 +65,9 @@ class Request(TypedDict):
     """mark: what the operator says."""
     wish: NotRequired[RecordingWishFields]
     """record, guide: of the recording that begins."""
+    note: NotRequired[str | None]
+    operator: NotRequired[str | None]
+    """describe: of the file that is being written; None leaves it as it is."""
     changes: NotRequired[FilterChanges]
     """configure: what the filter takes from now on."""
     argument: NotRequired[int]

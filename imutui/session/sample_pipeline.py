@@ -108,6 +108,7 @@ class SamplePipeline:
         effects: MakeEffects | None = None,
     ) -> None:
         self.info = info
+        self._description: dict[str, str] = {}
         self.counters = LineCounters()
         self.samples = 0
         self.marks = 0
@@ -243,7 +244,15 @@ class SamplePipeline:
             "resynchronised_bytes": str(self.counters.discarded_bytes),
             "stamp_uncertainty_ms": f"{self._uncertainty_ns / 1e6:.3f}" if self._uncertainty_ns else "",
             "flush_age_s": f"{age:.3f}",
+            **self._description,
         }
+
+    def describe(self, info: SessionInfo) -> None:
+        """Take metadata whose note or operator has changed; each second of the file says them from now on."""
+        self.info = info
+        self._description = {key: getattr(info, key) for key in schemas.DESCRIPTION}
+        if self._writer is not None:
+            self._writer.describe(info)
 
     def utc_ns(self, monotonic_ns: int) -> int:
         """UTC of a monotonic instant, ns."""

@@ -29,7 +29,7 @@ from imutui.tui.drawing import Drawing
 from imutui.tui.leaving import Leaving
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import PAGES, Page
-from imutui.tui.pages.dialogs.base import FieldDialog
+from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
@@ -210,7 +210,8 @@ class ImutuiApp(App[int]):
 
     def on_key(self, event: events.Key) -> None:
         """A letter that was on its way when a field got the focus is typed into the field, and no key of the page."""
-        field = self.screen.field if isinstance(self.screen, FieldDialog) else self.focused
+        fields = self.screen.query(Input) if isinstance(self.screen, Dialog) else None
+        field = fields.first() if fields and not isinstance(self.focused, Input) else self.focused
         if isinstance(field, Input) and event.is_printable and event.character is not None:
             event.prevent_default()
             field.insert_text_at_cursor(event.character)

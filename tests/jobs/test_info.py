@@ -1,24 +1,31 @@
 import json
 import os
-from dataclasses import fields
+import re
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from imutui.jobs.info import Brief, brief, info, recordings
-from imutui.logbook import SessionInfo, file_lock, schemas
+from imutui.jobs import log_files
+from imutui.jobs.info import Brief, brief, folder_logs, info, recordings, row
+from imutui.logbook import SessionInfo, added_notes, checksum_file, file_lock, schemas
+from imutui.logbook.reader import read
 from imutui.logbook.writer import LogWriter
+from imutui.report import log_table
+from imutui.report.logs import info_text
 
 START = 1_795_257_000_000_000_000
 
 
-def written(path: Path, seconds: int = 3, rate: int = 20, *, finish: bool = True, kind: str = "simulated") -> LogWriter:
+def written(
+    path: Path, seconds: int = 3, rate: int = 20, *, finish: bool = True, kind: str = "simulated", start: int = START
+) -> LogWriter:
     """A log of a few seconds, a chunk each."""
     session = SessionInfo(serial_number="42", rate_hz=rate, kind=kind, operator="Ada", note="cold start")
-    log = LogWriter(path, session, "x = 1\n", START)
+    log = LogWriter(path, session, "x = 1\n", start)
     for k in range(seconds * rate):
-        stamp = START + k * 1_000_000_000 // rate
+        stamp = start + k * 1_000_000_000 // rate
         log.imu(stamp, stamp, np.zeros(3), np.ones(3), valid=k != 3)
         log.message(schemas.TEMPERATURE, schemas.temperature(stamp, 20.0 + k / rate), stamp, stamp)
         if k % rate == rate - 1:
@@ -92,14 +99,74 @@ def test_other_files_are_told_as_what_they_are(tmp_path: Path) -> None:
 
 
 def test_recordings_of_a_folder_newest_first(tmp_path: Path) -> None:
-    """Logs only; a folder that is not there has none."""
+    """By when they began, whenever the files were copied; logs only; a folder that is not there has none."""
     for k, name in enumerate(("old", "new", "middle")):
-        written(tmp_path / f"{name}.mcap", 1)
-        os.utime(tmp_path / f"{name}.mcap", (0, (100, 300, 200)[k]))
+        written(tmp_path / f"{name}.mcap", 1, start=START + (0, 20_000_000_000, 10_000_000_000)[k])
+        os.utime(tmp_path / f"{name}.mcap", (0, 100 + k))
     (tmp_path / "notes.txt").write_text("x")
     (tmp_path / "folder.mcap").mkdir()
     assert [b.name for b in recordings(tmp_path)] == ["new.mcap", "middle.mcap", "old.mcap"]
     assert recordings(tmp_path / "nowhere") == []
+
+
+def test_a_changed_note_is_the_latest_wherever_it_is_looked_for(tmp_path: Path) -> None:
+    """While the file is written, cut off in the middle, and finished: in the list and in full; nothing is lost."""
+    session = SessionInfo(rate_hz=20.0, note="cold", operator="Ada")
+    log = LogWriter(tmp_path / "a.mcap", session, "", START)
+    for second in range(4):
+        at = START + second * 1_000_000_000
+        log.imu(at, at, np.zeros(3), np.ones(3))
+        if second == 1:
+            log.describe(replace(session, note="warm"))
+        said = {"note": "warm"} if second else {}
+        log.message(schemas.DIAGNOSTICS, schemas.diagnostics(at, 0, "ok", {"packets": "1", **said}), at, at)
+        log.flush()
+    (tmp_path / "cut.mcap").write_bytes((tmp_path / "a.mcap").read_bytes())
+    assert (brief(tmp_path / "a.mcap").state, brief(tmp_path / "a.mcap").note) == ("being written", "warm")
+    log.finish({}, START)
+    for name in ("a", "cut"):
+        path = tmp_path / f"{name}.mcap"
+        assert (brief(path).note, brief(path).operator) == ("warm", "Ada")
+        assert info(path)["note"] == "warm"
+        assert read(path).info.note == "warm"
+        assert read(path).stamp_ns.size == 4
+
+
+def test_a_note_that_is_added_later_leaves_the_log_as_it_is(tmp_path: Path) -> None:
+    """It lies beside the log with its time, and both list and full text say that it came later; the last counts."""
+    path = tmp_path / "a.mcap"
+    written(path)
+    before, sum_before = path.read_bytes(), checksum_file.read(path)
+    log_files.annotate(path, "loose screw", None)
+    log_files.annotate(path, "screw tightened", "Bo")
+    assert path.read_bytes() == before
+    assert checksum_file.read(path) == sum_before
+    b = brief(path)
+    assert (b.note, b.latest_note, b.operator, b.latest_operator) == ("cold start", "screw tightened", "Ada", "Bo")
+    d = info(path)
+    assert [(said["note"], said["operator"]) for said in d["added"]] == [
+        ("loose screw", None), ("screw tightened", "Bo")
+    ]  # fmt: skip
+    assert "added later   note: loose screw" in info_text(d, 100)
+    added_notes.path_of(path).write_text("added = 3")
+    assert brief(path).latest_note == "cold start"
+    with pytest.raises(ValueError, match=r"notes\.toml cannot be used"):
+        log_files.annotate(path, "x", None)
+
+
+def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
+    """A row a log, no cell touching the next, and no line wider than the terminal; a note without room is below."""
+    written(tmp_path / f"imu400cd_42_20261121T104307Z_{'long-' * 9}.mcap", 1)
+    (tmp_path / "b.mcap").write_bytes(b"")
+    rows = [row(one) for one in folder_logs(tmp_path)]
+    for width in (None, 80, 100, 120, 200):
+        table = log_table.text("logs", rows, width).splitlines()
+        assert all(len(line) <= (width or 1000) for line in table)
+        assert "SIMULATED  finished" in table[4]
+        assert "cold start" in " ".join(table[4:6])
+        assert len(re.split(" {2,}", table[4].strip())) in (8, 9)
+    assert [one["finished"] for one in json.loads(json.dumps(rows))] == [False, True]
+    assert "no logs" in log_table.text("logs", [], 80)
 
 
 def test_a_claimed_kind_that_is_none_is_unknown(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """Files written beside a log, and effects files that are found again."""
 
+import hashlib
 from pathlib import Path
 
+import pytest
 from helpers import traces
 
-from imutui.jobs import sidecar_files
-from imutui.logbook import effects_file
+from imutui.jobs import log_files, sidecar_files
+from imutui.logbook import checksum_file, effects_file, file_lock
 
 
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
@@ -15,6 +17,45 @@ def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
     assert names == ["a_effects.toml", "a_effects_2.toml", "a_effects_3.toml"]
     assert (tmp_path / "a_effects_2.toml").read_text() == "2"
     assert sidecar_files.free_name(log, "_effects.toml").name == "a_effects_4.toml"
+
+
+def test_files_of_several_logs_are_told_apart(tmp_path: Path) -> None:
+    """Every set of logs has a name of its own, that of one log is its own, and none is too long."""
+    logs = [tmp_path / f"imu400cd_991_20261121T{hour:02d}0000Z.mcap" for hour in range(20)]
+    names = [sidecar_files.base(logs[:n]).name for n in (1, 2, 3, 19, 20)]
+    assert names[:2] == [logs[0].name, "imu400cd_991_20261121T000000Z_with_20261121T010000Z.mcap"]
+    assert len(set(names)) == 5
+    assert max(len(name) for name in names) < 180
+
+
+def test_a_log_takes_its_own_files_along(tmp_path: Path) -> None:
+    """Its sum, notes and results; nobody else's. The sum then names the file as it is called now, and is true."""
+    for name in ("a", "a_recovered", "b"):
+        (tmp_path / f"{name}.mcap").write_text(name)
+    log = tmp_path / "a.mcap"
+    checksum_file.write(log, hashlib.sha256(b"a").hexdigest(), 0o640)
+    own = ["a.mcap.notes.toml", "a_effects_2.toml", "a_replay.json", "a_trace.json"]
+    others = ["a_recovered_info.json", "a_with_b_trace.json", "ab_trace.json", "a.txt"]
+    for name in (*own, *others):
+        (tmp_path / name).write_text(name)
+    assert [path.name for path in log_files.of(log).beside] == sorted(["a.mcap.sha256", *own])
+    with pytest.raises(ValueError, match=r"b\.mcap exists"):
+        log_files.rename(log, "b")
+    for wrong in ("", "../x", ".hidden", "a\nb", "x" * 300):
+        with pytest.raises(ValueError, match=r"name"):
+            log_files.rename(log, wrong)
+    now = log_files.rename(log, "cold start")
+    assert now.name == "cold start.mcap"
+    assert checksum_file.path_of(now).read_text().endswith("  cold start.mcap\n")
+    assert (tmp_path / "cold start_effects_2.toml").read_text() == "a_effects_2.toml"
+    with now.open("r+b") as stream:
+        file_lock.claim(stream)
+        with pytest.raises(ValueError, match="being written"):
+            log_files.delete(now)
+        with pytest.raises(ValueError, match="being written"):
+            log_files.rename(now, "c")
+    assert len(log_files.delete(now)) == 6
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["a_recovered.mcap", "b.mcap", *others])
 
 
 def test_effects_files_are_told_from_other_settings(tmp_path: Path) -> None:

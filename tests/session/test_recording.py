@@ -9,12 +9,15 @@ from helpers.acquisitions import acquiring
 
 from imutui.instrument.clock import Stamp
 from imutui.instrument.crossbow import Mode, Packet
+from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, results
 from imutui.logbook.effects_file import EffectsDocument
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import engine, live_filter, recorder
+from imutui.session.lifecycle import Lifecycle
+from imutui.session.plan import Plan
 from imutui.session.recording import Recording, finish_file
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
@@ -104,6 +107,23 @@ def test_live_and_replayed_results_are_equal_with_effects(tmp_path: Path, sampli
     # another file's effects go before the log's own
     other = replay(tmp_path / "a.mcap", ReplayOptions(effects=FILE.replace(b"sd = 1e-3", b"sd = 1e-6")))
     assert other["effects"][0]["sd"] <= 1e-6
+
+
+def test_note_and_operator_of_a_file_that_is_written_can_be_changed(tmp_path: Path) -> None:
+    """They are in the file within a flush, with what stood before as an event; the operator stays for the next file."""
+    plan = Plan("none", filter="none", logs=str(tmp_path), operator="Ada", min_free_mb=0.0)
+    made = recorder.Recorder(plan, SessionInfo(filter="none", operator="Ada"), Lifecycle(), Timebase(START))
+    with pytest.raises(ValueError, match="nothing is being recorded"):
+        made.describe("warm", None)
+    made.begin("", tmp_path / "a.mcap")
+    made.describe("warm", None)
+    made.describe(None, "Bo")
+    made.pipeline.flush(time.monotonic_ns())
+    assert (brief(tmp_path / "a.mcap").state, info(tmp_path / "a.mcap")["note"]) == ("being written", "warm")
+    made.end_recording()
+    told = info(tmp_path / "a.mcap")
+    assert (told["note"], told["operator"], made.plan.operator, made.plan.note) == ("warm", "Bo", "Bo", "")
+    assert [e["text"] for e in told["events"]][1:] == ["note: warm (before: none)", "operator: Bo (before: Ada)"]
 
 
 @pytest.mark.usefixtures("catalogue")

@@ -169,6 +169,11 @@ class FakeClient:
         """Note a mark."""
         self.asked.append(f"mark {text}")
 
+    def describe(self, note: str | None = None, operator: str | None = None) -> None:
+        """Note it, and have it from now on."""
+        self.asked.append(f"describe {note} {operator}")
+        self.changes |= {key: text for key, text in (("note", note), ("operator", operator)) if text is not None}
+
     def record(self, wish: RecordingWish | None = None) -> str:
         """Begin a pretended recording."""
         self.asked.append("record")

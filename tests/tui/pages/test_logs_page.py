@@ -17,7 +17,7 @@ from imutui.jobs import replay, tasks
 from imutui.logbook import effects_file
 from imutui.logbook.results import TIMINGS
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pages.logs import result_text
+from imutui.tui.pages.logs import result_text, text
 from imutui.tui.pages.logs.page import LogsPage
 from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.pages.logs.result_text import Outcome
@@ -73,14 +73,60 @@ async def test_recordings_have_length_rate_kind_and_state(client: FakeClient, si
 
 
 async def test_vi_and_arrow_keys_move_and_x_chooses(client: FakeClient) -> None:
-    """Chosen ones are counted and marked; choosing again takes them out."""
+    """Chosen ones are counted and marked, and what t takes is written before; choosing again takes them out."""
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot)
+        await shows(pilot, "t traces whole")
         await pilot.press("g", "x", "space")
-        await shows(pilot, "2 chosen for t")
-        await pilot.press("k", "x")
-        await shows(pilot, "1 chosen for t")
+        await shows(pilot, "2 chosen, Esc", "t asks: the 2 chosen (cut, empty) or the line with the cursor")
+        await pilot.press("t")
+        await shows(pilot, "Trace which?", "the line with the cursor: whole", "the 2 chosen: cut, empty")
+        assert not page.busy()
+        await pilot.press("escape", "k", "x")
+        await shows(pilot, "1 chosen, Esc")
         assert page.query_one("#recordings", OptionRows).as_text().count(" x ") == 1
+        await pilot.press("escape")
+        await shows(pilot, "t traces whole")
+        assert page.query_one("#recordings", OptionRows).as_text().count(" x ") == 0
+
+
+async def test_a_recording_is_noted_renamed_and_deleted_with_its_files(client: FakeClient, home: Path) -> None:
+    """A note stands beside the log, whose bytes stay; no name is replaced; deleting asks, and Enter keeps."""
+    logs = home / "logs"
+    before = (logs / "whole.mcap").read_bytes()
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await to_logs(pilot)
+        await pilot.press("n")
+        await shows(pilot, "Note of whole.mcap", "stay as they are")
+        await pilot.press("ctrl+a", "ctrl+k", *"loose", "enter")
+        await shows(pilot, "written to whole.mcap.notes.toml", "loose (added later)")
+        await pilot.press("R")
+        await shows(pilot, "Rename whole.mcap")
+        await pilot.press("ctrl+a", "ctrl+k", *"cut", "enter")
+        await shows(pilot, "cut.mcap exists already")
+        await pilot.press("R", "ctrl+a", "ctrl+k", *"kept", "enter")
+        await shows(pilot, "whole.mcap is kept.mcap now", "t traces kept")
+        assert (logs / "kept.mcap").read_bytes() == before
+        await pilot.press("D")
+        await shows(pilot, "Delete kept.mcap?", "kept.mcap.notes.toml", "no way back")
+        await pilot.press("enter")
+        await shows(pilot, "t traces kept")
+        await pilot.press("D")
+        await shows(pilot, "Delete kept.mcap?")
+        await pilot.press("y")
+        await shows(pilot, "deleted kept.mcap and 1 file beside it", "2 recordings")
+    assert sorted(path.name for path in logs.iterdir()) == ["cut.mcap", "empty.mcap"]
+
+
+def test_what_a_trace_takes_is_told_in_the_room_there_is() -> None:
+    """The line with the cursor, the chosen ones, or both where they differ and it will be asked."""
+    a, b, c = (Path(f"/logs/imu400cd_{name}.mcap") for name in ("991_0900", "991_1000", "991_1100"))
+    assert text.takes([], a, 78) == "t traces 991_0900"
+    assert text.takes([a], a, 78) == "t traces the one chosen: 991_0900"
+    assert text.takes([a, b], b, 78) == "t traces the 2 chosen: 991_0900, 991_1000; the last is held out"
+    assert text.takes([a, b], c, 78) == "t asks: the 2 chosen (991_0900, 991_1000) or the line with the cursor"
+    for width in range(58, 200, 7):
+        assert len(text.takes([a, b, c] * 9, Path("/x.mcap"), width)) <= width
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -79,6 +79,12 @@ def _recovery(path: Path, mode: int) -> Worker:
     return Worker(tasks.recover_log, path, sidecar_files.free_name(path, "_recovered.mcap"), False, mode)
 
 
+def _base(paths: Sequence[Path]) -> Path:
+    from imutui.jobs import sidecar_files
+
+    return sidecar_files.base(paths)
+
+
 def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
     """Trace of logs, the last of several held out; `writing` are files that are not finished yet."""
     names = ", ".join(path.name for path in paths[:2]) + (f" and {len(paths) - 2} more" if len(paths) > 2 else "")
@@ -88,7 +94,7 @@ def trace(paths: Sequence[Path], writing: Collection[Path] = ()) -> Job:
         return Outcome(
             "trace",
             formatting.shorten(result.source, 56),
-            paths[0],
+            _base(paths),
             result.document,
             result_text.traced(result, writing),
             result.effects,

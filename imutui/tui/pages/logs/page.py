@@ -1,6 +1,6 @@
 """Logs: recordings, what is in them, and what can be made of them. Jobs run in a process of their own."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -16,12 +16,14 @@ from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.path import PathDialog
 from imutui.tui.pages.dialogs.quit import cancel_dialog
 from imutui.tui.pages.logs import jobs, text
+from imutui.tui.pages.logs.file_actions import FileActions
 from imutui.tui.pages.logs.job_line import JobLine
 from imutui.tui.pages.logs.live_effects import LiveEffects
-from imutui.tui.pages.logs.recordings import WRITING, Recordings
+from imutui.tui.pages.logs.recordings import Recordings
 from imutui.tui.pages.logs.result_page import ResultPage
 from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.option_rows import OptionRows
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from imutui.tui.pages.logs.result_text import Outcome
 
 _LOOK_EVERY_S = 3.0
-_MORE = " also: c check  v recover  e load effects  o open another folder or file"
+_MORE = " also: c check  v recover  n note  R rename  D delete  e load effects  o open"
 
 
 class LogsPage(Page):
@@ -40,7 +42,7 @@ class LogsPage(Page):
     TITLE = "Logs"
     AUTO_FOCUS = "#recordings"
     CSS = """
-    LogsPage #logs-lead, LogsPage #logs-columns, LogsPage #logs-more { height: 1; }
+    LogsPage #logs-lead, LogsPage #logs-columns, LogsPage #logs-takes, LogsPage #logs-more { height: 1; }
     LogsPage #logs-columns, LogsPage #logs-more { color: $foreground 60%; }
     LogsPage #logs-detail { height: 2; padding: 0 1; }
     """
@@ -54,6 +56,9 @@ class LogsPage(Page):
         Binding("p", "job('replay')", "replay", tooltip="The filter over the recording"),
         Binding("t", "trace", "trace", tooltip="What the model lacks, over the chosen recordings"),
         Binding("x,space", "pick", "choose", key_display="x", tooltip="Choose for a trace: one log is one run"),
+        Binding("n", "note", "note", show=False, tooltip="Note and operator: into the file, or beside a finished one"),
+        Binding("R,f2", "rename", "rename", key_display="R", show=False, tooltip="Another name, for its own files too"),
+        Binding("D,delete", "delete", "delete", key_display="D", show=False, tooltip="Delete it, after asking"),
         Binding("e", "effects", "effects", show=False, tooltip="Load found effects into the live filter"),
         Binding("o", "open", "open", show=False, tooltip="Another folder or file"),
         Binding("escape", "back", "back", show=False),
@@ -65,6 +70,7 @@ class LogsPage(Page):
         self._rows = OptionRows(id="recordings")
         self._job_line = JobLine()
         self._effects = LiveEffects(self)
+        self._files = FileActions(self, self._look_at)
         self._outcome: Outcome | None = None
         """A result that waits until this page is in front."""
         self._wanted: Path | None = None
@@ -76,6 +82,7 @@ class LogsPage(Page):
         yield self._job_line
         yield Static(id="logs-columns")
         yield self._rows
+        yield Static(id="logs-takes")
         yield Static(id="logs-detail")
         yield Static(Content(_MORE), id="logs-more")
 
@@ -151,9 +158,16 @@ class LogsPage(Page):
         """The recording under the cursor."""
         return self._recordings.at(self._rows.cursor)
 
+    def _look_at(self, path: Path | None) -> None:
+        """Look, then have the cursor on a recording; None leaves it."""
+        self._wanted = path
+        self._look()
+
     def _say_detail(self) -> None:
-        said = text.detail(self._here)
-        self.query_one("#logs-detail", Static).update(Content(choose().text(said)))
+        here, width = self._here, self.app.size.width
+        takes = text.takes(self._recordings.chosen_in_order(), here.path if here is not None else None, width - 2)
+        self.query_one("#logs-takes", Static).update(Content.styled(choose().text(f" {takes}"), "bold"))
+        self.query_one("#logs-detail", Static).update(Content(choose().text(text.detail(here))))
 
     def on_option_list_option_highlighted(self) -> None:
         """Say more of it."""
@@ -174,25 +188,44 @@ class LogsPage(Page):
         here = self._here
         if here is None:
             self.post_message(self.Say("no recording here; o opens another folder", "wait"))
-        elif kind == "recover" and here.state == WRITING:
-            self.post_message(self.Say("it is being written: r finishes it", "wait"))
+        elif kind == "recover" and here.state == text.WRITING:
+            self.post_message(self.Say(text.WRITTEN, "wait"))
         else:
             mode = int(getattr(self.app, "file_mode", 0o640))
             self._begin(jobs.over_one(kind, here.path, self._recordings.writing(), mode))
 
     def action_trace(self) -> None:
-        """What the model lacks, over the chosen ones, else that with the cursor."""
-        paths = self._recordings.for_trace(self._here)
-        if paths:
-            self._begin(jobs.trace(paths, self._recordings.writing()))
+        """What the model lacks, over the chosen ones, else that with the cursor; where they differ it asks."""
+        chosen, here = self._recordings.chosen_in_order(), self._here
+        if not chosen and here is not None:
+            self._trace([here.path])
+        elif chosen and (here is None or here.path in chosen):
+            self._trace(chosen)
+        elif chosen and here is not None:
+            self._ask_which(chosen, here.path)
+
+    def _ask_which(self, chosen: Sequence[Path], here: Path) -> None:
+        answers = [
+            Answer("l", "line", f"the line with the cursor: {text.named([here], 30)}"),
+            Answer("c", "chosen", f"the {len(chosen)} chosen: {text.named(chosen, 40)}"),
+        ]
+
+        def answered(answer: str | None) -> None:
+            if answer is not None:
+                self._trace([here] if answer == "line" else chosen)
+
+        body = "The line with the cursor is not one of those that x has chosen."
+        self.app.push_screen(ChoiceDialog("Trace which?", body, answers), answered)
+
+    def _trace(self, paths: Sequence[Path]) -> None:
+        self._begin(jobs.trace(paths, self._recordings.writing()))
 
     def answer(self, request: requests.LogsRequest) -> None:
         """Do what another page asks: trace a recording that it names, offer effects, or load some."""
         match request:
             case requests.Trace():
-                self._wanted = request.path
-                self._look()
-                self._begin(jobs.trace([request.path], self._recordings.writing()))
+                self._look_at(request.path)
+                self._trace([request.path])
             case requests.ChooseEffects():
                 self.action_effects()
             case requests.LoadEffects():
@@ -202,6 +235,7 @@ class LogsPage(Page):
         if self._job_line.job is not None:
             self.post_message(self.Say(f"one at a time: {self._job_line.job.what} runs, Esc cancels it", "wait"))
         else:
+            self.post_message(self.Say(""))  # what was refused before has nothing to do with what comes now
             self._job_line.begin(job, self.app.size.width - 32)
 
     def on_job_line_ended(self, message: JobLine.Ended) -> None:
@@ -223,12 +257,34 @@ class LogsPage(Page):
         if self._outcome is None or not in_front:
             return False
         outcome, self._outcome = self._outcome, None
+        self.post_message(self.Say(""))
         self.app.push_screen(ResultPage(outcome))
         return True
 
     def action_effects(self) -> None:
         """Choose effects for the live filter."""
         self._effects.choose(self.folder)
+
+    # a recording's own files
+
+    def action_note(self) -> None:
+        """Note and operator of the recording under the cursor."""
+        self._with_file(self._files.note)
+
+    def action_rename(self) -> None:
+        """Another name for the recording under the cursor."""
+        self._with_file(self._files.rename)
+
+    def action_delete(self) -> None:
+        """Delete the recording under the cursor, after asking."""
+        self._with_file(self._files.delete)
+
+    def _with_file(self, ask: "Callable[[Brief], None]") -> None:
+        here, job = self._here, self._job_line.job
+        if job is not None and ask != self._files.note:
+            self.post_message(self.Say(f"{job.what} runs: wait for it, or Esc cancels it", "wait"))
+        elif here is not None:
+            ask(here)
 
     # other folders, and back
 
@@ -252,8 +308,12 @@ class LogsPage(Page):
         self._look()
 
     def action_back(self) -> None:
-        """Cancel the job, after asking; without one to the live page."""
+        """Cancel the job, after asking; without one choose none; with none chosen to the live page."""
         job = self._job_line.job
+        if job is None and self._recordings.chosen:
+            self._recordings.chosen.clear()
+            self._list()
+            return
         if job is None:
             self.app.call_later(self.app.run_action, "live")
             return

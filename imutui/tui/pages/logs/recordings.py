@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imutui.tui.pages.logs import text
+from imutui.tui.pages.logs.text import WRITING
 
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
-
-WRITING = "being written"
-"""State of a recording that an acquisition has open."""
 
 
 class Recordings:
@@ -25,10 +23,11 @@ class Recordings:
         self._extra: list[Path] = []
 
     def find(self, folder: Path) -> "list[Brief]":
-        """Files opened one by one, then a folder's, newest first. Blocks, so it is called in a thread."""
-        from imutui.jobs.info import brief, recordings  # loads the reading of logs, as the first page need not
+        """Files opened one by one and a folder's, newest first. Blocks, so it is called in a thread."""
+        # loads the reading of logs, as the first page need not
+        from imutui.jobs.info import brief, newest_first, recordings
 
-        return [*(brief(path) for path in list(self._extra)), *recordings(folder)]
+        return newest_first([*(brief(path) for path in list(self._extra)), *recordings(folder)])
 
     def take(self, found: "list[Brief]") -> None:
         """Take what was found; what is not there any more is not chosen either."""
@@ -48,10 +47,9 @@ class Recordings:
         """Choose, or choose no more."""
         self.chosen ^= {path}
 
-    def for_trace(self, here: "Brief | None") -> Sequence[Path]:
-        """The chosen ones, oldest first, else the one with the cursor."""
-        chosen = [brief for brief in self.briefs or [] if brief.path in self.chosen]
-        return text.order(chosen) if chosen else [here.path] if here is not None else []
+    def chosen_in_order(self) -> Sequence[Path]:
+        """The chosen ones, oldest first."""
+        return text.order([brief for brief in self.briefs or [] if brief.path in self.chosen])
 
     def writing(self) -> set[Path]:
         """Files that are being written, by the names that results have for them."""
@@ -60,6 +58,7 @@ class Recordings:
     def open_folder(self, folder: Path) -> None:
         """List a folder's from the next look on."""
         self.opened, self._extra, self.briefs = folder, [], None
+        self.chosen.clear()
 
     def open_file(self, path: Path, folder: Path) -> None:
         """List a file as well, if it is not in the folder that is listed."""

@@ -32,7 +32,7 @@ class Outcome:
     title : str
         What it is of.
     log : Path
-        Beside which files are written.
+        Beside which files are written, and whose name they begin with; of several logs `sidecar_files.base`.
     document : object
         JSON-ready.
     text : callable

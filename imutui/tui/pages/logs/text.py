@@ -5,15 +5,22 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imutui.plain_text import in_line
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
     from imutui.jobs.info import Brief
 
+WRITING = "being written"
+"""State of a recording that an acquisition has open."""
+WRITTEN = "it is being written: r finishes it"
+RENAME_HINT = "Its SHA-256, notes and results get the new name too."
 _FIXED = 58
+_TOLD = 6
+"""Files that a question lists by name."""
 _LEAST_NAME = 21
-_STATES = {"being written": "writing"}
+_STATES = {WRITING: "writing"}
 _MAKE = "imu400cd_"  # every name that we make up begins so
 _NOTE_FROM = 112
 _NOTE = 28
@@ -28,12 +35,12 @@ def heading(width: int) -> str:
 
 def row(brief: "Brief", chosen: bool, width: int) -> str:
     """A recording in a line: name, start, length, rate, origin, state, size, and its note if there is room."""
-    name = formatting.shorten(brief.name.removesuffix(".mcap").removeprefix(_MAKE), _name_width(width))
+    name = formatting.shorten(short(brief.path), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
     length = "–" if brief.seconds is None else formatting.clock(brief.seconds)
     rate = "–" if brief.rate_hz is None else f"{brief.rate_hz:.4g}"
     state = _STATES.get(brief.state, brief.state)
-    note = f"  {formatting.shorten(brief.note, _NOTE)}" if width >= _NOTE_FROM else ""
+    note = f"  {formatting.shorten(brief.latest_note, _NOTE)}" if width >= _NOTE_FROM else ""
     return (
         f" {'x' if chosen else ' '} {name:<{_name_width(width)}} {when:<11} {length:>7} {rate:>4} {brief.kind:<9}"
         f" {state:<10} {formatting.size(brief.bytes):>8}{note}"
@@ -46,21 +53,71 @@ def _name_width(width: int) -> int:
 
 
 def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path], width: int) -> tuple[str, str]:
-    """Where these are, and how many are chosen."""
+    """Where these are, and how many are chosen for a trace."""
     if briefs is None:
         count = "looking…"
     elif not briefs:
         count = "no recordings here; o opens another folder"
     else:
         count = f"{formatting.plural(len(briefs), 'recording')}, newest first"
-    right = f"{len(chosen)} chosen for t" if chosen else ""
+    right = f"{len(chosen)} chosen, Esc chooses none" if chosen else ""
     room = max(width - len(count) - len(right) - 8, 10)
     return f"{formatting.shorten_path(str(folder), room)}   {count}", right
 
 
 def order(chosen: "Sequence[Brief]") -> list[Path]:
     """Runs for a trace, oldest first: the newest is the one that is held out."""
-    return [brief.path for brief in sorted(chosen, key=lambda b: (b.started or b.modified, str(b.path)))]
+    return [brief.path for brief in sorted(chosen, key=lambda b: (b.began, str(b.path)))]
+
+
+def short(path: Path) -> str:
+    """A recording's name as rows have it: without what every name has."""
+    return in_line(path.name).removesuffix(".mcap").removeprefix(_MAKE)
+
+
+def takes(chosen: Sequence[Path], here: Path | None, width: int) -> str:
+    """What `t` traces if it is pressed now; the last of several is held out."""
+    if not chosen:
+        return "" if here is None else f"t traces {formatting.shorten(short(here), width - 9)}"
+    count = "one" if len(chosen) == 1 else f"{len(chosen)}"
+    if here is not None and here not in chosen:
+        lead, tail = f"t asks: the {count} chosen (", ") or the line with the cursor"
+    else:
+        lead, tail = f"t traces the {count} chosen: ", "; the last is held out" if len(chosen) > 1 else ""
+    said = lead + named(chosen, width - len(lead) - len(tail)) + tail
+    return said if len(said) <= width else f"t asks: the {count} chosen or the line with the cursor"
+
+
+def named(paths: Sequence[Path], room: int) -> str:
+    """Names of recordings in so many characters: the first ones, and how many more."""
+    names = [short(path) for path in paths]
+    for shown in range(len(names), 0, -1):
+        more = f" and {len(names) - shown} more" if shown < len(names) else ""
+        said = ", ".join(names[:shown]) + more
+        if len(said) <= room:
+            return said
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return formatting.shorten(names[0], max(room - len(more), 8)) + more
+
+
+def files(count: int) -> str:
+    """So many files, in words."""
+    return formatting.plural(count, "file")
+
+
+def deletion(name: str, beside: Sequence[str], size: int) -> str:
+    """What is deleted with a recording, before it is."""
+    told = ", ".join(in_line(one) for one in beside[:_TOLD])
+    told += f" and {len(beside) - _TOLD} more" if len(beside) > _TOLD else ""
+    also = f" With it goes what is its own: {told}." if beside else ""
+    return f"{name}, {formatting.size(size)}{' in all' if beside else ''}.{also} There is no way back."
+
+
+def note_hint(*, into: bool) -> str:
+    """Where a note goes."""
+    if into:
+        return "Both go into the file that is being written."
+    return "What you change goes into a file beside the log, with the time: the log and its SHA-256 stay as they are."
 
 
 def detail(brief: "Brief | None") -> str:
@@ -75,9 +132,9 @@ def detail(brief: "Brief | None") -> str:
         f"reference {brief.reference}" if brief.reference else "",
         {True: "converged", False: "not converged"}.get(brief.converged, "") if brief.converged is not None else "",
         f"{formatting.plural(brief.lost_packets, 'packet')} lost" if brief.lost_packets else "",
-        f"operator {brief.operator}" if brief.operator else "",
+        f"operator {brief.latest_operator}" if brief.latest_operator else "",
         brief.place,
-        brief.note,
+        brief.latest_note + (" (added later)" if brief.added_note else ""),
     ]
     return " · ".join(part for part in told if part)
 

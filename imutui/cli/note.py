@@ -1,0 +1,38 @@
+"""`imutui note`."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from imutui.cli.options import Name, Operator
+
+
+def command(
+    text: Annotated[Optional[str], typer.Argument(help='The note; "" for none.')] = None,  # noqa: UP045
+    operator: Operator = None,
+    log: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--log", metavar="LOG", help="A finished log instead; the note goes into a file beside it."),
+    ] = None,
+    name: Name = None,
+) -> None:
+    """Say or change the note of the running recording, or add one to a log.
+
+    Of a recording that runs, note and operator go into its file. Of a log that is there, they go into
+    LOG.mcap.notes.toml beside it, with the time and your user name: the log and its SHA-256 stay as they are.
+
+    Example: imutui note "second cold start" --log logs/sample.mcap
+    """
+    from imutui.cli.exit_codes import USAGE, fail, tell
+
+    if text is None and operator is None:
+        raise fail(USAGE, 'nothing to write: say a note, --operator, or both, such as: imutui note "cold start".')
+    if log is None:
+        from imutui.session import client
+
+        client.attach(name).describe(text, operator)
+        return
+    from imutui.jobs import log_files
+
+    tell(f"added to {log_files.annotate(log, text, operator)}; {log.name} is unchanged")

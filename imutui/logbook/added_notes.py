@@ -1,0 +1,135 @@
+"""What is added to a log after it was recorded: `LOG.mcap.notes.toml` beside it, so that no byte of the log changes.
+
+A log's SHA-256 stays true that way, and whoever reads it sees that what is here was said later. Each addition has its
+time and the user's name; the last note and the last operator count, and the earlier ones stay in the file.
+"""
+
+import getpass
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from imutui import outside_file, toml_text
+from imutui.logbook import atomic_file
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, in_line, one_line, quoted
+
+SUFFIX = ".notes.toml"
+_LIMIT = 2**20
+_MOST = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class AddedNote:
+    """One addition.
+
+    Attributes
+    ----------
+    utc : str
+        When, as 2026-03-01T09:30:00Z.
+    by : str
+        Who added it, by the name of the user of the computer.
+    note, operator : str or None
+        What it says; None where it leaves as it was what stood before.
+    """
+
+    utc: str
+    by: str
+    note: str | None = None
+    operator: str | None = None
+
+
+def path_of(log: Path) -> Path:
+    """Where the additions to a log are."""
+    return log.with_name(log.name + SUFFIX)
+
+
+def read(log: Path) -> tuple[AddedNote, ...]:
+    """Additions to a log, oldest first; none if there is no such file.
+
+    Raises
+    ------
+    ValueError
+        If the file beside it cannot be used; the message names it.
+    OSError
+        If it cannot be read.
+    """
+    path = path_of(log)
+    if not path.is_file():
+        return ()
+    try:
+        entries = toml_text.parse(outside_file.read(path, _LIMIT)).get("added", [])
+        return tuple(_entry(entry) for entry in entries[-_MOST:])
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} cannot be used: {error}") from error
+
+
+def _entry(entry: dict[str, object]) -> AddedNote:
+    said = {key: entry.get(key) for key in ("utc", "by", "note", "operator")}
+    wrong = next((key for key, value in said.items() if value is not None and not isinstance(value, str)), None)
+    if wrong is not None:
+        raise ValueError(f"`{wrong}` is no text")
+    note, operator = said["note"], said["operator"]
+    return AddedNote(
+        in_line(str(said["utc"] or ""))[:NAME_LIMIT],
+        in_line(str(said["by"] or ""))[:NAME_LIMIT],
+        None if note is None else one_line(str(note), NOTE_LIMIT),
+        None if operator is None else one_line(str(operator), NAME_LIMIT),
+    )
+
+
+def read_or_none(log: Path) -> tuple[AddedNote, ...]:
+    """Additions to a log; none where there are none that can be read."""
+    try:
+        return read(log)
+    except (ValueError, OSError):
+        return ()
+
+
+def add(log: Path, note: str | None = None, operator: str | None = None) -> Path:
+    """Add a note, an operator's name, or both; returns the file they are in.
+
+    Parameters
+    ----------
+    log : Path
+        The log, which is not touched.
+    note, operator : str or None
+        What is said; None leaves what stood before.
+
+    Raises
+    ------
+    ValueError
+        If the file beside the log is there and cannot be used.
+    OSError
+        If the disk does not take it; what was there is there still.
+    """
+    utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    note = None if note is None else one_line(note, NOTE_LIMIT)
+    operator = None if operator is None else one_line(operator, NAME_LIMIT)
+    entries = (*read(log), AddedNote(utc, _user(), note, operator))
+    path = path_of(log)
+    atomic_file.write(path, _text(log, entries), overwrite=True, mode=log.stat().st_mode & 0o777)
+    return path
+
+
+def _text(log: Path, entries: tuple[AddedNote, ...]) -> str:
+    lines = [f"# added to {in_line(log.name)} after it was recorded; the log itself is unchanged", "version = 1"]
+    for entry in entries:
+        lines += ["", "[[added]]", f"utc = {quoted(entry.utc)}", f"by = {quoted(entry.by)}"]
+        said = (("note", entry.note), ("operator", entry.operator))
+        lines += [f"{key} = {quoted(value)}" for key, value in said if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def latest(entries: tuple[AddedNote, ...]) -> tuple[str | None, str | None]:
+    """The last note and the last operator of additions; None where none says anything of it."""
+    note = next((entry.note for entry in reversed(entries) if entry.note is not None), None)
+    operator = next((entry.operator for entry in reversed(entries) if entry.operator is not None), None)
+    return note, operator
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user id without a name
+        return str(os.getuid())

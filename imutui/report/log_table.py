@@ -1,0 +1,85 @@
+"""The logs of a folder as a table: a row each, as wide as the terminal, or as wide as it gets in a pipe."""
+
+import textwrap
+
+from imutui.jobs.documents import LogRow
+from imutui.jobs.quantities import plural
+from imutui.plain_text import in_line
+
+_HEADS = ("name", "start, UTC", "length", "unit", "Hz", "lost", "kind", "state")
+_RIGHT = {"length", "Hz", "lost"}
+_KINDS = {"measured": "measured", "simulated": "SIMULATED"}
+_BETWEEN = "  "
+_LEAST_NAME, _LEAST_NOTE = 12, 16
+_NOTHING = "–"
+
+
+def text(folder: str, rows: list[LogRow], width: int | None) -> str:
+    """The folder, and a row for each log.
+
+    Parameters
+    ----------
+    folder : str
+        Its path.
+    rows : list of LogRow
+        What `imutui.jobs.info.row` says of each.
+    width : int or None
+        Columns; None for as many as it takes. Where a note has no room it stands below its row.
+    """
+    if not rows:
+        return f"{in_line(folder)}: no logs (.mcap) here"
+    cells = [_cells(row, year=width is None or width >= 110) for row in rows]
+    widths = [max(len(line[k]) for line in [list(_HEADS), *cells]) for k in range(len(_HEADS))]
+    room = 10_000 if width is None else width
+    others = sum(widths[1:]) + len(_BETWEEN) * len(widths[1:])
+    widths[0] = max(_LEAST_NAME, min(widths[0], room - others))
+    left = room - others - widths[0] - len(_BETWEEN)
+    beside = left >= _LEAST_NOTE
+    lines = [f"{in_line(folder)}: {plural(len(rows), 'log')}, newest first", ""]
+    lines.append((_line([*_HEADS], widths) + (f"{_BETWEEN}note" if beside else "")).rstrip())
+    for row, line in zip(rows, cells, strict=True):
+        note = _note(row)
+        lines.append((_line(line, widths) + (_BETWEEN + _cut(note, left) if beside and note else "")).rstrip())
+        if note and not beside:
+            lines += textwrap.wrap(note, room, initial_indent="    ", subsequent_indent="    ")
+    return "\n".join(lines)
+
+
+def _cells(row: LogRow, *, year: bool) -> list[str]:
+    start = row["start_utc"] or ""
+    return [
+        in_line(row["log"].rsplit("/", 1)[-1]),
+        (start[0 if year else 5 : 16].replace("T", " ")) or _NOTHING,
+        _clock(row["duration_s"]),
+        row["serial_number"] or row["instrument"] or _NOTHING,
+        _NOTHING if row["rate_asked_hz"] is None else f"{row['rate_asked_hz']:.4g}",
+        _NOTHING if row["lost_packets"] is None else f"{row['lost_packets']}",
+        _KINDS.get(row["kind"], _NOTHING),
+        row["state"],
+    ]
+
+
+def _note(row: LogRow) -> str:
+    """The note as it was said last."""
+    if row["added_note"] is None:
+        return row["note"]
+    return f"{row['added_note'] or 'none'} (added later)"
+
+
+def _line(cells: list[str], widths: list[int]) -> str:
+    made = []
+    for head, cell, width in zip(_HEADS, cells, widths, strict=True):
+        cell = cell if len(cell) <= width else "…" + cell[1 - width :]
+        made.append(cell.rjust(width) if head in _RIGHT else cell.ljust(width))
+    return _BETWEEN.join(made)
+
+
+def _cut(note: str, width: int) -> str:
+    return note if len(note) <= width else note[: width - 1] + "…"
+
+
+def _clock(seconds: float | None) -> str:
+    if seconds is None:
+        return _NOTHING
+    whole = max(0, round(seconds))
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
