@@ -58,7 +58,7 @@ def follow(
             result = _watch(connection)
         except KeyboardInterrupt:
             interrupted = True
-            result = connection.stop()
+            result = connection.stop("Ctrl+C in imutui record")
         except TerminatedError:
             raise SessionError(f'the acquisition "{plan.name}" does not end; `kill -9 {connection.pid}` does') from None
         except HungUpError:
@@ -77,6 +77,8 @@ def follow(
     parts = result.get("parts", [])
     if parts:
         say(f"recorded in {len(parts)} files, {parts[0]['log']} to {parts[-1]['log']}; this is the result of the last")
+    if connection.ended_by and not (interrupted or terminated.is_set() or connection.ended_by_itself):
+        say(f"ended by {connection.ended_by}")
     if interrupted:
         say_findings(connection)
         raise typer.Exit(INTERRUPTED)
@@ -149,7 +151,7 @@ def _watch(connection: Client) -> "ResultDocument | None":
 
 def _stop(connection: Client) -> None:
     with contextlib.suppress(SessionError, TimeoutError):
-        connection.stop()
+        connection.stop("SIGTERM to imutui record")
 
 
 def _line(s: Snapshot) -> str:

@@ -17,7 +17,7 @@ def command(name: Name = None, json: Json = False) -> None:
     from imutui.session import client
 
     connection = client.attach(name)
-    result = connection.stop()
+    result = connection.stop("the command imutui stop")
     if json:
         print(dumps(result))
     elif result is None:

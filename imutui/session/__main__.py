@@ -17,8 +17,9 @@ from pathlib import Path
 from imutui.instrument.messages import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
-from imutui.session import exit_codes, handshake, ipc, request_fields
+from imutui.session import end_report, exit_codes, handshake, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
+from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
@@ -29,6 +30,11 @@ _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
 _START_GRACE_S = 5.0
 _TERMINATED_GRACE_S = 1.2
+_SIGNALS = {
+    signal.SIGTERM: "the signal SIGTERM, as `kill` and a shutdown send it",
+    signal.SIGINT: "the signal SIGINT, as Ctrl+C sends it",
+}
+_NOBODY_SAID = "a viewer that did not say who it is"
 
 
 def main() -> int:
@@ -64,7 +70,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
     engine = Engine(plan, port, identity)
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: engine.terminate())
+        signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
     end_reported = threading.Event()
 
@@ -80,6 +86,7 @@ def _acquire(plan: Plan, port: Port) -> int:
     begun = time.monotonic()
     while not engine.lifecycle.ended.wait(0.5):
         pass
+    end_report.write(plan.name, _report(engine))
     # who started it may not have asked yet how it goes; it must hear how it went
     report_by = begun + _START_GRACE_S
     asked_ns = engine.lifecycle.stopping_since_ns
@@ -135,7 +142,7 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "stop_recording":
             return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
         case "stop":
-            engine.request_stop()
+            engine.request_stop(request_fields.text(request, "by") if "by" in request else _NOBODY_SAID)
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
@@ -153,6 +160,19 @@ def _ending(engine: Engine) -> Reply:
         "exit_code": stands.exit_code,
         "findings": stands.findings,
         "by_itself": engine.ended_by_itself,
+        "ended_by": stands.ended_by,
+    }
+
+
+def _report(engine: Engine) -> EndReport:
+    stands = engine.lifecycle
+    return {
+        "pid": os.getpid(),
+        "utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "ended_by": stands.ended_by,
+        "error": stands.error,
+        "findings": stands.findings,
+        "result": engine.result,
     }
 
 

@@ -196,9 +196,9 @@ class Acquisition:
         expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
         return LineState(silent_s, expected)
 
-    def is_over(self, now_ns: int) -> bool:
-        """Whether the plan's duration is over, or the disk's room."""
-        return self._recorder.is_over(now_ns)
+    def why_over(self, now_ns: int) -> str | None:
+        """That the plan's duration is over, or the disk's room, in words; None if neither is."""
+        return self._recorder.why_over(now_ns)
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
@@ -207,6 +207,8 @@ class Acquisition:
         line = None if asked_ns is None else self._line_state(asked_ns)
         for finding, is_said in self._line.at_the_end(time.monotonic_ns(), line):
             self._recorder.find(finding["exit_code"], finding["text"], is_said=is_said)
+        if self._lifecycle.ended_by:
+            self.event("acquisition", f"ended by {self._lifecycle.ended_by}")
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
@@ -242,6 +244,7 @@ class Acquisition:
             state=self._lifecycle.state,
             error=self._lifecycle.error,
             findings=tuple(finding["text"] for finding in self._lifecycle.findings),
+            ended_by=self._lifecycle.ended_by,
             zeroing=self._zeroing is not None,
             reconnecting=self._line.snapshot(now),
             follows_profile=isinstance(recorder.motion, Profile),

@@ -13,7 +13,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Unpack, cast
 
 from imutui.history_rows import HistorySnapshot
-from imutui.session import exit_codes, ipc
+from imutui.session import end_report, exit_codes, ipc
+from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
 from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot
@@ -67,12 +68,15 @@ class Client:
         What must be said of the acquisition, once `stop` or `wait` has returned its result.
     ended_by_itself : bool
         Whether, by then, nobody had asked for its end.
+    ended_by : str
+        Who or what had, in words.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.findings: list[EndFinding] = []
         self.ended_by_itself = False
+        self.ended_by = ""
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
         self.pid = int(self.snapshot(since=NO_SERIES)["pid"])
@@ -163,19 +167,28 @@ class Client:
         assert result is not None
         return result
 
-    def stop(self) -> "ResultDocument | None":
+    def stop(self, by: str = "a program") -> "ResultDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
+
+        Parameters
+        ----------
+        by : str
+            What asks for it, such as "the command imutui stop"; who runs it is added.
 
         Raises
         ------
         SessionError
             If it ended with an error of its own.
         """
-        return self._ending({"ask": "stop"}, _STOP_S)
+        return self._ending({"ask": "stop", "by": end_report.who(by)}, _STOP_S)
 
     def wait(self, timeout: float | None = None) -> "ResultDocument | None":
         """Wait for the end; returns and raises as `stop` does, and TimeoutError if it takes longer."""
         return self._ending({"ask": "wait", "timeout_s": timeout}, timeout and timeout + _REPLY_S)
+
+    def end(self) -> EndReport | None:
+        """How the acquisition ended, once it has; None if it left no word, as one that was killed leaves none."""
+        return end_report.read(self.name, self.pid)
 
     def close(self) -> None:
         """Leave; the acquisition goes on."""
@@ -203,6 +216,7 @@ class Client:
             raise SessionError(reply["error"], reply["exit_code"])
         self.findings = reply["findings"]
         self.ended_by_itself = reply["by_itself"]
+        self.ended_by = reply.get("ended_by", "")
         return reply["result"]
 
     def _await_exit(self) -> None:

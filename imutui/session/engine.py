@@ -165,15 +165,21 @@ class Engine:
         zeroing.check(argument)
         return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
 
-    def request_stop(self) -> None:
-        """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal."""
-        self.lifecycle.stop()
+    def request_stop(self, by: str = "") -> None:
+        """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal.
+
+        Parameters
+        ----------
+        by : str
+            Who or what asks for it, in words.
+        """
+        self.lifecycle.stop(by)
         self._reader.stop()
 
-    def terminate(self) -> None:
+    def terminate(self, by: str = "") -> None:
         """End as `request_stop` does, but wait for no filter that is not ready: the process has to go."""
         self.lifecycle.terminated = True
-        self.request_stop()
+        self.request_stop(by)
 
     # -- worker ---------------------------------------------------------------------------------------------------
 
@@ -217,9 +223,10 @@ class Engine:
                     next_second = max(next_second + 1.0, time.monotonic())
             except OSError as error:
                 self._acquisition.disk_failed(error)
-            if not self._duration_over and self._acquisition.is_over(time.monotonic_ns()):
+            over = None if self._duration_over else self._acquisition.why_over(time.monotonic_ns())
+            if over is not None:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
-                self.request_stop()
+                self.request_stop(over)
 
     def _handle(self, item: ReaderEvent | QueuedCall) -> None:
         match item:

@@ -25,6 +25,8 @@ class Lifecycle:
         What must be said at the end of one that did not fail.
     stopping_since_ns : int or None
         When the end was first asked for, monotonic.
+    ended_by : str
+        Who or what asked first, in words; empty if nobody did, or did not say.
     terminated : bool
         Whether a signal asked for the end, as who shuts the machine down does: it is waited for some seconds only.
     streaming, ended : threading.Event
@@ -37,6 +39,7 @@ class Lifecycle:
         self.exit_code = 0
         self.findings: list[EndFinding] = []
         self.stopping_since_ns: int | None = None
+        self.ended_by = ""
         self.terminated = False
         self.streaming = threading.Event()
         self.ended = threading.Event()
@@ -46,10 +49,11 @@ class Lifecycle:
         self.state = "running" if self.state == "connecting" else self.state
         self.streaming.set()
 
-    def stop(self) -> None:
-        """Take note that the end is asked for; what failed or ended before stays so."""
+    def stop(self, by: str) -> None:
+        """Take note that the end is asked for, and by whom; what failed or ended before stays so."""
         if self.stopping_since_ns is None:
             self.stopping_since_ns = time.monotonic_ns()
+            self.ended_by = by
         self.state = "stopping" if self.state in ("connecting", "running") else self.state
 
     def fail(self, exit_code: int, error: str) -> None:

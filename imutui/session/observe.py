@@ -40,6 +40,8 @@ class AcquisitionView:
         See `imutui.session.lifecycle.Lifecycle`.
     findings : tuple of str
         What must be said at the end, so far.
+    ended_by : str
+        Who or what asked for the end, in words.
     zeroing : bool
         Whether packets pause for the unit to zero its rate sensors.
     reconnecting : ReconnectingSnapshot or None
@@ -70,6 +72,7 @@ class AcquisitionView:
     state: SessionState
     error: str | None
     findings: tuple[str, ...]
+    ended_by: str
     zeroing: bool
     reconnecting: ReconnectingSnapshot | None
     follows_profile: bool
@@ -99,6 +102,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "state": view.state,
         "error": view.error,
         "findings": list(view.findings),
+        "ended_by": view.ended_by,
         "instrument": info.instrument,
         "serial_number": info.serial_number,
         "firmware": info.firmware,

@@ -125,9 +125,11 @@ class Recorder:
         self.plan, self.info, self.motion, self._effects = setup.plan, setup.info, setup.motion, setup.effects
         self.begin_run()
 
-    def is_over(self, now_ns: int) -> bool:
-        """Whether the plan's duration is over, or the disk's room."""
-        return self._is_out_of_space or self.duration.is_over(now_ns)
+    def why_over(self, now_ns: int) -> str | None:
+        """That the plan's duration is over, or the disk's room, in words; None if neither is."""
+        if self._is_out_of_space:
+            return "the disk guard: there is no room for more"
+        return f"its duration of {self.plan.duration_s:g} s" if self.duration.is_over(now_ns) else None
 
     # -- files ----------------------------------------------------------------------------------------------------
 

@@ -76,6 +76,8 @@ class Request(TypedDict):
     """guide: begin, next, cancel, resume."""
     timeout_s: NotRequired[float | None]
     """wait: how long at most; None for ever."""
+    by: NotRequired[str]
+    """stop: who asks for it, in words."""
 
 
 class EndFinding(TypedDict):
@@ -109,6 +111,8 @@ class Reply(TypedDict, total=False):
     """stop, wait: what must be said of one that did not fail."""
     by_itself: bool
     """stop, wait: whether nobody asked for the end."""
+    ended_by: str
+    """stop, wait: who or what asked for the end, in words."""
     runs: bool
     """wait: true if it runs still; the other fields of an end are not there then."""
 

@@ -4,7 +4,7 @@ Records only, as they travel over the socket (JSON objects); `observe` fills the
 biases and channels in the instrument's own axes and sign. None stands for what is not known, or not there.
 """
 
-from typing import Literal, TypedDict
+from typing import Literal, NotRequired, TypedDict
 
 NO_SERIES = 2**62
 """Number of a packet that never comes: a snapshot from it on is one without a series."""
@@ -184,7 +184,8 @@ class FilterSnapshot(TypedDict):
 class Snapshot(TypedDict):
     """Everything a screen shows of an acquisition.
 
-    `findings` are what will have to be said at its end, so far; `min_free_bytes` is what recording leaves of a disk.
+    `findings` are what will have to be said at its end, so far; `ended_by` says who or what asked for the end, empty
+    before; `min_free_bytes` is what recording leaves of a disk.
     """
 
     name: str
@@ -192,6 +193,7 @@ class Snapshot(TypedDict):
     state: SessionState
     error: str | None
     findings: list[str]
+    ended_by: NotRequired[str]
     instrument: str
     serial_number: str
     firmware: str

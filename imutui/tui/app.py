@@ -195,7 +195,7 @@ class ImutuiApp(App[int]):
     def on_page_wanted(self, message: Page.Wanted) -> None:
         """A page has come to the front."""
         self._recorder.show_finished(message.page)
-        self.context.show(message.page)
+        self.context.arrived(message.page)
 
     def on_page_say(self, message: Page.Say) -> None:
         """A page has something to say."""

@@ -8,7 +8,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from imutui.session import client as session
-from imutui.session.client import Client
+from imutui.session.client import Client, EndReport
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
 from imutui.tui import messages
 from imutui.tui.background import in_thread
@@ -149,18 +149,18 @@ class Connector:
                 context.app.screen.refresh_bindings()  # r begins, or finishes
             draw(event)
             if event.snapshot["state"] in _OVER:
-                self._ended(None)
+                self._ended(None, None)
         event.poller.taken()
 
     def lost(self, event: Poller.Lost) -> None:
         """The acquisition does not answer."""
         if self._context.connection.owns(event.poller):
-            self._ended(event.error)
+            self._ended(event.error, event.report)
 
-    def _ended(self, error: str | None) -> None:
+    def _ended(self, error: str | None, report: EndReport | None) -> None:
         """Say that the acquisition is over, and offer to connect again."""
         context, app = self._context, self._context.app
-        reason = messages.ended(context.connection.newest, error)
+        reason = messages.ended(context.connection.newest, error, report)
         typing = isinstance(app.focused, Input)
         self.release()
         context.connection.over()

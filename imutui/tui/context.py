@@ -36,6 +36,7 @@ class AppContext:
         self.app = app
         self.connection = ConnectionModel()
         self._opened: dict[str, Page] = {}
+        self._said_on: Page | None = None
         for name in SCREENS:
             app.add_mode(name, partial(self._open, name))
 
@@ -93,8 +94,15 @@ class AppContext:
 
     def say(self, said: str, level: str = "none") -> None:
         """Have something said at the bottom of the page."""
+        self._said_on = self.front
         self.connection.say(said, level)
         self.redraw()
+
+    def arrived(self, page: Page) -> None:
+        """A page has come to the front: what was said on another one goes, and the page is drawn."""
+        if page is not self._said_on:
+            self.connection.say_no_longer()
+        self.show(page)
 
     def connected(self, purpose: str) -> bool:
         """Whether there is an acquisition; without one, what it is lacking for is said."""

@@ -96,7 +96,7 @@ class Leaving:
         connection.pause()
         context.say("stopping: finishing the file" if recording else "stopping the acquisition", "wait")
         try:
-            result = cast("RecordingResult | None", await in_thread(client.stop))
+            result = cast("RecordingResult | None", await in_thread(lambda: client.stop("the screen")))
         except FAULTS as error:
             return messages.fault(error)
         finally:

@@ -1,9 +1,9 @@
 """States said in words: what is fine, what is waited for, what to do. Pure functions of a snapshot."""
 
 from collections.abc import Mapping
-from typing import TypedDict
+from typing import TypedDict, cast
 
-from imutui.session.client import SessionError
+from imutui.session.client import EndReport, SessionError
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
 
@@ -73,12 +73,37 @@ def silence(snapshot: Snapshot) -> str | None:
     return f"NO DATA for {silent:.1f} s: {advice}{'' if advice.endswith('?') else '.'} The acquisition keeps listening."
 
 
-def ended(snapshot: Snapshot | None, error: str | None) -> str:
-    """Why an acquisition is over, and what became of its file."""
-    said = error or (snapshot["error"] if snapshot else None) or "It ended by itself, without an error."
+def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None = None) -> str:
+    """Who or what ended an acquisition, or why it failed, and what became of its file.
+
+    Parameters
+    ----------
+    snapshot : Snapshot or None
+        The last one.
+    error : str or None
+        What a call to the acquisition came to.
+    report : EndReport or None
+        What it left, if it left anything.
+    """
     recording = snapshot["recording"] if snapshot else None
-    where = f"\n\nIt was recording to {recording['path']}: `imutui check` looks at that file." if recording else ""
-    return f"{said}{where}"
+    said = [_why_ended(snapshot, error, report)]
+    said += [finding["text"] for finding in report["findings"]] if report else []
+    if recording and report and report["result"] is not None:
+        said.append(finished(recording, cast("RecordingResult", report["result"])))
+    elif recording:
+        said.append(f"It was recording to {recording['path']}: `imutui check` looks at that file.")
+    return "\n\n".join(said)
+
+
+def _why_ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None) -> str:
+    failure = report["error"] if report else snapshot["error"] if snapshot else None
+    by = report["ended_by"] if report else snapshot.get("ended_by", "") if snapshot else ""
+    if failure:
+        return failure
+    at = f" at {formatting.utc_time(report['utc'])} UTC" if report else ""
+    if by:
+        return f"It was ended{at} by {by}."
+    return error or "It ended by itself, without an error."
 
 
 def finished(recording: RecordingSnapshot | None, result: RecordingResult | None) -> str:

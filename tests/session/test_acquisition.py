@@ -4,6 +4,7 @@ The unit at the other end is served by the test's own process, but where the acq
 """
 
 import json
+import os
 import socket
 import stat
 import threading
@@ -180,7 +181,13 @@ def test_a_recording_is_started_marked_and_finished_from_outside(start: Start) -
     # so short a recording leaves biases that have not converged, which `stop` says as `record` does
     result = json.loads(imutui_process("stop", "--json", check=1).stdout)
     assert result["log"] == path
+    # a viewer that comes too late to ask reads who it was, and what became of the file
+    report = connection.end()
+    assert report["ended_by"].startswith("the command imutui stop, ")
+    assert int(report["ended_by"].rpartition("pid ")[2]) != os.getpid()
+    assert (report["error"], report["result"]["log"]) == (None, path)
     log = reader.read(Path(path))
+    assert log.events[-1].text == f"ended by {report['ended_by']}"
     assert [e.text for e in log.events if e.name == "mark"] == ["table at 90 deg"]
     assert log.info.note == "first run"
     assert log.finished

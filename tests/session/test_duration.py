@@ -59,6 +59,7 @@ def test_the_duration_is_over_by_the_clock_though_the_unit_is_silent(home: Path,
     log = reader.read(Path(engine.result["log"]))
     assert log.finished
     assert any("silent at the end" in event.text for event in log.events)
+    assert log.events[-1].text == "ended by its duration of 2 s"
 
 
 def test_a_gap_counts_as_time_and_a_unit_that_is_back_by_the_end_is_fine(home: Path) -> None:

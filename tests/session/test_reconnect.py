@@ -168,6 +168,8 @@ def test_terminated_without_the_unit_it_finishes_the_file_at_once_and_says_so(ho
     assert "RECONNECTING" in imutui("status").stdout
     began = time.monotonic()
     os.kill(connection.pid, signal.SIGTERM)
+    wait_until(lambda: connection.end() is not None)
+    assert connection.end()["ended_by"].startswith("the signal SIGTERM")
     live = connection.wait(30.0) or {}
     assert time.monotonic() - began < 8.0, "2 s are asked; a busy machine is slow"
     (finding,) = connection.findings

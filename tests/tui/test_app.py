@@ -2,6 +2,7 @@
 
 import re
 import time
+from typing import Any, cast
 
 import pytest
 from helpers.fake_client import PATH, FakeClient
@@ -342,6 +343,27 @@ async def test_an_acquisition_that_ends_is_said_at_once(dialog: list[str]) -> No
         await pilot.press("c")
         screen = await shows(pilot, "other port")
         assert "REC" not in screen
+
+
+async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_stays() -> None:
+    """Who, when, and the finished file; beside ENDED stands no GREEN, and the message goes with its page."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC", "filter")
+        client.report = {
+            "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
+            "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
+        }  # fmt: skip
+        client.gone = "the acquisition has ended"
+        await shows(pilot, "It was ended at 10:43:07 UTC by the command imutui stop, ana", f"finished {PATH}")
+        await pilot.press("escape")
+        screen = await shows(pilot, "ENDED", "1 connects again")
+        assert not any(word in screen for word in ("GREEN", "AMBER", "REC "))
+        await pilot.press("4")
+        await shows(pilot, "at its end: AMBER")
+        connection = pilot.app.context.connection
+        assert connection._said_until - time.monotonic() <= 15.0, "what was said on another page does not stay"
 
 
 async def test_a_failed_state_is_an_end_too() -> None:

@@ -64,7 +64,7 @@ class Attempt:
 
     def _end(self, client: Client) -> None:
         if self._stops:
-            client.stop()
+            client.stop("the screen, whose start was cancelled")
         else:
             client.close()
 

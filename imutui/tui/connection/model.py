@@ -13,11 +13,13 @@ from imutui.session.client import Client
 from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
-from imutui.tui.connection.verdict import Debounce, Verdict, judge, stale, waiting_profile
+from imutui.tui.connection.verdict import Debounce, Verdict, ended, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
 
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}
+_LEFT_S = {"none": 3.0, "good": 3.0, "wait": 3.0, "bad": 15.0}
+"""How long a message is shown, and how long still where another page has come to the front."""
 NOTHING = ("none", "")
 
 
@@ -106,6 +108,7 @@ class ConnectionModel:
         """Look at an acquisition."""
         self.leave()
         self._clear()
+        self._said = NOTHING
         self.client = client
         self._poller = Poller(client, post, self._pacing.fps)
         self._poller.start()
@@ -132,6 +135,9 @@ class ConnectionModel:
         """The acquisition has ended: its last data stay, no longer as something that runs."""
         if self.newest is not None:
             self.newest = {**self.newest, "state": "ended", "recording": None, "silent_s": None}
+        self._verdict = ended(self._verdict)
+        if self._frozen is not None:
+            self._frozen = replace(self._frozen, shown_verdict=self._verdict)
 
     def owns(self, poller: Poller) -> bool:
         """Whether what a poller posts is about this acquisition, and not a late one of the last."""
@@ -213,6 +219,10 @@ class ConnectionModel:
         """Have something said at the bottom of the page for a while."""
         self._said = (level, text)
         self._said_until = time.monotonic() + _SAID_S[level]
+
+    def say_no_longer(self) -> None:
+        """What was said belongs to a page that is left: it stays only as long as it takes to read it."""
+        self._said_until = min(self._said_until, time.monotonic() + _LEFT_S[self._said[0]])
 
     def notice_text(self) -> str:
         """What was said last."""

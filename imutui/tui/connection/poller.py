@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from imutui.history_rows import HistoryRows, HistorySnapshot
-from imutui.session.client import Client, SessionError
+from imutui.session.client import Client, EndReport, SessionError
 from imutui.session.plan import HistoryWish
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
@@ -46,10 +46,11 @@ class Poller:
 
     @dataclass(frozen=True, slots=True)
     class Lost:
-        """The acquisition does not answer any more; the poller has ended."""
+        """The acquisition does not answer any more; the poller has ended. `report` is what it left, if anything."""
 
         poller: "Poller"
         error: str
+        report: EndReport | None = None
 
     def __init__(self, client: Client, post: Callable[[Arrived | Lost], bool], rate_hz: float = LOCAL_FPS) -> None:
         self._client = client
@@ -90,7 +91,7 @@ class Poller:
                 history = self._new_history(snapshot)
             except (SessionError, OSError) as error:
                 if not self._stop.is_set():
-                    self._post(Poller.Lost(self, messages.fault(error)))
+                    self._post(Poller.Lost(self, messages.fault(error), self._client.end()))
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()

@@ -26,8 +26,9 @@ STALE_S = 5.0
 MOVES_SD = 0.5
 """Change over 10 s, in standard deviations, that is worth a word."""
 
+ENDED = "ENDED"
 WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
-SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–"}
+SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–", ENDED: "–"}
 """Beside the word: state is said twice, and never by colour alone."""
 LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
 """A check's level as a word."""
@@ -68,7 +69,7 @@ class Verdict:
     level : str
         "good", "wait", "bad" or "none"; it only colours.
     word : str
-        GREEN, AMBER, RED, WAIT or OFF.
+        GREEN, AMBER, RED, WAIT, OFF or ENDED.
     reason, todo : str
         Why, and what to do.
     brief : str
@@ -145,6 +146,14 @@ def judge(
         reason = estimates["waiting"] or "waiting for the first sample"
         return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
     return _of(checks)
+
+
+def ended(last: Verdict | None) -> Verdict | None:
+    """Verdict once the acquisition has ended: what was shown last, as something of the past."""
+    if last is None or last.word in (ENDED, "OFF"):
+        return last
+    reason = f"the acquisition has ended; at its end: {last.word}, {last.reason}"
+    return replace(last, level="none", word=ENDED, reason=reason, todo="1 connects again", brief="", sudden=True)
 
 
 def _of(checks: tuple[Check, ...]) -> Verdict:

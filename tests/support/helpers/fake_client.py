@@ -9,6 +9,7 @@ import numpy as np
 
 from imutui.history_rows import HistorySnapshot
 from imutui.session.client import SessionError
+from imutui.session.end_report import EndReport
 from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import (
     BiasSnapshot,
@@ -98,6 +99,7 @@ class FakeClient:
         self.past: RunHistory | None = None
         """What the acquisition keeps of its run; None as one that an older version started."""
         self.gone: str | None = None
+        self.report: EndReport | None = None
         self.marks: list[MarkLine] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
         self.wish: RecordingWish | None = None
         self.table_profile: ProfileDescription | None = None
@@ -127,6 +129,7 @@ class FakeClient:
         newest = MEANS + SDS * self._noise[max(count - 1, 0) % 4096]
         return {
             "name": self.name, "pid": self.pid, "state": "running", "error": None, "findings": [],
+            "ended_by": "",
             "instrument": "IMU400CD-200",
             "serial_number": "9911750", "firmware": "IMU400CD 1.2", "kind": "simulated",
             "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "baud": 38400, "rate_hz": 20.0,
@@ -206,7 +209,11 @@ class FakeClient:
         self.recording = False
         return {"log": PATH, "samples": 15246}
 
-    def stop(self) -> dict[str, Any] | None:
+    def end(self) -> EndReport | None:
+        """How it ended, if a test says so."""
+        return self.report
+
+    def stop(self, by: str = "") -> dict[str, Any] | None:
         """End the acquisition."""
         self.asked.append("stop")
         self.gone = "the acquisition has ended"

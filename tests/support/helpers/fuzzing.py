@@ -447,7 +447,7 @@ class _Engine:
         self.acquisition.begin_zeroing(argument)
         return ""
 
-    def request_stop(self) -> None:
+    def request_stop(self, by: str) -> None:
         pass
 
 

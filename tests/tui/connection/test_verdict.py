@@ -166,6 +166,17 @@ def test_waiting_and_off_are_neither_good_nor_bad() -> None:
     assert judge(None).word == "OFF"
 
 
+def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
+    """The last word is told as the past; no filter stays no filter."""
+    last = verdict.ended(judge(settled(), 0.0))
+    assert last is not None
+    assert (last.short, last.level) == ("filter – ENDED", "none")
+    assert last.reason.endswith("at its end: GREEN, all 6 biases converged; nothing unexplained")
+    assert verdict.ended(last) is last
+    off = judge(None)
+    assert verdict.ended(off) is off
+
+
 def test_old_estimates_are_not_green() -> None:
     """With a silent line nothing is estimated, however good the last numbers were; a hiccup is no reason."""
     assert judge(settled(), 0.0, "NO DATA for 8.0 s").word == "AMBER"
