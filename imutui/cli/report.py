@@ -23,7 +23,7 @@ def command(
     Example: imutui trace cold.mcap warm.mcap --json > trace.json && imutui report trace.json -o report
     """
     check_folder(output, force, "-o")
-    from imutui.cli.exit_codes import say
+    from imutui.cli.exit_codes import UNREADABLE, fail, say
     from imutui.jobs import result_files
     from imutui.report import page
 
@@ -33,7 +33,12 @@ def command(
     completed, notes = result_files.completed(documents)
     for note in notes:
         say(f"imutui: {note}")
-    written = page.write(output, completed)
+    try:
+        written = page.write(output, completed)
+    except (ArithmeticError, IndexError, KeyError, TypeError, ValueError) as error:
+        names = ", ".join(map(str, results))
+        why = f"{names}: no page can be made of what stands there ({type(error).__name__}: {error})"
+        raise fail(UNREADABLE, f"{why}. Make the result again with `imutui trace` or `imutui replay`.") from None
     say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
 
 

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias, cast
 
 from filters.tracing.trace_document import TraceDocument
 from imutui import outside_file
-from imutui.jobs import info
+from imutui.jobs import document_shape, info
 from imutui.logbook import reader
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import ResultDocument
@@ -16,10 +16,13 @@ Result: TypeAlias = TraceDocument | ResultDocument
 
 LIMIT = 64 * 2**20
 """Longest file of results, bytes."""
-_TRACE = {"version": int, "runs": list, "findings": list, "error": list, "status": dict}
-_REPLAY = {"version": int, "log": str, "kind": str, "filter": str, "samples": int}
-_RUN = {"id": str, "kind": str, "rate_hz": (int, float), "seconds": (int, float)}
-_FILTERED = {"final": dict, "sd": dict, "converged_s": dict, "nis": dict, "noise": dict, "alarms": list}
+_FILTERED = (
+    "sd", "spread", "converged", "converged_s", "nis", "noise", "effects", "gaps", "rejected", "reference", "mount",
+    "accel_sign", "measurements", "seed", "config_sha256",
+)  # fmt: skip
+"""What a result has in which a filter ran."""
+_ENDS = 2
+_VECTORS = ("gyro_bias_dps", "accel_bias_mg")
 
 
 def read(path: Path) -> list[Result]:
@@ -91,21 +94,46 @@ def _of_log(path: Path, sha256: str | None) -> tuple[dict[str, Any], str]:
 
 
 def _problem(document: object) -> str:
-    """What a document lacks to be a result; empty if it is one."""
+    """What keeps a document from being a result; empty if it is one."""
     if not isinstance(document, dict):
         return "it is not an object"
     if "findings" in document:
-        wrong = _wrong(document, _TRACE)
-        return wrong or next((w for run in document["runs"] if (w := _wrong(run, _RUN))), "") or _none(document["runs"])
-    return _wrong(document, _REPLAY) or (_wrong(document, _FILTERED) if "final" in document else "")
+        told = document_shape.problem(document, TraceDocument, "result")
+        return told or ("" if document["runs"] else "`result.runs` is empty") or _uneven(document)
+    return document_shape.problem(document, ResultDocument, "result") or _unfiltered(document)
 
 
-def _none(runs: list[object]) -> str:
-    return "" if runs else "`runs` is empty"
+def _unfiltered(document: dict[str, Any]) -> str:
+    """What lacks of a filter's result, if a filter ran."""
+    if "final" not in document:
+        return ""
+    for key in _FILTERED:
+        if key not in document:
+            return f"`result.{key}` is missing"
+    vectors = [(name, document[name][key]) for name in ("final", "sd") for key in _VECTORS]
+    vectors += [("converged_s", document["converged_s"].get(key, [])) for key in ("gyro_bias", "accel_bias")]
+    spread = document["spread"]
+    vectors += [(f"spread.{k}", spread[k][key]) for k in ("mean", "sd") for key in _VECTORS] if spread else []
+    vectors.append(("nis.band95", [*document["nis"]["band95"], None]))
+    return next((f"`result.{name}` has not as many numbers as it should" for name, own in vectors if len(own) != 3), "")
 
 
-def _wrong(document: object, fields: dict[str, Any]) -> str:
-    if not isinstance(document, dict):
-        return "a record of it is not an object"
-    return next((f"`{key}` is {'absent' if key not in document else 'something else'}" for key, kind in fields.items()
-                 if not isinstance(document.get(key), kind)), "")  # fmt: skip
+def _uneven(document: dict[str, Any]) -> str:
+    """Which curve has not as many points along one axis as along the other."""
+    curves = [("common", c["curve"]["t_s"], [c["curve"]["y"]]) for c in document["common"]]
+    curves += [
+        ("driver_curve", c["x"], [c["y"], *([c["sd"]] if c["sd"] else [])])
+        for f in document["findings"]
+        if (c := f["driver_curve"])
+    ]
+    curves += [
+        (kind, channel[kind]["x"], [channel[kind]["before"], channel[kind]["after"]])
+        for run in document.get("curves", [])
+        for channel in run["channels"].values()
+        for kind in ("residual", "spectrum", "allan")
+    ]
+    bands = [e[key] for e in document["error"] for key in ("ci95", "before_ci95", "floor_band95")]
+    if any(len(band) != _ENDS for band in bands):
+        return "an interval of `result.error` has not two ends"
+    return next((f"`{name}` has not as many points along one axis as along the other" for name, x, ys in curves
+                 if any(len(y) != len(x) for y in ys)), "")  # fmt: skip

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 import numpy as np
 
+import imutui
 from filters import attitude, state
 from filters.imu import AxisMap
 from filters.state import NavState
@@ -176,6 +177,7 @@ class ResultDocument(TypedDict):
     times_real_time: NotRequired[float | None]
     config_sha256: NotRequired[str]
     identity: NotRequired[IdentityEntry]
+    library: NotRequired[str]
     start_utc: NotRequired[str]
     """Of the log, as are temperatures: what `imutui report` adds where the log is at hand."""
     temperature_degc: NotRequired[list[float] | None]
@@ -336,6 +338,7 @@ def document(
         "log_sha256": log_sha256,
         "config_sha256": info.config_sha256(),
         "identity": info.identity(),
+        "library": f"imutui {imutui.__version__}",
     }
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 BEFORE, AFTER, FLOOR, INK = "#d95f02", "#1b4f9c", "#888888", "#1c1c1c"
 """Colours of files, told apart by lightness too, for a grey print; a page has its own for light and dark."""
 _MOST_TICKS = 7
+_ROOM = 0.05
 _NEAR = 1.0 + 1e-9
 _STEPS = (1.0, 2.0, 5.0)
 
@@ -71,7 +72,8 @@ def logarithmic(ax: "Axes", which: str, *values: Array) -> None:
     set_scale("log")
     set_ticks(ticks, [number_text(tick) for tick in ticks])
     (ax.xaxis if which == "x" else ax.yaxis).set_minor_formatter("")
-    set_limits(min(low, ticks[0]) * 0.97, max(high, ticks[-1]) * 1.03)
+    room = max(1.05, (high / low) ** _ROOM)
+    set_limits(min(low / room, ticks[0]), max(high * room, ticks[-1]))
 
 
 def name(ax: "Axes", x: str, y: str, *, legend: bool = False) -> None:

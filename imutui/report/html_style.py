@@ -15,6 +15,7 @@ a { color: var(--after) } article + article { margin-top: 4rem; border-top: 4px 
 code, pre, td.code { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .9em }
 code { overflow-wrap: anywhere } pre { background: var(--fill); padding: .8rem; white-space: pre-wrap;
   overflow-wrap: anywhere }
+td.code { font-size: 1em }
 .origin { padding: .6rem .9rem; border-left: .4rem solid var(--floor); background: var(--fill); max-width: none }
 .origin.simulated { border-color: var(--before); background: var(--warn) }
 .origin.measured { border-color: var(--after); background: var(--good) }

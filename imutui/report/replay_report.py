@@ -44,7 +44,7 @@ def article(d: "ResultDocument") -> Article:
     """
     logs = [identity.of_result(d)]
     kind = identity.kind_of(logs)
-    made = [identity.section(logs, identity.NOT_STATED), Section("Verdict", tuple(_verdict(d)))]
+    made = [identity.section(logs, d.get("library", "")), Section("Verdict", tuple(_verdict(d)))]
     if "final" in d:
         made += [
             Section("What to do", (Items(tuple(advice.after_replay(d)), numbered=True),)),
@@ -177,7 +177,7 @@ def _nis(d: "ResultDocument") -> str:
 
 def _noise(d: "ResultDocument") -> str:
     noise, limits = d["noise"], d["noise"]["specification"]
-    if noise["gyro_arw_deg_sqrt_h"][0] is None and noise["accel_vrw_mps_sqrt_h"][0] is None:
+    if all(value is None for value in (*noise["gyro_arw_deg_sqrt_h"], *noise["accel_vrw_mps_sqrt_h"])):
         return "too short to tell"
     parts = []
     for name, unit, own, limit in (
@@ -185,5 +185,6 @@ def _noise(d: "ResultDocument") -> str:
         ("accelerometer", "m/s/√h", noise["accel_vrw_mps_sqrt_h"], limits["accel_vrw_mps_sqrt_h"]),
     ):
         values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
-        parts.append(f"{name} {values} {unit} (specification {limit[0]:.3g})")
+        said = next((f"{value:.3g}" for value in limit if value is not None), identity.NOT_STATED)
+        parts.append(f"{name} {values} {unit} (specification {said})")
     return ", ".join(parts)

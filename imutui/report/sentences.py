@@ -449,13 +449,14 @@ def _untestable(entries: Iterable[UntestableEntry]) -> Iterable[str]:
     for entry in entries:
         other = str(entry.get("with") or "") if entry["reason"] == "collinear_with" else ""
         groups.setdefault((entry["reason"], other), {})[_plain(entry["effect"])] = None
+    order = {reason: n for n, reason in enumerate(_REASONS)}
     for (reason, other), effects in sorted(
-        groups.items(), key=lambda item: (list(_REASONS).index(item[0][0]), item[0])
+        groups.items(), key=lambda item: (order.get(item[0][0], len(order)), item[0])
     ):
         if reason == "collinear_with":
             yield f"{', '.join(effects)} apart from {_plain(other)}."
         else:
-            yield f"{', '.join(effects)}: {_REASONS[reason]}."
+            yield f"{', '.join(effects)}: {_REASONS.get(reason, reason)}."
 
 
 def _plain(effect: str) -> str:

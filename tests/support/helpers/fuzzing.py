@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from filters.kalman.spkf import DivergenceError
+from helpers import traces
 from helpers.logs import recorded
 from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
@@ -36,13 +37,14 @@ from imutui.instrument.crossbow import (
     SetMode,
     encode,
 )
-from imutui.jobs import check, info, operator_steps, recover
+from imutui.jobs import check, info, operator_steps, recover, result_files
 from imutui.logbook import effects_file, import_reference, importer, reference_file
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.json_text import dumps
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.report import logs as log_texts
+from imutui.report import page
 from imutui.scenario import ScenarioError, load_scenario
 
 LIMIT_S = 20.0
@@ -469,6 +471,17 @@ def _take_request(data: bytes, folder: Path) -> None:
     shutil.rmtree(logs, ignore_errors=True)
 
 
+def _result_seeds(folder: Path) -> list[bytes]:
+    document = {**traces.whole_document(), "curves": []}
+    return [json.dumps(document).encode(), (Path(__file__).with_name("replay_result.json")).read_bytes()]
+
+
+def _take_result(data: bytes, folder: Path) -> None:
+    path = folder / "result.json"
+    path.write_bytes(data)
+    page.page(result_files.completed(result_files.read(path))[0])
+
+
 def _given(*seeds: bytes) -> Callable[[Path], list[bytes]]:
     return lambda folder: list(seeds)
 
@@ -488,6 +501,7 @@ TARGETS = {
     "trajectory": Target(_given(_TRAJECTORY), spoilt_text, _take_reference, 300, (ImportDataError,)),
     "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (ValueError,)),
     "request": Target(_given(*_REQUESTS, *_SEQUENCES), spoilt_text, _take_request, 80),
+    "result": Target(_result_seeds, spoilt_text, _take_result, 60, (UnreadableLogError,)),
     "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (ConfigError,)),
 }
 """By the names that cases begin with."""

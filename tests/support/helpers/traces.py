@@ -13,6 +13,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
+from imutui.jobs import residual_curves
 from imutui.logbook import import_reference, importer
 from imutui.logbook.session_info import SessionInfo
 
@@ -180,3 +181,26 @@ def nothing(names: tuple[str, ...] = ("a",)) -> Trace:
     status = dict.fromkeys(("gx", "gy", "gz", "ax", "ay", "az"), "clean")
     text = {"sentence": "Nothing found.", "seed": 0}
     return Trace({**empty, "status": status, **text}, (), np.empty((0, 0)), trace(names).series)
+
+
+def whole_document() -> dict[str, Any]:
+    """`document` with every field that a trace's JSON has, of two runs, as a file of results holds it."""
+    run = {
+        "id": "a", "log": "/data/a.mcap", "kind": "simulated", "source": "", "rate_hz": 20.0, "seconds": 900.0,
+        "samples": 18_001, "accel_sign": -1, "mount": "x,y,z", "reference": "level", "heldout": False, "power_on": "p",
+        "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32,
+    }  # fmt: skip
+    added: dict[str, dict[str, Any]] = {
+        "error": {"before_ci95": [7.9, 8.9]}, "findings": {"shape": {}}, "integrity": {"size": None},
+        "lines": {"harmonics": []}, "untestable": {"rho": None, "with": None},
+        "weak": {"guarded_score": 1.0, "limit": None, "why": "not told from drift"},
+    }  # fmt: skip
+    made = document()
+    for key, fields in added.items():
+        made[key] = [{**fields, **entry} for entry in made[key]]
+    experiment = {**made["separating_experiment"], "thermal": None, "motion": "", "leaves": []}
+    runs = [run, {**run, "id": "b", "log": "/data/b.mcap", "heldout": True, "power_on": "q"}]
+    curves = residual_curves.curves(trace(("b",)).series, "b")
+    return made | {
+        "runs": runs, "notes": ["a note"], "library": "imutui 1", "separating_experiment": experiment, "curves": curves
+    }  # fmt: skip
