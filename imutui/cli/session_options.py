@@ -108,13 +108,20 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
 def _refuse(plan: Plan) -> None:
     """Refuse what the filter could not run with, before the instrument is touched."""
     from imutui.logbook.session_info import SessionInfo
-    from imutui.session.metadata import check_live, effects_of, motion_of
+    from imutui.session.metadata import check_live, effects_of, filter_of, motion_of
 
+    motion = motion_of(plan)
+    filter_name = filter_of(plan, motion)
+    if filter_name != plan.filter:
+        say(
+            "imutui: recorded without the filter: its profile is found in the whole log afterwards, by the gyros."
+            " `imutui trace` and `imutui replay` take the log with it"
+        )
     probe = SessionInfo(
         mount=plan.mount,
         accel_sign=plan.accel_sign,
         gyro_sign=plan.gyro_sign,
-        filter=plan.filter,
+        filter=filter_name,
         reference=plan.reference,
         measurements=plan.measurements,
         seed=plan.seed,
@@ -125,4 +132,4 @@ def _refuse(plan: Plan) -> None:
         gravity_mps2=plan.gravity if plan.gravity is not None else SessionInfo().gravity_mps2,
     )
     probe.axes()
-    check_live(probe, motion_of(plan), effects_of(plan, probe))
+    check_live(probe, motion, effects_of(plan, probe))

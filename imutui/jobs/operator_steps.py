@@ -15,7 +15,7 @@ from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
 from imutui.jobs.documents import GuidedListDocument, SegmentOfProfile
-from imutui.logbook import named_profiles, reference_file
+from imutui.logbook import atomic_file, named_profiles, reference_file
 from imutui.logbook.named_profiles import NamedProfile
 
 VERSION = 1
@@ -37,6 +37,7 @@ _WORDS = {
 }
 _SUFFIXES = (".toml", ".csv")
 _PARTNERS = ("scale", "cross_axis", "tilt")
+_EXPERIMENT = "experiment.toml"
 READY_MADE = "ready-made"
 """Place of a profile that lies in no folder."""
 
@@ -63,6 +64,8 @@ class Offer:
         How it is joined to a log.
     error : str
         Why it cannot be used.
+    still : bool
+        Whether the table rests in one place all the time.
     """
 
     name: str
@@ -73,6 +76,12 @@ class Offer:
     seconds: float = 0.0
     align: str = ""
     error: str = ""
+    still: bool = False
+
+    @property
+    def about(self) -> list[str]:
+        """What it is for, and what else is to be done, as its file says at the top."""
+        return reference_file.about(self.text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +115,27 @@ def offers(folders: Iterable[Path]) -> list[Offer]:
     return [*ready_made(), *found.values()]
 
 
+def of_trace(text: str, source: str) -> Offer:
+    """The motion that a trace recommends, as it is in memory."""
+    return _offer(load(_EXPERIMENT, text), "experiment that the last trace wants", source, text, _EXPERIMENT)
+
+
+def save(offer: Offer, path: Path) -> None:
+    """Write a profile to a new file.
+
+    Raises
+    ------
+    ValueError
+        If its name does not end as that of such a file does.
+    OSError
+        If it exists, or cannot be written.
+    """
+    suffix = Path(offer.file).suffix.lower()
+    if path.suffix.lower() != suffix:
+        raise ValueError(f"{path} does not end in {suffix}, as a profile of this kind does")
+    atomic_file.write(path, offer.text, overwrite=False)
+
+
 def offer_of(path: Path) -> Offer:
     """Profile of a file, or of a name; one that cannot be used says why."""
     place = str(path.parent)
@@ -134,7 +164,8 @@ def offer_of(path: Path) -> Offer:
 
 
 def _offer(profile: Profile, name: str, place: str, text: str, file: str) -> Offer:
-    return Offer(name, place, text, file, len(profile.segments), profile.duration, profile.align)
+    still = len(profile.segments) == 1 and isinstance(profile.segments[0], Dwell)
+    return Offer(name, place, text, file, len(profile.segments), profile.duration, profile.align, still=still)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -164,7 +195,7 @@ def by_hand(offer: Offer) -> Offer | None:
     if any(isinstance(segment, Sampled) for segment in profile.segments):
         return None
     marked = replace(profile, align="marks")
-    return replace(offer, text=reference_file.to_toml(marked), align=marked.align)
+    return replace(offer, text=reference_file.to_toml(marked, offer.about), align=marked.align)
 
 
 def load(name: str, text: str) -> Profile:

@@ -24,6 +24,7 @@ from imutui.logbook.reference_file import ReferenceFile, to_toml
 
 VERSION = 1
 _READING = 0.1
+_MOST_POINTS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,13 +194,23 @@ def _experiment(experiment: SeparatingExperiment) -> ExperimentEntry:
     return {
         "a": experiment.a,
         "b": experiment.b,
-        "profile": to_toml(experiment.profile),
+        "profile": to_toml(experiment.profile, _what_it_is_for(experiment)),
         "thermal": None if experiment.thermal is None else [list(point) for point in experiment.thermal],
         "duration_s": experiment.duration_s,
         "d_expected": experiment.d_expected,
         "motion": experiment.motion,
         "leaves": list(experiment.leaves),
     }
+
+
+def _what_it_is_for(experiment: SeparatingExperiment) -> list[str]:
+    """What the file of the run says to whoever makes it: what for, and what to do besides moving the table."""
+    a, b = (plain_names.effect(effect) for effect in (experiment.a, experiment.b))
+    thermal = [f"{degc:g} degC at {t:g} s" for t, degc in experiment.thermal or ()]
+    told = [f"To tell {a} from {b}: {experiment.motion}."]
+    if 2 < len(thermal) <= _MOST_POINTS:
+        told.append(f"Temperature in the case: {', '.join(thermal)}.")
+    return told
 
 
 def _check_asked(effects: Sequence[str]) -> None:

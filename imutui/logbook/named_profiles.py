@@ -23,7 +23,7 @@ class NamedProfile:
     name : str
         In words.
     file : str
-        Name of a file that it is written to, unless somebody asks for another.
+        Name of a file of it.
     profile : Profile
         Its motion.
     """
@@ -45,15 +45,15 @@ def ready_made() -> tuple[NamedProfile, ...]:
     rates = [math.radians(rate) for rate in (30.0, -30.0, 90.0, -90.0)]
     spins = [segment for axis in reversed(AXES) for segment in turns(axis, rates)]
     return (
-        NamedProfile(f"six positions, {_LONG_S:.0f} s each", "six_positions.toml", Profile(tuple(six), align="marks")),
+        NamedProfile(f"six positions, {_LONG_S:.0f} s each", "six positions.toml", Profile(tuple(six), align="marks")),
         NamedProfile(
             f"eighteen positions, {_BRIEF_S:.0f} s each",
-            "eighteen_positions.toml",
+            "eighteen positions.toml",
             Profile(tuple(eighteen), align="marks"),
         ),
         NamedProfile(
             "six positions, each axis ±30 ±90 deg/s",
-            "six_positions_and_rates.toml",
+            "six positions and rates.toml",
             Profile((*six, *spins), align="gyro"),
         ),
     )

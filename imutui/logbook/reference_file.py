@@ -28,6 +28,7 @@ A table profile as a TOML document (angles in degrees; what segments mean is in 
 """
 
 import csv
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,7 @@ from filters.motion.reference import Trajectory
 from filters.motion.segments import AXES, Dwell, Rate, Sampled, Segment, Sine
 from imutui import toml_text
 from imutui.logbook import trajectory_file
+from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.toml_text import is_number
 
 ATTACHMENTS = ("reference.toml", "reference.csv")
@@ -201,13 +203,21 @@ def from_document(document: ProfileDocument) -> Profile:
     return Profile(segments, (int(sign[0]), int(sign[1]), int(sign[2])), align, offset_sd, limits[0], limits[1])
 
 
-def to_toml(profile: Profile) -> str:
+def about(text: str) -> list[str]:
+    """What the comment at the top of a document says, a line each: what it is for, what else to do."""
+    said = itertools.takewhile(lambda line: line.startswith("#"), text.lstrip("\ufeff").splitlines())
+    return [line.removeprefix("#").strip() for line in said]
+
+
+def to_toml(profile: Profile, about: Sequence[str] = ()) -> str:
     """Text of a TOML document that `from_document` reads as the same profile, to a billionth of a degree.
 
     Parameters
     ----------
     profile : Profile
         Without sampled angles, which belong into a CSV file.
+    about : sequence of str
+        Lines of a comment at the top.
 
     Returns
     -------
@@ -218,7 +228,8 @@ def to_toml(profile: Profile) -> str:
     ValueError
         If a segment is sampled.
     """
-    head = [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
+    head = [*(f"# {one_line(line, NOTE_LIMIT)}" for line in about)]
+    head += [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
     if profile.offset_sd is not None:
         head.append(f"offset_sd_s = {profile.offset_sd!r}")
     head += [f"slew_dps = {_degrees(profile.slew)!r}", f"accel_dps2 = {_degrees(profile.accel)!r}"]

@@ -332,7 +332,9 @@ class Acquisition:
         source = plan.reference_file[0]
         said = f"reference {plan.reference}{f' from {source}' if source else ''}"
         said += ", with effects" if plan.effects else ", without effects"
-        self.event("acquisition", f"{said}: the filter begins anew")
+        off = plan.filter != "none" and recorder.info.filter == "none"
+        said += ": recorded without the filter, to be traced afterwards" if off else ": the filter begins anew"
+        self.event("acquisition", said)
 
     def begin_zeroing(self, argument: int) -> "Future[str]":
         """Have the unit zero its rate sensors; returns what will say what came of it.
@@ -359,7 +361,7 @@ class Acquisition:
         recorder = self._recorder
         if not isinstance(recorder.motion, Profile):
             return None
-        return operator_guide.describe(recorder.motion, recorder.plan.reference_file[0])
+        return operator_guide.describe(recorder.motion, *recorder.plan.reference_file)
 
     def guide(self, do: str, wish: RecordingWish) -> None:
         """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished.
@@ -372,7 +374,7 @@ class Acquisition:
         recorder = self._recorder
         recording = recorder.recording is not None
         if do == "begin":
-            begun = operator_guide.begin_guide(recorder.motion, recorder.plan.filter, self._guide, recording=recording)
+            begun = operator_guide.begin_guide(recorder.motion, recorder.info.filter, self._guide, recording=recording)
             if not recording:
                 self.record(wish)
             self._guide = begun

@@ -61,7 +61,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         place=plan.place,
         table=plan.table,
         reference=plan.reference,
-        filter=plan.filter,
+        filter=filter_of(plan, motion_of(plan)),
         measurements=plan.measurements,
         seed=plan.seed,
         kappa=plan.kappa,
@@ -138,7 +138,7 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup
             )
     motion = motion_of(plan)
     info = replace(info, reference=plan.reference, reference_sha256=_reference_sha256(plan))
-    info = replace(info, effects_sha256=_effects_sha256(plan))
+    info = replace(info, effects_sha256=_effects_sha256(plan), filter=filter_of(plan, motion))
     make = effects_of(plan, info)
     check_live(info, motion, make)
     return Setup(plan, info, motion, make)
@@ -152,6 +152,11 @@ def motion_of(plan: Plan) -> Profile | Trajectory | None:
     """Motion of the file that the reference comes from, if it comes from one."""
     name, text = plan.reference_file
     return reference_file.parse(name, text.encode()) if name else None
+
+
+def filter_of(plan: Plan, motion: Profile | Trajectory | None) -> str:
+    """Name of the filter that runs live: none with a profile that can only be found in the whole log afterwards."""
+    return "none" if isinstance(motion, Profile) and motion.align == "gyro" else plan.filter
 
 
 def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:

@@ -10,6 +10,7 @@ import math
 
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
+from imutui.logbook import reference_file
 from imutui.session.snapshot import GuideSnapshot, GuideState, ProfileDescription, SegmentDescription
 
 GO: GuideState = "go"
@@ -219,7 +220,7 @@ def hold_seconds(profile: Profile) -> list[float]:
     ]
 
 
-def describe(profile: Profile, name: str) -> ProfileDescription:
+def describe(profile: Profile, name: str, text: str = "") -> ProfileDescription:
     """A profile for viewers.
 
     Parameters
@@ -228,6 +229,8 @@ def describe(profile: Profile, name: str) -> ProfileDescription:
         What is to be done.
     name : str
         Of its file.
+    text : str
+        Its content.
 
     Returns
     -------
@@ -238,7 +241,7 @@ def describe(profile: Profile, name: str) -> ProfileDescription:
         _describe_segment(segment, seconds)
         for segment, seconds in zip(profile.segments, hold_seconds(profile), strict=True)
     ]
-    return {"name": name, "align": profile.align, "segments": segments}
+    return {"name": name, "about": reference_file.about(text), "align": profile.align, "segments": segments}
 
 
 def _describe_segment(segment: Segment, seconds: float) -> SegmentDescription:

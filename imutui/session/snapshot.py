@@ -253,6 +253,8 @@ class ProfileDescription(TypedDict):
     """A table profile, for a viewer: `name` of its file, how it is joined to the log, its segments in order."""
 
     name: str
+    about: NotRequired[list[str]]
+    """What its file says at the top: what it is for, what else is to be done; an older one tells nothing."""
     align: str
     segments: list[SegmentDescription]
 

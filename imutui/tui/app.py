@@ -106,6 +106,8 @@ class ImutuiApp(App[int]):
         self._connector = Connector(self.context, usual)
         self._recorder = RecordingControl(self.context)
         self._leaving = Leaving(self.context, self._connector, self._recorder)
+        self.experiment: requests.ExperimentFound | None = None
+        """What the last trace of this screen recommends to be done next."""
         self.farewell = self._leaving.farewell
         """Lines for the terminal after the UI has gone."""
         self.animation_level = "none"
@@ -181,11 +183,17 @@ class ImutuiApp(App[int]):
             await self.switch_mode("logs")
             self.context.logs_page.answer(message)
 
-    def on_offer_profile(self, message: requests.OfferProfile) -> None:
+    def on_experiment_found(self, message: requests.ExperimentFound) -> None:
+        """The table page offers the motion that the last trace recommends."""
+        self.experiment = message
+        if self.context.table_page is not None:
+            self.context.table_page.look()
+
+    async def on_offer_profile(self, message: requests.OfferProfile) -> None:
         """The table page offers a profile that was just written."""
-        page = self.context.table_page
-        if page is not None:
-            page.look(message.path)
+        await self.switch_mode("table")
+        if self.context.table_page is not None:
+            self.context.table_page.offer(message.path)
 
     def on_begin_guide(self, _: requests.BeginGuide) -> None:
         """Begin to guide, with a recording as the Record page's form says."""

@@ -136,7 +136,10 @@ def judge(
     """
     if estimates is None:
         reason = "no filter in this acquisition: readings are taken, nothing is estimated"
-        return Verdict("none", "OFF", reason, "1 Connect starts one with a filter", sudden=True)
+        aside = "5 Table lays the profile aside, or traces its recording"
+        return Verdict(
+            "none", "OFF", reason, aside if waiting_profile else "1 Connect starts one with a filter", sudden=True
+        )
     checks = tuple(
         check for check in (_running(estimates, silent), *_rules(estimates, slope_k_per_min, waiting_profile)) if check
     )

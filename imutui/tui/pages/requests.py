@@ -77,8 +77,17 @@ class LoadEffects(LogsRequest):
         self.text = text
 
 
+class ExperimentFound(Message):
+    """Of the table page: a trace recommends a motion, a profile as TOML; `source` says which trace."""
+
+    def __init__(self, text: str, source: str) -> None:
+        super().__init__()
+        self.text = text
+        self.source = source
+
+
 class OfferProfile(Message):
-    """Of the table page: put the cursor on a profile that was just written."""
+    """Of the table page: come to the front with the cursor on a profile that was just written."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

@@ -10,10 +10,13 @@ from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp
+from imutui.tui.pages import requests
 from imutui.tui.pages.table import profiles
 
 SIZES = [SMALLEST, (120, 40)]
 ANGLES = ((0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0))
+REST = '[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
+TURN = '[[segment]]\nkind = "rate"\naxis = "inner"\nrate_dps = 30.0\nseconds = 9.0\n'
 BAD = '[[segment]]\nkind = "spin"\n'
 
 
@@ -43,7 +46,9 @@ class Acquisition(FakeClient):
             self.changes["reference"] = {"name": "level", "file": "", "profile": False}
         elif "reference_file" in changes:
             self.files.append(changes["reference_file"])
-            self.table_profile = {**described(), "name": changes["reference_file"][0]}
+            name, text = changes["reference_file"]
+            align = "gyro" if 'align = "gyro"' in text else "marks"
+            self.table_profile = {**described(), "name": name, "align": align}
             self.changes["reference"] = {"name": "profile", "file": changes["reference_file"][0], "profile": True}
             self.changes["guide"] = None
 
@@ -106,7 +111,7 @@ async def test_a_newcomer_is_guided_from_choosing_to_the_end(folder: Path, size:
             await pilot.press("enter")
             await shows(pilot, "s left of")
             client.held()
-        await shows(pilot, "All 4 segments are done", "r finishes the file; then 6")
+        await shows(pilot, "All 4 segments are done", "r finishes the file, t traces it", "t trace")
     assert [what for what in client.asked if what.startswith("guide")] == [
         "guide begin", "guide next", "guide cancel", "guide resume", "guide next", "guide next", "guide next",
     ]  # fmt: skip
@@ -162,23 +167,57 @@ async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
 async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -> None:
     """By hand, the operator's marks join it; by itself, what the file says; then nobody is guided."""
     client = Acquisition(folder / "logs")
-    (folder / "a.toml").write_text(
-        'align = "gyro"\n[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 9.0\n'
-    )
+    (folder / "a.toml").write_text(f'# To tell scale from bias: turn it.\nalign = "gyro"\n{REST}{TURN}')
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("5")
         await shows(pilot, "a.toml")
-        await pilot.press("G", "k", "enter")
+        await pilot.press("G", "k")
+        await shows(pilot, "To tell scale from bias: turn it.", "turn inner at +30 deg/s")
+        await pilot.press("enter")
         await shows(pilot, "a.toml: who moves the table?")
         await pilot.press("h")
         await shows(pilot, "b begins.")
         assert 'align = "marks"' in client.files[0][1]
         await pilot.press("p", "enter")
         await shows(pilot, "who moves the table?")
+        await shows(pilot, "the filter is off meanwhile")
         await pilot.press("t")
-        await until(pilot, lambda: len(client.files) == 2)
+        await shows(
+            pilot, "The table runs this by itself", "r records; then start the table", "the filter is off until"
+        )
         assert 'align = "gyro"' in client.files[1][1]
+        assert "t trace" not in text_of(pilot.app)  # type: ignore[arg-type]
+        await pilot.press("r")
+        await shows(pilot, "When it has run through, r finishes the file; then t traces it")
+        await pilot.press("r")
+        await shows(pilot, "Recorded: t traces the file with this profile", "t trace")
+        await pilot.press("t")
+        await shows(pilot, "trace of imu400cd_9911750")
+
+
+async def test_what_a_trace_recommends_is_offered_first_and_can_be_copied(folder: Path) -> None:
+    """As long as no file has it; a copy gets another name, replaces nothing, and is under the cursor then."""
+    client = Acquisition(folder / "logs")
+    app = _app(client)
+    recommended = f'# To tell scale from bias: rest.\nalign = "none"\n{REST}'
+    async with app.run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        app.post_message(requests.ExperimentFound(recommended, "trace of a.mcap"))
+        await pilot.press("5")
+        await shows(pilot, "experiment that the last trace wants", "trace of a.mcap", "To tell scale from bias: rest.")
+        await pilot.press("s")
+        await shows(pilot, "Copy experiment that the last trace wants to", "experiment_copy.toml")
+        await pilot.press(*["backspace"] * len("experiment_copy.toml"), *"next.toml", "enter")
+        await shows(pilot, "wrote", "next.toml")
+        assert (folder / "logs" / "next.toml").read_text() == recommended
+        screen = await shows(pilot, "To tell scale from bias: rest.")
+        assert "experiment that the last trace" not in screen
+        await pilot.press("s", *["backspace"] * len("next_copy.toml"), *"next.toml", "enter")
+        await shows(pilot, "exists and is left as it is")
+        await pilot.press("enter")
+        await shows(pilot, "b begins.")
+        assert 'align = "marks"' in client.files[0][1], "what rests all the time needs no question"
 
 
 async def test_a_typed_path_is_taken_or_says_why_not(folder: Path) -> None:
@@ -276,7 +315,7 @@ async def test_until_the_first_look_is_done_the_page_says_that_it_looks(
     """The first look loads much; an empty list would read as if there were none."""
     may_look, look = threading.Event(), profiles.found
 
-    def patient(folders: list[Path]) -> Any:
+    def patient(folders: list[Path], _: object = None) -> Any:
         may_look.wait()
         return look(folders)
 

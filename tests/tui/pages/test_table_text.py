@@ -42,7 +42,7 @@ def test_it_waits_for_ever_and_says_for_what() -> None:
 
 def test_the_end_and_a_cancelled_run_say_what_next() -> None:
     """Also when the recording is over: one way through a profile belongs to one recording."""
-    assert "r finishes the file; then 6" in text.said(guide("done"), PROFILE, True)[1]
+    assert "r finishes the file, t traces it" in text.said(guide("done"), PROFILE, True)[1]
     assert "b begins again" in text.said(guide("done"), PROFILE, False)[0]
     assert "b resumes there" in text.said(guide("cancelled"), PROFILE, True)[1]
     assert "by itself" in text.said(None, {**PROFILE, "align": "gyro"}, False, by_hand=False)[0]

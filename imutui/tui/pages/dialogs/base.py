@@ -47,16 +47,18 @@ class FieldDialog(Dialog[str | None]):
         What it is for; what is to be known.
     value, placeholder : str
         To begin with; what stands in an empty field.
+    select : bool
+        Whether what is typed first replaces the value.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "submit", "take it", key_display="enter", priority=True),
     ]
 
-    def __init__(self, title: str, hint: str, value: str = "", placeholder: str = "") -> None:
+    def __init__(self, title: str, hint: str, value: str = "", placeholder: str = "", *, select: bool = True) -> None:
         super().__init__()
         self._title, self._hint = title, hint
-        self.field = Input(value, placeholder=placeholder, compact=True)
+        self.field = Input(value, placeholder=placeholder, select_on_focus=select, compact=True)
         """Where the text is typed."""
 
     def body(self) -> Iterable[Widget]:
@@ -64,6 +66,16 @@ class FieldDialog(Dialog[str | None]):
         yield Static(Content.styled(self._title, "bold"), classes="title")
         yield self.field
         yield Static(Content(self._hint), classes="text")
+
+    def on_mount(self) -> None:
+        """Of a long path the end is shown, which is what is changed: once the field has a width."""
+        self.call_after_refresh(self._show_end)
+
+    def _show_end(self) -> None:
+        chosen = self.field.selection
+        self.field.cursor_position = 0
+        self.field.cursor_position = len(self.field.value)
+        self.field.selection = chosen
 
     def action_submit(self) -> None:
         """Return what was typed."""

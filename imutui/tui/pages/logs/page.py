@@ -243,6 +243,8 @@ class LogsPage(Page):
         job, state, failure = message.job, message.worker.state, message.worker.failure
         if state == DONE:
             self._outcome = job.made(message.worker.result)
+            if self._outcome.experiment:
+                self.post_message(requests.ExperimentFound(self._outcome.experiment, self._outcome.title))
             if not self._show_outcome():
                 self.post_message(self.Say(f"{job.what} is done: 6 shows it", "good"))
         elif state == CANCELLED:

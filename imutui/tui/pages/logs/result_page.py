@@ -41,7 +41,9 @@ class ResultPage(Page):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("w", "write_effects", "write", tooltip="Write the found effects beside the log"),
         Binding("e", "load_effects", "load", tooltip="Load the found effects into the live filter"),
-        Binding("x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes"),
+        Binding(
+            "x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes; 5 runs it"
+        ),
         Binding("s", "save", "JSON", tooltip="Write the result document beside the log"),
         Binding("escape", "leave", "back", show=False),
         Binding("j", "scroll('down')", show=False),
@@ -115,7 +117,7 @@ class ResultPage(Page):
     def action_write_experiment(self) -> None:
         """Save the motion that would separate two causes, as a table profile."""
         experiment = self.outcome.experiment
-        self._keep("_experiment.toml", lambda: experiment, "5 Table offers it")
+        self._keep("_experiment.toml", lambda: experiment, "Enter takes it")
 
     @work(exclusive=True, group="keep")
     async def _keep(self, ending: str, make: Callable[[], str], then: str | None) -> None:

@@ -13,6 +13,7 @@ from textual.widgets import Input, Label, Static
 from imutui.session.snapshot import Snapshot
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.base import FieldDialog
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.table import profiles, text
 from imutui.tui.terminal.glyphs import choose
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class ProfileChooser(Vertical):
-    """Lead, list, field and preview; posts `Chosen`."""
+    """Lead, list, field and preview; posts `Chosen` and `Written`."""
 
     class Chosen(Message):
         """The filter shall go by a profile; None for no profile, a unit that stands still and level."""
@@ -31,6 +32,13 @@ class ProfileChooser(Vertical):
         def __init__(self, offer: "Offer | None") -> None:
             super().__init__()
             self.offer = offer
+
+    class Written(Message):
+        """A profile was written to a file."""
+
+        def __init__(self, path: Path) -> None:
+            super().__init__()
+            self.path = path
 
     def __init__(self) -> None:
         super().__init__(id="choose")
@@ -48,7 +56,7 @@ class ProfileChooser(Vertical):
         yield OptionRows(id="offers")
         with Horizontal(id="other-row"):
             yield Label("other file")
-            yield Input(id="other", placeholder="path of a TOML or CSV file; o goes here", compact=True)
+            yield Input(id="other", placeholder="path of a TOML or CSV file, or a name; o goes here", compact=True)
         yield Static(id="preview")
 
     def on_mount(self) -> None:
@@ -73,14 +81,14 @@ class ProfileChooser(Vertical):
 
     # the list
 
-    def look(self, folders: list[Path], wanted: Path | None = None) -> None:
-        """Look for profiles; with the cursor on one, if it is there."""
+    def look(self, folders: list[Path], wanted: Path | None = None, experiment: tuple[str, str] | None = None) -> None:
+        """Look for profiles; with the cursor on one, if it is there; `experiment` is what a trace recommends."""
         self._wanted = wanted or self._wanted
-        self._look(folders)
+        self._look(folders, experiment)
 
     @work(exclusive=True, group="look")
-    async def _look(self, folders: list[Path]) -> None:
-        found = await in_thread(lambda: profiles.found(folders))
+    async def _look(self, folders: list[Path], experiment: tuple[str, str] | None) -> None:
+        found = await in_thread(lambda: profiles.found(folders, experiment))
         if not self.query("#preview"):  # the page has gone meanwhile
             return
         if not self._looked:
@@ -133,18 +141,52 @@ class ProfileChooser(Vertical):
         else:
             steps = await in_thread(lambda: profiles.steps(offer))
             if self.query("#preview"):  # the page may have gone meanwhile
-                preview.update(Content(choose().text("\n".join(self._preview_lines(steps)))))
+                preview.update(Content(choose().text("\n".join(self._preview_lines(offer, steps)))))
 
-    def _preview_lines(self, steps: "list[OperatorStep]") -> list[str]:
-        room = max(self.query_one("#preview").size.height - 1, 1)
-        return text.preview(steps, self.app.size.width - 2, room)
+    def _preview_lines(self, offer: "Offer", steps: "list[OperatorStep]") -> list[str]:
+        width, room = self.app.size.width - 2, max(self.query_one("#preview").size.height - 1, 1)
+        about = text.about_lines(offer.about, width)
+        return [*about, *text.preview(steps, width, max(room - len(about), 1))]
+
+    # writing one
+
+    def copy(self, folder: Path) -> None:
+        """Write the profile under the cursor to a file of another name, after asking which."""
+        offer = self._offer()
+        if offer is None or offer.error:
+            self.post_message(Page.Say("no profile here that could be copied", "wait"))
+            return
+        hint = f"It ends in {Path(offer.file).suffix}. A file that is there stays as it is."
+        proposed = text.copy_name(offer.file, ready_made=offer.place == text.READY_MADE)
+        dialog = FieldDialog(f"Copy {offer.name} to", hint, str(folder / proposed), select=False)
+
+        def save(entered: str | None) -> None:
+            if entered is not None:
+                self._save(offer, entered)
+
+        self.app.push_screen(dialog, save)
+
+    @work(exclusive=True, group="open")
+    async def _save(self, offer: "Offer", entered: str) -> None:
+        path = Path(entered).expanduser()
+        try:
+            await in_thread(lambda: profiles.save(offer, path))
+        except FileExistsError:
+            self.post_message(Page.Say(f"{path} exists and is left as it is; s asks for another name", "bad"))
+            return
+        except (OSError, ValueError) as error:
+            said = error.strerror or error if isinstance(error, OSError) else error
+            self.post_message(Page.Say(f"{path} is not written: {said}", "bad"))
+            return
+        self.post_message(Page.Say(f"wrote {path}", "good"))
+        self.post_message(self.Written(path))
 
     # taking one
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Take the file that was typed."""
         if event.value.strip():
-            self._open(Path(event.value.strip()).expanduser())
+            self._open(Path(event.value.strip()).expanduser())  # or a name, which no file has
 
     @work(exclusive=True, group="open")
     async def _open(self, path: Path) -> None:
@@ -173,8 +215,11 @@ class ProfileChooser(Vertical):
         if offer.align == "marks" or offer.file.endswith(".csv"):
             self.post_message(self.Chosen(offer))
             return
+        if offer.still:
+            self._take_by_hand(offer)
+            return
         answers = [Answer("h", "hand", "I do, by hand: guide me"), Answer("t", "table", "the table, by itself")]
-        dialog = ChoiceDialog(f"{offer.name}: who moves the table?", text.WHO, answers)
+        dialog = ChoiceDialog(f"{offer.name}: who moves the table?", text.who(offer.align), answers)
         self.app.push_screen(dialog, lambda answer: self._answered(offer, answer))
 
     def _answered(self, offer: "Offer", answer: str | None) -> None:

@@ -3,6 +3,7 @@
 from textual.content import Content
 
 from imutui.session.snapshot import GuideSnapshot, ProfileDescription, SegmentDescription
+from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.table import text
 from imutui.tui.widgets.text_lines import TextLines
@@ -17,6 +18,8 @@ class GuideHead(TextLines):
 
     profile: ProfileDescription | None = None
     """As the acquisition tells it."""
+    recorded = False
+    """Whether there is a recording of it."""
 
     def lines(self, view: View, width: int) -> list[Content]:
         """Title, instruction, what then, bar; or, before it begins, what to know of a virtual unit."""
@@ -24,12 +27,13 @@ class GuideHead(TextLines):
             return []
         guide, segments = view.now["guide"], self.profile["segments"]
         by_hand = text.guided(self.profile, view.now)
-        what, then = text.said(guide, self.profile, view.recording is not None, by_hand)
+        what, then = text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded)
+        about = " ".join(self.profile.get("about", []))
         seconds = sum(s["seconds"] for s in segments)
         warned = text.warning(view.now, width) if by_hand else []
         return [
             self.line((text.title(self.profile, seconds), "bold")),
-            self.line(""),
+            self.line((formatting.shorten(about, width - 2), "dim")),
             self.line((what, "bold reverse" if guide and guide["state"] == "go" else "bold")),
             self.line(then),
             *(self.line(said) for said in warned),

@@ -28,6 +28,9 @@ _REQUESTS = {
 """Actions that ask something of the guide: what, and what is said once it has answered."""
 
 
+_CONDITIONAL = ("take", "other", "begin", "choose", "copy", "trace")
+
+
 class TablePage(Page):
     """The profiles there are; or the chosen one as a list, with what to do now above it."""
 
@@ -55,7 +58,9 @@ class TablePage(Page):
         Binding("b", "begin", "begin", tooltip="Record, and be guided through the profile"),
         Binding("b", "guide('resume')", "resume", tooltip="Go on with the segment that was cancelled"),
         Binding("c", "guide('cancel')", "cancel", tooltip="Stop being guided; the recording goes on"),
+        Binding("t", "trace", "trace", tooltip="Trace what was recorded with this profile, which is its reference"),
         Binding("p", "choose", "other profile", tooltip="Choose another table profile"),
+        Binding("s", "copy", "save copy", tooltip="Write the profile under the cursor to a file of another name"),
         Binding("o", "other", "other file", tooltip="Type the path of a profile"),
         Binding("escape", "back", "back", show=False),
     ]
@@ -68,6 +73,8 @@ class TablePage(Page):
         """Which reference of which acquisition the profile was asked for."""
         self._choosing = False
         self._offered: set[str] = set()
+        self._recorded: Path | None = None
+        """File of the last recording that this page saw beside the profile that is followed."""
 
     def body(self) -> Iterable[Widget]:
         """The chooser, and the guided list; one of them is shown."""
@@ -87,8 +94,23 @@ class TablePage(Page):
 
     def look(self, wanted: Path | None = None) -> None:
         """Look for profiles; with the cursor on one, if it is there."""
-        folders = [Path(), Path(getattr(self.app, "logs_folder", "logs"))]
-        self._chooser.look(folders, wanted)
+        told = getattr(self.app, "experiment", None)
+        experiment = (told.text, told.source) if isinstance(told, requests.ExperimentFound) else None
+        self._chooser.look([Path(), self._logs], wanted, experiment)
+
+    @property
+    def _logs(self) -> Path:
+        return Path(getattr(self.app, "logs_folder", "logs"))
+
+    def offer(self, wanted: Path) -> None:
+        """Show the list with the cursor on a profile, whatever is followed."""
+        self._choosing = True
+        self._part()
+        self.look(wanted)
+
+    def on_profile_chooser_written(self, message: ProfileChooser.Written) -> None:
+        """Show the new file in the list."""
+        self.look(message.path)
 
     # what the acquisition has
 
@@ -100,16 +122,18 @@ class TablePage(Page):
         now = view.now
         if now is not None and now["state"] == "running":
             self._ask_for_profile(now)
+        if view.recording is not None and self._segments.profile is not None:
+            self._recorded = Path(view.recording["path"])
         self._chooser.show(now)
         self._part()
-        self._segments.show(now)
+        self._segments.show(now, recorded=self._recorded is not None)
 
     def _ask_for_profile(self, now: Snapshot) -> None:
         reference = now["reference"]
         key = (now["pid"], reference["name"], reference["file"]) if reference["profile"] else None
         if key == self._known:
             return
-        self._known, self._choosing = key, False
+        self._known, self._choosing, self._recorded = key, False, None
         self._segments.follow(None)
         if key is not None:
             found: list[ProfileDescription | None] = []
@@ -155,19 +179,20 @@ class TablePage(Page):
         """Offer what can be done now."""
         if action == "guide":
             return parameters[0] in self._possible()
-        return action in self._possible() if action in ("take", "other", "begin", "choose") else True
+        return action in self._possible() if action in _CONDITIONAL else True
 
     def _possible(self) -> set[str]:
         """Actions that make sense now."""
         now, profile = self.view.now if self.view is not None else None, self._segments.profile
         if profile is None or self._choosing:
-            return {"take", "other"}
+            return {"take", "other", "copy"}
         if now is None or now["state"] != "running":
             return {"choose"}
         guide = now["guide"]
         under_way = guide is not None and guide["state"] in ("go", "hold")
         can = text.can(guide, now["recording"] is not None) if text.guided(profile, now) else set()
-        return can | (set() if under_way else {"choose"})
+        done = now["recording"] is None or (guide is not None and guide["state"] == "done")
+        return can | (set() if under_way else {"choose"}) | ({"trace"} if done and self._recorded else set())
 
     def action_take(self) -> None:
         """Have the filter go by the profile with the cursor."""
@@ -195,7 +220,7 @@ class TablePage(Page):
     def _configure(self, offer: "Offer") -> None:
         def ask(client: Client) -> str:
             client.configure(reference_file=(offer.file, offer.text))
-            return f"{offer.name}: the filter goes by it from now on, and began anew"
+            return f"{offer.name}: {text.TAKEN.get(offer.align, text.TAKEN['marks'])}"
 
         self.post_message(self.Ask(ask, f"taking {offer.name}", self._taken))
 
@@ -225,6 +250,15 @@ class TablePage(Page):
         self._choosing = True
         self._part()
         self.look()
+
+    def action_copy(self) -> None:
+        """Write the profile under the cursor to another file."""
+        self._chooser.copy(self._logs)
+
+    def action_trace(self) -> None:
+        """Have the recording of this profile traced, which is its own reference."""
+        if self._recorded is not None:
+            self.post_message(requests.Trace(self._recorded))
 
     def action_other(self) -> None:
         """Ask for the path of a profile that is not listed."""

@@ -11,11 +11,14 @@ if TYPE_CHECKING:
     from imutui.session.snapshot import ProfileDescription
 
 
-def found(folders: list[Path]) -> "list[Offer]":
-    """Profiles of folders, and those that are ready-made."""
+def found(folders: list[Path], experiment: tuple[str, str] | None = None) -> "list[Offer]":
+    """The motion that a trace recommends (text, source) unless a file has it, ready-made profiles, those of folders."""
     from imutui.jobs import operator_steps
 
-    return operator_steps.offers(folders)
+    offers = operator_steps.offers(folders)
+    if experiment is None or any(offer.text == experiment[0] for offer in offers):
+        return offers
+    return [operator_steps.of_trace(*experiment), *offers]
 
 
 def read(path: Path) -> "Offer":
@@ -30,6 +33,13 @@ def by_hand(offer: "Offer") -> "Offer":
     from imutui.jobs import operator_steps
 
     return operator_steps.by_hand(offer) or offer
+
+
+def save(offer: "Offer", path: Path) -> None:
+    """Write it to a new file; raises ValueError or OSError with the reason if that cannot be."""
+    from imutui.jobs import operator_steps
+
+    operator_steps.save(offer, path)
 
 
 def steps(offer: "Offer") -> "list[OperatorStep]":

@@ -51,8 +51,9 @@ class SegmentList(Vertical):
             self._testable = testable
             self._list()
 
-    def show(self, now: Snapshot | None) -> None:
-        """Take a snapshot: where the guide is."""
+    def show(self, now: Snapshot | None, *, recorded: bool = False) -> None:
+        """Take a snapshot: where the guide is; and whether there is a recording of this profile."""
+        self.query_one(GuideHead).recorded = recorded
         self._guide = now["guide"] if now is not None else None
         self._list()
 

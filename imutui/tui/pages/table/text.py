@@ -13,9 +13,20 @@ if TYPE_CHECKING:
 LEVEL = "no profile: still and level"
 LEVEL_PREVIEW = "Enter lays the profile aside: the filter takes the unit as still and level"
 LOOKING = "looking for profiles…"
-WHO = """\
-By hand: this page says where to go, and your Enter joins profile and log. Only what you hold still is used.
-By itself: the controller runs the profile; profile and log are joined as the file says."""
+READY_MADE = "ready-made"
+_BY_HAND = (
+    "By hand: this page says where to go, and your Enter joins profile and log. Only what you hold still is used."
+)
+_WHO = {
+    "none": "By itself: the controller runs the profile; its clock is the log's.",
+    "gyro": "By itself: the controller runs the profile. When it began is found in the whole recording, so the filter"
+    " is off meanwhile; t traces the recording afterwards.",
+}
+TAKEN = {
+    "marks": "the filter goes by it from now on, and began anew",
+    "gyro": "the next recording has it as its reference; the filter is off until it is laid aside",
+}
+"""What is said when the acquisition has taken a profile, by how it is joined."""
 _NEEDED = 74
 _LEAST_PLACE = 14
 WORKING_OUT = "working out…"
@@ -36,8 +47,8 @@ _THERE = {
     "sampled": "Enter when it starts.",
 }
 _BY_ITSELF = {
-    "none": ("The table runs this by itself.", "Its clock is the log's: start it with r, at the same moment."),
-    "gyro": ("The table runs this by itself.", "r records; then start the table. The gyros tell when it began."),
+    "none": "Its clock is the log's: start it with r, at the same moment.",
+    "gyro": "r records; then start the table. The gyros tell when it began.",
 }
 _HOLDING = {
     "dwell": "Leave the table alone.",
@@ -87,15 +98,19 @@ def span(seconds: float) -> str:
 
 
 def said(
-    guide: GuideSnapshot | None, profile: ProfileDescription, recording: bool, by_hand: bool = True
+    guide: GuideSnapshot | None,
+    profile: ProfileDescription,
+    recording: bool,
+    by_hand: bool = True,
+    recorded: bool = False,
 ) -> tuple[str, str]:
     """What the operator is to do now, and what happens then."""
     segments = profile["segments"]
     if guide is None and not by_hand:
-        return _BY_ITSELF.get(profile["align"], _BY_ITSELF["none"])
+        return _by_itself(profile["align"], recording, recorded)
     if guide is None or can(guide, recording) == {"begin"}:
         first = "Segment 1 is asked for" if recording else "A recording starts, and segment 1 is asked for"
-        return _before(guide), f"{first}. p takes another profile."
+        return _before(guide, recorded), f"{first}. p takes another profile."
     number = min(guide["segment"], len(segments) - 1)
     segment = segments[number]
     of = f"Segment {number + 1} of {len(segments)}"
@@ -108,7 +123,19 @@ def said(
         case "cancelled":
             where = f"Cancelled at segment {number + 1} of {len(segments)}."
             return where, "The recording goes on: b resumes there, r finishes the file."
-    return f"All {len(segments)} segments are done.", "r finishes the file; then 6 (Logs) traces it."
+    return f"All {len(segments)} segments are done.", "r finishes the file, t traces it with this profile."
+
+
+def _by_itself(align: str, recording: bool, recorded: bool) -> tuple[str, str]:
+    """What to do where the table's controller runs a profile, and what then."""
+    if recording:
+        return (
+            "Recording: the table runs this by itself.",
+            "When it has run through, r finishes the file; then t traces it.",
+        )
+    if recorded:
+        return "Recorded: t traces the file with this profile.", "r records once more; p takes another profile."
+    return "The table runs this by itself.", _BY_ITSELF.get(align, _BY_ITSELF["none"])
 
 
 def warning(now: Snapshot, width: int) -> list[str]:
@@ -119,16 +146,17 @@ def warning(now: Snapshot, width: int) -> list[str]:
     return textwrap.wrap(_VIRTUAL, width)
 
 
-def _before(guide: GuideSnapshot | None) -> str:
+def _before(guide: GuideSnapshot | None, recorded: bool) -> str:
     if guide is None:
         return "b begins."
     last = "done" if guide["state"] == "done" else "cancelled"
-    return f"The last time is {last}, its file finished (6 Logs traces it). b begins again."
+    key = "t" if recorded else "6 Logs"
+    return f"The last time is {last}, its file finished ({key} traces it). b begins again."
 
 
 def guided(profile: ProfileDescription, now: Snapshot) -> bool:
-    """Whether the acquisition guides through a profile: the filter must go by the operator, if there is a filter."""
-    return profile["align"] == "marks" or now["filter"] is None
+    """Whether the acquisition guides through a profile: the operator moves the table, and not its controller."""
+    return profile["align"] == "marks" or (now["filter"] is None and profile["align"] != "gyro")
 
 
 def can(guide: GuideSnapshot | None, recording: bool) -> set[str]:
@@ -184,8 +212,29 @@ def offer_lines(offers: "Sequence[Offer]", width: int) -> list[str]:
 
 
 def _offer_line(offer: "Offer", name: int, place: int) -> str:
-    what = "can't be used" if offer.error else f"{offer.segments:3d} segments {span(offer.seconds):>6}"
+    what = (
+        "can't be used"
+        if offer.error
+        else f"{offer.segments:3d} {'segment ' if offer.segments == 1 else 'segments'} {span(offer.seconds):>6}"
+    )
     return f" {formatting.shorten(offer.name, name):<{name}}  {what:<20} {formatting.shorten(offer.place, place)}"
+
+
+def who(align: str) -> str:
+    """What it means who moves the table, for a profile that is not joined by marks."""
+    return f"{_BY_HAND}\n{_WHO.get(align, _WHO['none'])}"
+
+
+def copy_name(file: str, *, ready_made: bool) -> str:
+    """Name that is proposed for a copy of a profile's file."""
+    stem, dot, suffix = file.replace(" ", "_").rpartition(".")
+    return f"{stem}{'' if ready_made else '_copy'}{dot}{suffix}"
+
+
+def about_lines(about: Sequence[str], width: int) -> list[str]:
+    """What a profile's file says at the top, in three lines at most and an empty one; none of no text."""
+    wrapped = textwrap.wrap(" ".join(about), width, max_lines=3, placeholder=" …")
+    return [*wrapped, ""] if wrapped else []
 
 
 def preview(steps: "Sequence[OperatorStep]", width: int, room: int) -> list[str]:
