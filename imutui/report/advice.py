@@ -77,7 +77,7 @@ def _data(d: TraceDocument) -> Iterator[str]:
     for entry in d.get("integrity", []):
         where = f", {entry['where']}" if entry.get("where") else ""
         yield (
-            f"Look at the data first: {plain_names.effect(entry['effect'])} on {_names(entry['channels'])}{where}. "
+            f"Look at the data first: {plain_names.effect(entry['effect'])} on {_names(entry['channels'])}{where}."
             " Check cable, connector and supply before the next recording."
         )
 
@@ -94,8 +94,8 @@ def _use(d: TraceDocument) -> Iterator[str]:
     odd = [f for f in used if any(p.get("plausible") is False for p in f.get("params", []))]
     for f in odd:
         yield (
-            f"{_names(f['channels'])}: {f['label']} is larger than this physics allows. Treat it as a curve that fits,"
-            " not as a cause, and look for what else it may be."
+            f"{_names(f['channels'])}: “{f['label']}” comes out larger than this physics allows. Treat it as a curve"
+            " that fits, not as a cause, and look for what else it may be."
         )
 
 
@@ -118,10 +118,10 @@ def _separate(d: TraceDocument) -> Iterator[str]:
         return
     a, b = (sentences.label_of(d, made[key]) for key in ("a", "b"))
     if made["d_expected"] < SEPARATES:
-        yield f"Whether it is {a} or {b} stays open: no motion of this table tells them apart."
+        yield f"“{a}” or “{b}” stays open: no motion of this table tells them apart."
         return
     yield (
-        f"To tell whether it is {a} or {b}, record the motion in `experiment.toml` ({duration(made['duration_s'])}; its"
+        f"To tell “{a}” from “{b}”, record the motion in `experiment.toml` ({duration(made['duration_s'])}; its"
         " text stands at the end of this page), and trace that log together with these."
     )
 
@@ -147,9 +147,11 @@ def _drift(d: TraceDocument) -> Iterator[str]:
     channels = list(dict.fromkeys(c for e in entries for c in e["channels"]))
     times = [tau for e in entries if (tau := e.get("tau_s"))]
     often = f" (within {duration(min(times))})" if times else ""
+    one = len(channels) == 1
     yield (
-        f"{_names(channels)} drift by themselves: estimate these biases again at rest often enough{often}. The effects"
-        " file has the filter expect the drift."
+        f"{_names(channels)} {'drifts by itself' if one else 'drift by themselves'}: estimate"
+        f" {'this bias' if one else 'these biases'} again at rest often enough{often}. The effects file has the filter"
+        " expect the drift."
     )
 
 

@@ -83,7 +83,10 @@ def name(ax: "Axes", x: str, y: str, *, legend: bool = False) -> None:
     ax.grid(visible=True, lw=0.3, color=FLOOR, alpha=0.6)
     ax.set_axisbelow(True)
     if legend:
-        ax.legend(frameon=False, fontsize="small", loc="best")
+        # above the axes: inside them it would lie on a curve
+        ax.legend(
+            frameon=False, fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderpad=0.1
+        )
 
 
 def before_and_after(ax: "Axes", x: Sequence[float], before: Array, after: Array) -> None:

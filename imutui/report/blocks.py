@@ -20,6 +20,13 @@ class Paragraph:
 
 
 @dataclass(frozen=True, slots=True)
+class Subheading:
+    """What the next blocks are of."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class Items:
     """Sentences that stand one below the other; `numbered` if their order says which comes first."""
 
@@ -86,7 +93,7 @@ class Figure:
     panels: tuple[Panel, ...]
 
 
-Block: TypeAlias = Paragraph | Items | Facts | Table | Code | Figure
+Block: TypeAlias = Paragraph | Subheading | Items | Facts | Table | Code | Figure
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from html import escape as escaped
 
 from imutui.plain_text import visible
 from imutui.report import figures
-from imutui.report.blocks import Article, Code, Facts, Figure, Items, Page, Paragraph, Section, Table
+from imutui.report.blocks import Article, Code, Facts, Figure, Items, Page, Paragraph, Section, Subheading, Table
 from imutui.report.html_style import STYLE
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -77,6 +77,10 @@ def _paragraph(block: Paragraph) -> str:
     return f"<p>{text(block.text)}</p>"
 
 
+def _subheading(block: Subheading) -> str:
+    return f"<h3>{text(block.text)}</h3>"
+
+
 def _items(block: Items) -> str:
     tag = "ol" if block.numbered else "ul"
     return f"<{tag}>" + "".join(f"<li>{text(item)}</li>" for item in block.texts) + f"</{tag}>"
@@ -112,11 +116,13 @@ def _figure(block: Figure, number: int) -> str:
         for n, panel in enumerate(block.panels)
     )
     caption = f"<figcaption><strong>{text(block.title)}.</strong> {text(block.caption)}</figcaption>"
-    return f'<figure id="r{number}-{block.name}">{caption}<div class="panels">{drawn}</div></figure>'
+    kind = "several" if several else "single"
+    return f'<figure id="r{number}-{block.name}" class="{kind}">{caption}<div class="panels">{drawn}</div></figure>'
 
 
 _WRITERS: dict[type, Callable[..., str]] = {
     Paragraph: _paragraph,
+    Subheading: _subheading,
     Items: _items,
     Facts: _facts,
     Table: _table,

@@ -10,7 +10,9 @@ body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; color: var(--ink); b
   max-width: 64rem; margin: 0 auto; padding: 1.5rem 1rem 3rem; overflow-wrap: break-word }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 1rem 0 .6rem }
 h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; padding-bottom: .25rem; border-bottom: 2px solid var(--rule) }
-h1, h2 { break-after: avoid } p, li { max-width: 48rem } li { margin: .35rem 0 }
+h3 { font-size: 1rem; margin: 1.2rem 0 .3rem }
+h1, h2, h3 { break-after: avoid } ul, ol { margin: .3rem 0 1rem; padding-left: 1.6rem }
+p, li { max-width: 48rem } li { margin: .35rem 0 }
 a { color: var(--after) } article + article { margin-top: 4rem; border-top: 4px solid var(--rule) }
 code, pre, td.code { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .9em }
 code { overflow-wrap: anywhere } pre { background: var(--fill); padding: .8rem; white-space: pre-wrap;
@@ -31,7 +33,7 @@ td.file, td.hash { font-family: ui-monospace, "DejaVu Sans Mono", monospace; fon
   overflow-wrap: anywhere }
 td.file { min-width: 9rem } td.hash { min-width: 33ch; width: 33ch } code.short { white-space: nowrap }
 td:last-child, th:last-child { padding-right: 0 }
-tr, svg { break-inside: avoid } figcaption { break-after: avoid }
+tr, svg, figcaption, figure.single { break-inside: avoid } figcaption, caption { break-after: avoid }
 figure { margin: 1.6rem 0 } figcaption { margin-bottom: .5rem; max-width: 48rem; color: var(--faint) }
 figcaption strong { color: var(--ink) }
 .panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 21rem), 1fr)); gap: .8rem 1.2rem }

@@ -140,7 +140,7 @@ def channel_lines(d: TraceDocument) -> list[ChannelLine]:
         status = d.get("status", {}).get(channel, "clean")
         said = [_finding(f, d) for f in d.get("findings", []) if tuple(f["channels"]) == (channel,)]
         said += [
-            f"with others: {f['label']} (below)"
+            f"with others: {f['label']} (below)."
             for f in d.get("findings", [])
             if channel in f["channels"] and len(f["channels"]) > 1
         ]

@@ -4,7 +4,19 @@ from collections.abc import Iterator, Sequence
 
 from filters.tracing.trace_document import ErrorEntry, TraceDocument
 from imutui.report import advice, identity, sentences, trace_figures
-from imutui.report.blocks import Article, Block, Code, Column, Facts, Figure, Items, Paragraph, Section, Table
+from imutui.report.blocks import (
+    Article,
+    Block,
+    Code,
+    Column,
+    Facts,
+    Figure,
+    Items,
+    Paragraph,
+    Section,
+    Subheading,
+    Table,
+)
 from imutui.report.numbers import three_digits
 
 EXPERIMENT = "experiment.toml"
@@ -144,7 +156,7 @@ def _detail(d: TraceDocument) -> Iterator[Block]:
     for section in sentences.sections(d, _SAVED):
         if section.title in ("Errors", "Notes"):  # the table above, the method below
             continue
-        yield Paragraph(f"{section.title}:")
+        yield Subheading(section.title)
         yield Items(section.sentences)
     if d.get("findings"):
         yield _causes(d)
@@ -186,9 +198,9 @@ def _method(d: TraceDocument) -> Iterator[Block]:
     )
     yield Facts(rows)
     if notes := d.get("notes"):
-        yield Paragraph("Notes:")
+        yield Subheading("Notes")
         yield Items(tuple(notes))
     experiment = d.get("separating_experiment")
     if experiment and experiment.get("profile"):
-        yield Paragraph(f"`{EXPERIMENT}`, the motion that would tell the causes apart:")
+        yield Subheading(f"`{EXPERIMENT}`, the motion that would tell the causes apart")
         yield Code(experiment["profile"])

@@ -244,9 +244,10 @@ def test_a_page_is_called_measured_only_if_all_of_it_is(kinds: tuple[str, ...], 
 def test_what_to_do_is_said_in_order_and_without_a_finding_nothing() -> None:
     """The data first; then what to use, what not, what to record next."""
     told = advice.after_trace(traced(refuted=[REFUTED]))
-    begins = ("Look at the data first", "Correct for", "ax, ay and az: the acc", "Do not correct for",
-              "To tell whether", "Nothing that was logged explains all", "gx drift")  # fmt: skip
+    begins = ("Look at the data first", "Correct for", "ax, ay and az: “the acc", "Do not correct for",
+              "To tell “bias", "Nothing that was logged explains all", "gx drifts")  # fmt: skip
     assert [t.startswith(b) for t, b in zip(told, begins, strict=False)] == [True] * len(begins), told
+    assert not any("  " in sentence for sentence in told)
     clean = {**traces.nothing().document, "runs": [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]}
     assert advice.after_trace(clean) == [advice.NOTHING]
     assert "switched off" in advice.after_trace({**clean, "runs": [RUN]})[-1]

@@ -111,8 +111,8 @@ def document() -> dict[str, Any]:
     }  # fmt: skip
     error = {
         "metric": "e10", "channel": "gy", "unit": "deg/s", "before": 0.084, "after": 0.0101, "floor": 0.01,
-        "before_x_floor": 8.41, "after_x_floor": 1.01, "ci95": [0.9, 1.1], "floor_band95": [0.0085, 0.0117], "n": 84,
-        "heldout": "run",
+        "before_x_floor": 8.41, "after_x_floor": 1.01, "ci95": [0.009, 0.011], "floor_band95": [0.0085, 0.0117],
+        "n": 84, "heldout": "run",
     }  # fmt: skip
     return {
         "version": 1,
@@ -191,7 +191,7 @@ def whole_document() -> dict[str, Any]:
         "begins_s": 0.0, "history_known": True, "log_sha256": "ab" * 32,
     }  # fmt: skip
     added: dict[str, dict[str, Any]] = {
-        "error": {"before_ci95": [7.9, 8.9]}, "findings": {"shape": {}}, "integrity": {"size": None},
+        "error": {"before_ci95": [0.079, 0.089]}, "findings": {"shape": {}}, "integrity": {"size": None},
         "lines": {"harmonics": []}, "untestable": {"rho": None, "with": None},
         "weak": {"guarded_score": 1.0, "limit": None, "why": "not told from drift"},
     }  # fmt: skip
