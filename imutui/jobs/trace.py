@@ -207,7 +207,8 @@ def _what_it_is_for(experiment: SeparatingExperiment) -> list[str]:
     """What the file of the run says to whoever makes it: what for, and what to do besides moving the table."""
     a, b = (plain_names.effect(effect) for effect in (experiment.a, experiment.b))
     thermal = [f"{degc:g} degC at {t:g} s" for t, degc in experiment.thermal or ()]
-    told = [f"To tell {a} from {b}: {experiment.motion}."]
+    motion = experiment.motion[:1].upper() + experiment.motion[1:]
+    told = [f"{a[:1].upper()}{a[1:]}, or {b}? {motion}."]
     if 2 < len(thermal) <= _MOST_POINTS:
         told.append(f"Temperature in the case: {', '.join(thermal)}.")
     return told

@@ -142,6 +142,7 @@ def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict
     assert len(read["effect"]) == 2
     assert "thermal_lin (gy)" in done.stderr
     assert load_profile(home / "experiment.toml").duration == 60.0
+    assert (home / "experiment.toml").read_text().startswith("# ")
     profile = load_scenario(home / "experiment.toml").profile
     assert profile is not None
     assert profile.duration == 60.0

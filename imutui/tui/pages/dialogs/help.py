@@ -93,6 +93,9 @@ ON THE TABLE PAGE
   Enter    have the filter go by it; b begins, and records
   Enter    then: the table is there. No clock presses you: the seconds run
            only once you have said so. c cancels, b goes on where it was
+  t        traces the finished recording, whose reference the profile is
+  s        copies the profile under the cursor to a file. The motion that
+           the last trace wants stands first in the list
 
 ON THE LOGS PAGE
   i c v    info, check, recover the file under the cursor
