@@ -1,11 +1,14 @@
 """Shapes of the documents that `info`, `check`, `recover` and `profile` print as JSON; records only.
 
-That of a replay is `imutui.logbook.results.ResultDocument`.
+That of a replay is `imutui.logbook.results.ResultDocument`, that of a trace `filters.tracing.trace_document`'s.
 """
 
 from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
+    from filters.tracing.trace_document import CurveEntry as CurveEntry
+    from filters.tracing.trace_document import FindingEntry as FindingEntry
+    from filters.tracing.trace_document import TraceDocument as TraceDocument
     from imutui.logbook.results import NisFields, SdFields, StateFields
     from imutui.logbook.results import ResultDocument as ResultDocument
 

@@ -17,6 +17,7 @@ from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.jobs import unread_filled
+from imutui.jobs.replay_course import ReplayCourse
 from imutui.logbook import (
     atomic_file,
     checksum_file,
@@ -65,6 +66,8 @@ class ReplayOptions:
         Replace `output` if it exists.
     mode : int
         Permissions of `output`.
+    course : bool
+        Whether the result has the biases over time, for plots; not with an `output`, which has them.
     """
 
     start: float | None = None
@@ -77,6 +80,7 @@ class ReplayOptions:
     estimates_hz: float = ESTIMATES_HZ
     overwrite: bool = False
     mode: int = MODE
+    course: bool = False
 
     def every(self) -> float:
         """Least time between two estimates that are asked for, s."""
@@ -159,7 +163,8 @@ def replay(
     read_s = time.perf_counter() - started
 
     info, settings = prepare(log, part, options)
-    estimator = Estimator(settings, options.every())
+    course = ReplayCourse(info, float(part.t[-1])) if options.course else None
+    estimator = Estimator(settings, options.every() if course is None else min(course.every, options.every()))
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
@@ -170,6 +175,8 @@ def replay(
     started = time.perf_counter()
     try:
         for rows in run(estimator, part, options.speed, progress):
+            if course is not None:
+                course.take(rows, estimator)
             if sink is not None:
                 sink.take(rows, estimator)
         if estimator.latest is None:
@@ -192,6 +199,8 @@ def replay(
         result["damage"] = log.damage
     if sink is not None:
         sink.finish(result)
+    if course is not None:
+        result["course"] = course.rows(result)
     return result
 
 

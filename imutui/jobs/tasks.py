@@ -50,7 +50,8 @@ def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -
     from imutui.jobs import replay
 
     tell(0.0, f"reading {path.name}")
-    return replay.replay(path, options or replay.ReplayOptions(), lambda share: tell(share, f"filtering {path.name}"))
+    wanted = options or replay.ReplayOptions(course=True)
+    return replay.replay(path, wanted, lambda share: tell(share, f"filtering {path.name}"))
 
 
 def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell: Tell) -> TraceResult:

@@ -14,6 +14,7 @@ from filters import attitude, state
 from filters.imu import AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
+from imutui.history_rows import HistoryRows
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -185,6 +186,8 @@ class ResultDocument(TypedDict):
     """Replays only: what is wrong with the file, if anything."""
     parts: NotRequired[list[PartResult]]
     """Live recordings in several files only: all of them, the last one's result being this."""
+    course: NotRequired[HistoryRows]
+    """Replays on the screen only: gyro biases in deg/s, then accelerometer biases in mg, over time."""
     truth: NotRequired[StateFields]
     """The demo only: what the virtual instrument really has."""
 

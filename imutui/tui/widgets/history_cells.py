@@ -178,10 +178,11 @@ def _with_band(made: Cells, area: Bits, glyphs: Glyphs) -> Cells:
     upper, lower = area.reshape(rows, 2, glyphs.rows // 2, -1, glyphs.columns).mean(axis=(2, 4)).swapaxes(0, 1) >= 0.5
     touched = (made.shows >= ESTIMATE) & _any(area, glyphs)
     texts = [list(line) for line in made.lines]
-    for row, column in np.argwhere((upper ^ lower) & (made.shows == EMPTY)).tolist():
+    lined = (made.shows == LINE).any(axis=1, keepdims=True)  # halves between the dots of a line would look like it
+    for row, column in np.argwhere((upper ^ lower) & (made.shows == EMPTY) & ~lined).tolist():
         texts[row][column] = "▀" if upper[row, column] else "▄"
         made.shows[row, column] = HALF
-    return Cells(["".join(text) for text in texts], made.shows, (upper & lower) | touched)
+    return Cells(["".join(text) for text in texts], made.shows, (upper & lower) | (lined & upper) | touched)
 
 
 def _with_gaps(made: Cells, gaps: tuple[tuple[int, int], ...], glyphs: Glyphs) -> Cells:

@@ -71,6 +71,7 @@ class LogsPage(Page):
         self._job_line = JobLine()
         self._effects = LiveEffects(self)
         self._files = FileActions(self, self._look_at)
+        self._results: list[Outcome] = []
         self._outcome: Outcome | None = None
         """A result that waits until this page is in front."""
         self._wanted: Path | None = None
@@ -260,7 +261,8 @@ class LogsPage(Page):
             return False
         outcome, self._outcome = self._outcome, None
         self.post_message(self.Say(""))
-        self.app.push_screen(ResultPage(outcome))
+        self.app.push_screen(ResultPage(outcome, self._results))
+        self._results = [*self._results[-8:], outcome]
         return True
 
     def action_effects(self) -> None:

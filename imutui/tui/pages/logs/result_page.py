@@ -1,7 +1,7 @@
 """A job's result: text to scroll, and what can be made of it."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,11 +16,17 @@ from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.logs import result_text
+from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
+from imutui.tui.pages.logs import kept_results, result_text
+from imutui.tui.pages.logs.kept_results import comparison
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
+from imutui.tui.widgets import text_plot
+from imutui.tui.widgets.text_plot import PlotLook
 
 _WIDEST = 110
+_WIDEST_PLOTS = 150
+_MOST = 9
 
 
 class ResultPage(Page):
@@ -30,6 +36,8 @@ class ResultPage(Page):
     ----------
     outcome : Outcome
         What the job came to.
+    others : sequence of Outcome
+        Results that were shown before, for a comparison.
     """
 
     TITLE = "Logs"
@@ -45,19 +53,24 @@ class ResultPage(Page):
             "x", "write_experiment", "experiment", tooltip="Write the motion that would separate the causes; 5 runs it"
         ),
         Binding("s", "save", "JSON", tooltip="Write the result document beside the log"),
+        Binding("p", "plots", "plots", show=False, tooltip="To the plots, and back to the text"),
+        Binding("c", "compare", "compare", show=False, tooltip="Another result of the same kind beside this one"),
         Binding("escape", "leave", "back", show=False),
         Binding("j", "scroll('down')", show=False),
         Binding("k", "scroll('up')", show=False),
         Binding("space", "scroll('page_down')", show=False),
     ]
 
-    def __init__(self, outcome: Outcome) -> None:
+    def __init__(self, outcome: Outcome, others: Sequence[Outcome] = ()) -> None:
         super().__init__()
         self.outcome = outcome
+        self._others = [other for other in others if other.kind == outcome.kind and other is not outcome]
+        self._begin_of_plots = 0
 
     def body(self) -> Iterable[Widget]:
         """Title of the result and its text, to scroll."""
-        keys = "y copies  Esc back"
+        offered = (("plots", "p plots  "), ("compare", "c compare  "))
+        keys = "".join(key for action, key in offered if self.check_action(action, ())) + "y copies  Esc back"
         room = self.app.size.width - len(keys) - 5
         yield Static(
             choose().text(f"{formatting.shorten(self.outcome.title, room)}   {keys}"), id="result-title", markup=False
@@ -76,12 +89,24 @@ class ResultPage(Page):
         self._write()
 
     def _write(self) -> None:
-        parts = result_text.styled(choose().text(self._text()))
+        said = self._text()
+        parts = result_text.styled(choose().text(said))
+        plots = self._plots()
+        self._begin_of_plots = said.count("\n") + 2
+        if plots:
+            parts += ["\n\n", *text_plot.text(plots)]
         self.query_one("#result", Static).update(Content.assemble(*parts))
+        self.refresh_bindings()
+
+    def _plots(self) -> list[text_plot.Line]:
+        glyphs, app = choose(), self.app
+        shades = not (app.no_color or app.native_ansi_color or glyphs.name == "ascii")
+        return self.outcome.plots(PlotLook(min(app.size.width - 4, _WIDEST_PLOTS), glyphs, shades))
 
     def as_text(self) -> str:
         """The result as it is shown, all of it."""
-        return self._text()
+        plots = "\n".join("".join(said for said, _ in line).rstrip() for line in self._plots())
+        return self._text() + (f"\n\n{plots}" if plots else "")
 
     def _text(self) -> str:
         width = min(self.app.size.width - 4, _WIDEST)
@@ -90,6 +115,12 @@ class ResultPage(Page):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what this result has."""
         match action:
+            case "compare":
+                return self.outcome.kind in ("replay", "trace")
+            case "save":
+                return self.outcome.kind != "comparison"
+            case "plots":
+                return bool(self.outcome.plots(PlotLook(80, choose(), shades=False)))
             case "write_effects" | "load_effects":
                 return bool(self.outcome.effects)
             case "write_experiment":
@@ -99,6 +130,28 @@ class ResultPage(Page):
     def action_scroll(self, how: str) -> None:
         """Scroll as in vi."""
         getattr(self.query_one("#result-room"), f"scroll_{how}")(animate=False)
+
+    def action_plots(self) -> None:
+        """Where the plots begin, or back to the text."""
+        room = self.query_one("#result-room")
+        room.scroll_to(y=0 if room.scroll_y >= min(self._begin_of_plots, room.max_scroll_y) else self._begin_of_plots,
+                       animate=False)  # fmt: skip
+
+    @work(exclusive=True, group="compare")
+    async def action_compare(self) -> None:
+        """Ask with which other result, and show both."""
+        kept = await in_thread(lambda: kept_results.find(self.outcome))
+        others = [*reversed(self._others), *kept][:_MOST]
+        if not others:
+            name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
+            self.post_message(self.Say(name, "wait"))
+            return
+        answers = [Answer(str(n), str(n), formatting.shorten(made.title, 50)) for n, made in enumerate(others, 1)]
+        chosen = await self.app.push_screen_wait(
+            ChoiceDialog("Compare with", "B is the result that you choose, A the one that is shown.", answers)
+        )
+        if chosen is not None:
+            self.app.push_screen(ResultPage(comparison(self.outcome, others[int(chosen) - 1])))
 
     def action_leave(self) -> None:
         """Back to the list."""

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,8 @@ from imutui.report import sentences
 from imutui.tui import formatting
 from imutui.tui.connection import verdict
 from imutui.tui.formatting import StyledText
+from imutui.tui.pages.logs import result_plots
+from imutui.tui.widgets.text_plot import Line, PlotLook
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -41,6 +43,8 @@ class Outcome:
         TOML of a trace's effects, and of the motion that would separate its causes; empty if there is none.
     included : tuple of str
         Names of the effects.
+    drawn : callable or None
+        Its plots; None for those of its kind.
     """
 
     kind: str
@@ -51,6 +55,15 @@ class Outcome:
     effects: str = ""
     experiment: str = ""
     included: tuple[str, ...] = ()
+    drawn: Callable[[PlotLook], list[Line]] | None = None
+
+    def plots(self, look: PlotLook) -> list[Line]:
+        """Lines of its plots; none of a result that has nothing to plot."""
+        return result_plots.plots(self.kind, self.document, look) if self.drawn is None else self.drawn(look)
+
+    def with_plots(self, drawn: Callable[[PlotLook], list[Line]]) -> "Outcome":
+        """The same with plots."""
+        return replace(self, drawn=drawn)
 
 
 def styled(body: str) -> StyledText:

@@ -1,0 +1,55 @@
+"""The biases of a replay over time, for plots: in about as many rows as a plot has columns."""
+
+import numpy as np
+
+from filters.kalman import layout
+from filters.kalman.runner import Estimator
+from imutui.estimate_history import EstimateHistory
+from imutui.history_rows import HistoryRows
+from imutui.logbook import estimates
+from imutui.logbook.estimates import BiasVerdicts
+from imutui.logbook.results import ResultDocument
+from imutui.logbook.session_info import SessionInfo
+
+_ROWS = 200
+_EARLY = 0.9
+
+
+class ReplayCourse:
+    """Takes estimates while a filter runs.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Axes and units.
+    seconds : float
+        How long the samples are.
+
+    Attributes
+    ----------
+    every : float
+        Least time between two estimates that it wants, s.
+    """
+
+    def __init__(self, info: SessionInfo, seconds: float) -> None:
+        self.every = max(1.0, seconds / _ROWS)
+        self._info = info
+        self._next = 0.0
+        self._history = EstimateHistory(6, 2 * _ROWS)
+
+    def take(self, rows: np.ndarray, estimator: Estimator) -> None:
+        """Take those of some rows that are due."""
+        due = []
+        for k, t in enumerate(rows[:, layout.OUT_T].tolist()):
+            if t >= self._next:
+                due.append(k)
+                self._next = t + _EARLY * self.every
+        if due:
+            estimates.add_to_history(self._history, rows[due], BiasVerdicts.of(estimator, self._info), self._info)
+
+    def rows(self, result: ResultDocument) -> HistoryRows:
+        """All of it; a bias is converged from when the result says on."""
+        made = self._history.rows(None, 2 * _ROWS)
+        since = [*result["converged_s"]["gyro_bias"], *result["converged_s"]["accel_bias"]]
+        made["converged"] = [[s is not None and t >= s for s in since] for t in made["t"]]
+        return made

@@ -1,0 +1,155 @@
+"""Plots of a result: a replay's biases over time; a trace's errors, residuals and driver curves. Pure functions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from imutui.estimate_history import EstimateHistory
+from imutui.tui import formatting
+from imutui.tui.widgets import history_cells, text_plot
+from imutui.tui.widgets.history_cells import Limits
+from imutui.tui.widgets.text_plot import Line, PlotLook
+
+T = TypeVar("T")
+
+if TYPE_CHECKING:
+    from imutui.jobs.documents import CurveEntry, FindingEntry, ResultDocument, TraceDocument
+
+NAMES = tuple(f"{axis} {kind}, {unit}" for kind, unit in (("gyro", "deg/s"), ("accel", "mg")) for axis in "xyz")
+_ORDER = (0, 3, 1, 4, 2, 5)
+_ROWS = 5
+_TWO = 76
+TWO_RESULTS = 110
+"""Characters that plots of two results side by side need."""
+_BAR = 30
+
+
+def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
+    """Plots of a result of a kind; none where it has nothing to plot, as results of older versions have.
+
+    Parameters
+    ----------
+    kind : str
+        "replay" or "trace".
+    document : object
+        The result.
+    look : PlotLook
+        How they are drawn.
+    """
+    match kind:
+        case "replay":
+            return of_replay(document, look)
+        case "trace":
+            return of_trace(document, look)
+    return []
+
+
+def of_replay(d: "ResultDocument", look: PlotLook) -> list[Line]:
+    """Six biases with their band over the run."""
+    course = d.get("course")
+    if not course or not course["t"]:
+        return []
+    history = EstimateHistory(len(NAMES), max(len(course["t"]), 2))
+    history.extend(course)
+    band = "± 3 sd " + ("shaded" if look.shades else "edged")
+    lines: list[Line] = [_heading(look, f"Biases over time, {band}; bold from where they are converged")]
+    return lines + _grid([(NAMES[k], k) for k in _ORDER], look, lambda name, k, small: _bias(history, name, k, small))
+
+
+def _bias(history: EstimateHistory, name: str, column: int, look: PlotLook) -> list[Line]:
+    return text_plot.of_history(history, column, name, _ROWS, look)
+
+
+def of_trace(d: "TraceDocument", look: PlotLook) -> list[Line]:
+    """Errors before and after, driver curves with their band, residuals over time before and after."""
+    return [*_errors(d, look), *_drivers(d, look), *_residuals(d, look)]
+
+
+def _errors(d: "TraceDocument", look: PlotLook) -> list[Line]:
+    entries = [e for e in d.get("error", []) if e["metric"] == "e10" and e["before"] is not None]
+    if not entries:
+        return []
+    most = max(max(e["before_x_floor"] or 0.0, e["after_x_floor"] or 0.0) for e in entries) or 1.0
+    lines = [_heading(look, "Error of 10 s means, in multiples of what noise alone gives")]
+    for e in entries:
+        for name, value, times in (("before", e["before"], e["before_x_floor"]),
+                                   ("after ", e["after"], e["after_x_floor"])):  # fmt: skip
+            label = f"{e['channel'] or '' if name == 'before' else '':<3} {name} "
+            told = f" {formatting.plain(times, 3)} x, {formatting.plain(value, 3)} {e['unit']}"
+            style = "$text-warning" if name == "before" else "bold $text-primary"
+            made = text_plot.bar((times or 0.0) / most, min(_BAR, look.width - 34), look.glyphs)
+            lines.append([(label, ""), (made, style), (look.glyphs.text(told), "")])
+    return [*lines, [("", "")]]
+
+
+def _drivers(d: "TraceDocument", look: PlotLook) -> list[Line]:
+    lines: list[Line] = []
+    for finding in d.get("findings", []):
+        curve = finding["driver_curve"]
+        if curve is not None and len(curve["x"]) > 1:
+            lines += _driver(finding, look)
+    return [_heading(look, "Error over what drives it, ± 3 sd"), *lines] if lines else []
+
+
+def _driver(finding: "FindingEntry", look: PlotLook) -> list[Line]:
+    curve = finding["driver_curve"]
+    assert curve is not None
+    unit = formatting.unit_name(curve["unit"])
+    ends = f"{curve['x'][0]:.4g} {unit}", f"{curve['driver']} {curve['x'][-1]:.4g} {unit}"
+    title = f"{' '.join(finding['channels'])}: {finding['label']}, {curve['y_unit']}"
+    return text_plot.of_band(curve["x"], curve["y"], curve["sd"], title, ends, _ROWS, look)
+
+
+def _residuals(d: "TraceDocument", look: PlotLook) -> list[Line]:
+    """Each channel that has changed before and after on one scale, then those that have not."""
+    changed: list[Line] = []
+    unchanged: list[tuple[str, _Course]] = []
+    for run in d.get("curves", []):
+        held = ", held out" if run["heldout"] else ""
+        for channel, curves in run["channels"].items():
+            curve = curves["residual"]
+            title = f"{channel}, {'deg/s' if channel.startswith('g') else 'mg'}, {run['run']}{held}"
+            if curve["x"] and curve["before"] == curve["after"]:
+                unchanged.append((f"{title}: unchanged", _Course(curve["x"], curve["before"], _limits(curve))))
+            elif curve["x"]:
+                both = (("before", curve["before"]), ("after", curve["after"]))
+                items = [(f"{title}: {name}", _Course(curve["x"], y, _limits(curve))) for name, y in both]
+                changed += _grid(items, look, _course)
+    lines = [*changed, *_grid(unchanged, look, _course)]
+    heading = _heading(look, "Residuals over time: what the readings have beyond the reference")
+    return [heading, *lines] if lines else []
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """A residual over time, and what its axis has to contain."""
+
+    x: list[float]
+    y: list[float | None]
+    limits: Limits | None
+
+
+def _limits(curve: "CurveEntry") -> Limits | None:
+    known = [value for value in (*curve["before"], *curve["after"]) if value is not None]
+    return (min(known), max(known)) if known else None
+
+
+def _course(title: str, course: _Course, look: PlotLook) -> list[Line]:
+    ends = history_cells.duration(course.x[0]), history_cells.duration(course.x[-1])
+    return text_plot.of_curve(course.x, course.y, title, course.limits, ends, _ROWS, look)
+
+
+def _grid(items: list[tuple[str, T]], look: PlotLook, draw: Callable[[str, T, PlotLook], list[Line]]) -> list[Line]:
+    """Plots two in a row where there is room, else one under the other."""
+    if look.width < _TWO:
+        return [line for name, item in items for line in draw(name, item, look)]
+    half = PlotLook((look.width - 2) // 2, look.glyphs, look.shades)
+    lines: list[Line] = []
+    for k in range(0, len(items), 2):
+        blocks = [draw(name, item, half) for name, item in items[k : k + 2]]
+        lines += text_plot.beside(blocks[0], blocks[1] if len(blocks) > 1 else [], half.width + 2)
+    return lines
+
+
+def _heading(look: PlotLook, said: str) -> Line:
+    return [(look.glyphs.text(said)[: look.width], "bold")]
