@@ -150,13 +150,16 @@ def test_a_page_shows_nothing_that_acts(tmp_path: Path) -> None:
     """No tag, no control character, no formula in a figure's text; the course of a common cause stays a table."""
     curve = {"t_s": [1.0, 2.0], "y": [0.0, 1.0], "run": [NASTY, NASTY]}
     common = {
-        "kind": "event", "label": "step together", "channels": ["ax", "ay"], "coherence": 0.9, "t_start_s": 1.0,
+        "kind": "event", "label": NASTY, "channels": ["ax", "ay"], "coherence": 0.9, "t_start_s": 1.0,
         "t_end_s": 2.0, "curve": curve, "unit": "mg", "run": NASTY, "p": 1e-9, "record": [],
         "sizes": [{"channel": "ax", "value": 2.75, "sd": 0.1, "unit": "mg"}],
     }  # fmt: skip
     run = {"id": NASTY, "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0, "reference": "level", "heldout": False}
+    run |= {"log": NASTY, "source": NASTY, "log_sha256": NASTY, "start_utc": NASTY}
+    run["identity"] = dict.fromkeys(("instrument", "serial_number", "operator", "table", "place", "note"), NASTY)
+    error: Any = {**traces.document()["error"][0], "channel": NASTY, "unit": NASTY}
     document: Any = {**traces.document(), "runs": [run], "notes": [NASTY], "library": NASTY, "common": [common]}
-    page.write(tmp_path, document | {"findings": [], "error": []}, [], f"trace of {NASTY}")
+    page.write(tmp_path, [document | {"findings": [], "error": [error], "source": f"trace of {NASTY}"}])
     html = (tmp_path / page.INDEX).read_text()
     assert not ACTING.search(html)
     assert "<b>" not in html

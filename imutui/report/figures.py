@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from imutui.plain_text import visible
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK, plain
 from imutui.report.blocks import Figure, Panel
 
@@ -47,7 +48,7 @@ def picture(panel: Panel, label: str, prefix: str) -> str:
             element.set(key, _of_page(key, value, prefix))
     for size in ("width", "height"):
         root.attrib.pop(size, None)
-    root.attrib |= {"role": "img", "aria-label": label}
+    root.attrib |= {"role": "img", "aria-label": visible(label)}
     ElementTree.register_namespace("", _SVG)
     ElementTree.register_namespace("xlink", _XLINK)
     return ElementTree.tostring(root, encoding="unicode")

@@ -128,7 +128,7 @@ def _errors(ax: "Axes", errors: Sequence[ErrorEntry]) -> None:
         ax.plot([], [], color=color, marker=marker, ms=4.5, ls="none", label=label)
     axes.logarithmic(ax, "y", np.array(seen))
     axes.name(ax, "channel", "error / floor", legend=True)
-    ax.set_xticks(range(len(errors)), [str(e["channel"]) for e in errors])
+    ax.set_xticks(range(len(errors)), [axes.plain(str(e["channel"])) for e in errors])
 
 
 def _over(interval: Sequence[float | None] | None, floor: float) -> tuple[float | None, float | None]:
