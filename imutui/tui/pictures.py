@@ -4,14 +4,16 @@ import itertools
 import time
 from pathlib import Path
 
+from imutui.tui import portable_svg
+
 
 def save(svg: str, folder: Path, page: str) -> Path:
-    """Write a picture under a name that no file has yet; in the working folder if `folder` takes none.
+    """Write a picture for any renderer, under a name that no file has yet; where `folder` takes none, here.
 
     Parameters
     ----------
     svg : str
-        The picture.
+        The picture as Textual exports it.
     folder : Path
         Where recordings go; made if absent.
     page : str
@@ -22,6 +24,7 @@ def save(svg: str, folder: Path, page: str) -> Path:
     OSError
         If neither folder takes a file.
     """
+    svg = portable_svg.portable(svg)
     stem = "_".join(part for part in ("imutui", page, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())) if part)
     try:
         folder.mkdir(parents=True, exist_ok=True)
