@@ -37,16 +37,18 @@ FLOORS = {
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing"},
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},
-    "imutui.session": {"imutui.instrument", "imutui.logbook", "filters"},
+    "imutui.session": {"imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},
     "imutui.session.snapshot": set(),
+    "imutui.verdict": {"imutui.session.snapshot", "imutui.logbook.results"},
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling", "imutui.instrument.crossbow"},
-    "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text"},
+    "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},
     "imutui.tui": {
         "imutui.session.client",
         "imutui.session.plan",
         "imutui.session.snapshot",
         "imutui.jobs",
         "imutui.report",
+        "imutui.verdict",
     },
     "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
@@ -70,7 +72,7 @@ DOORS = {
 }
 
 # what is said, and what is judged: pure functions, which a command may use as well as a page
-WITHOUT_TEXTUAL = ("imutui.tui.messages", "imutui.tui.formatting", "imutui.tui.connection.verdict")
+WITHOUT_TEXTUAL = ("imutui.tui.messages", "imutui.tui.formatting")
 TEXT_MODULES = ("text", "result_text", "explanation")
 
 MOST_METHODS = 36

@@ -20,6 +20,7 @@ from filters.kalman.rows import Estimate, Moments, estimate_of
 from filters.kalman.sample_times import SampleTimes
 from filters.kalman.settings import P0_ACCEL_BIAS_SD, P0_GYRO_BIAS_SD, Settings, alignment_of, reference_of
 from filters.kalman.spkf import DivergenceError
+from filters.kalman.temperature_trend import TemperatureTrend
 from filters.motion import reference
 from filters.motion.reference import Reference, TableMotion
 from filters.types import Array
@@ -52,6 +53,7 @@ class Estimator:
         self.settings = settings
         self.every = every
         self.monitor = ConvergenceMonitor(settings.period)
+        self.temperature = TemperatureTrend()
         self.reference: Reference | None = None
         self.aligning = alignment_of(settings)
         self.effects = settings.effects() if settings.effects is not None else None
@@ -228,6 +230,7 @@ class Estimator:
 
     def take(self, readings: Readings) -> Iterator[Array]:
         """Feed readings and yield rows of estimates, `filters.kalman.layout.OUT_*`, shape (K, OUT); see `rows`."""
+        self.temperature.take(readings.t, readings.temperature)
         if self.first_rest is not None:
             yield from self._take_at_rest(readings, self.first_rest)
         else:

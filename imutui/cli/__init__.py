@@ -4,7 +4,7 @@ What is no command: `exit_codes` how a command ends · `options`, `session_optio
 `each_log` one job over logs named on the command line · `result_table` a result for people · `follow_acquisition` what
 `record` and the headless demo show · `virtual_readings` what the virtual instrument reads.
 
-0 fine · 1 findings (not converged, damaged file) · 2 usage · 3 input unreadable · 4 instrument or port · 5 disk ·
+0 fine · 1 findings (RED, not converged, damaged file) · 2 usage · 3 input unreadable · 4 instrument or port · 5 disk ·
 130 interrupted. Each command imports what it needs when it runs, so that help is instant.
 """
 

@@ -21,6 +21,7 @@ from imutui.session.identity import not_said, unit_in_words
 from imutui.session.plan import Plan
 from imutui.session.snapshot import NO_SERIES, Snapshot
 from imutui.tui.messages import lost, silence
+from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -125,10 +126,15 @@ def verdict(result: "ResultDocument | None", connection: Client) -> int:
     """Exit code of an acquisition that was stopped, 0 or 1; says on stderr what it is for."""
     say_findings(connection)
     parts = [] if result is None else result.get("parts", [])
-    # the last of several files is as short as chance has it
-    fine = all(part["converged"] for part in parts[:-1]) if parts else result is None or result.get("converged", True)
-    if not fine:
-        say("not every bias has converged yet, hence exit code 1; the recording itself is complete")
+    if result is None:
+        fine = True
+    elif parts:
+        # the last of several files is as short as chance has it, but what is RED is so however short
+        fine = all(part["passes"] for part in parts[:-1]) and sources.of_document(result).level != "bad"
+    else:
+        fine = sources.of_document(result).passes
+    if result is not None and not fine:
+        say(f"{sources.hence(result)}, hence exit code 1; the recording itself is complete")
     return FINDINGS if connection.findings or not fine else FINE
 
 

@@ -50,6 +50,7 @@ def command(
     from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
+    from imutui.verdict import sources
 
     if output is not None:
         if len(logs) > 1:
@@ -73,7 +74,7 @@ def command(
         else:
             documents.append(outcome)
             _tell(log, outcome)
-            fine = outcome["converged"] and outcome["finished"] and "damage" not in outcome
+            fine = sources.of_document(outcome).passes and outcome["finished"] and "damage" not in outcome
             code = max(code, FINE if fine else FINDINGS)
     if json and (documents or len(logs) > 1):
         print(dumps(documents if len(logs) > 1 else documents[0]))

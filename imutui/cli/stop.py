@@ -8,7 +8,8 @@ from imutui.cli.options import Json, Name
 def command(name: Name = None, json: Json = False) -> None:
     """End the running acquisition and finish its file.
 
-    Exit code 0, or 1 if something must be said of the recording: not every bias has converged, or the unit was silent.
+    Exit code 0, or 1 if something must be said of the recording: the verdict is RED, not every bias has converged, or
+    the unit was silent.
 
     Example: imutui stop
     """

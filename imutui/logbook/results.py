@@ -11,7 +11,7 @@ import numpy as np
 
 import imutui
 from filters import attitude, state
-from filters.imu import AxisMap
+from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.history_rows import HistoryRows
@@ -131,11 +131,20 @@ class GapField(TypedDict):
     seconds: float
 
 
+class RemainderField(TypedDict):
+    """What the model leaves unexplained on a channel: means of 10 s over what noise allows, of so many windows."""
+
+    channel: str
+    ratio: float | None
+    windows: int
+
+
 class PartResult(TypedDict):
-    """A finished file of a recording in several; `converged` is true where no filter ran."""
+    """A finished file of a recording in several; both are true where no filter ran, `passes` is a verdict's."""
 
     log: str
     converged: bool
+    passes: NotRequired[bool]
 
 
 class ResultDocument(TypedDict):
@@ -172,6 +181,8 @@ class ResultDocument(TypedDict):
     gaps: NotRequired[list[GapField]]
     rejected: NotRequired[int]
     confounded: NotRequired[list[str]]
+    remainder: NotRequired[list[RemainderField]]
+    temperature_k_per_min: NotRequired[float | None]
     filter_s: NotRequired[float]
     read_s: NotRequired[float]
     steps_per_s: NotRequired[float | None]
@@ -334,6 +345,8 @@ def document(
         "rejected": estimator.rejected,
         "alarms": estimator.alarms(),
         "confounded": estimator.confounded(),
+        "remainder": remainder_fields(estimator, axes),
+        "temperature_k_per_min": estimator.temperature.k_per_min(),
         "filter_s": timings.filter_s,
         "read_s": timings.read_s,
         "steps_per_s": estimator.nis_count / timings.filter_s if timings.filter_s > 0.0 else None,
@@ -400,6 +413,21 @@ def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFie
             "accel_walk_mps2_sqrt_h": _vrw(np.array(used.accel_walk), axes),
         },
     }
+
+
+def remainder_fields(estimator: "Estimator", axes: AxisMap) -> list[RemainderField]:
+    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
+    found = estimator.monitor.remainder()
+    ratio = np.full(6, np.nan)
+    if found.ratio is not None:
+        parts = found.ratio[3:], found.ratio[:3]
+        ratio = np.concatenate([to_instrument_order(part, axes) for part in parts])
+        accel, gyro = np.split(seen_axes(estimator, axes), 2)
+        ratio[~np.concatenate([gyro, accel])] = np.nan
+    return [
+        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
+        for channel, r in zip(CHANNELS, ratio, strict=True)
+    ]
 
 
 def effect_fields(estimator: "Estimator") -> list[EffectField]:

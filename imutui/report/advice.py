@@ -8,6 +8,7 @@ from filters.effects import plain_names
 from filters.tracing.trace_document import SEPARATES, TraceDocument
 from imutui.report import sentences
 from imutui.report.numbers import duration
+from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -41,7 +42,7 @@ def after_replay(d: "ResultDocument") -> list[str]:
         told.append(
             f"The file is damaged. `imutui recover {log} -o WHOLE.mcap` makes a whole file of what can be read."
         )
-    if d["alarms"]:
+    if sources.of_document(d).level == "bad":
         told.append(
             f"Do not use these biases as they are: readings and model contradict each other. `imutui trace {log}` looks"
             " for the cause."

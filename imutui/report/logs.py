@@ -177,7 +177,9 @@ def _site(d: InfoDocument) -> str:
 
 def _quality(q: QualityFields) -> str:
     told = []
-    if "converged" in q:
+    if q.get("alarms"):
+        told.append("filter RED")
+    elif "converged" in q:
         told.append("filter converged" if q["converged"] else "filter NOT converged")
     for count, word in ((q.get("lost_packets"), "packets lost"), (q.get("bad_checksums"), "wrong checksums")):
         if count is not None:

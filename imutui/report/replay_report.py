@@ -10,6 +10,7 @@ import numpy as np
 from imutui.report import advice, axes, identity
 from imutui.report.axes import AFTER, INK
 from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
+from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,6 +67,8 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
     if "final" not in d:
         yield Paragraph(f"No filter ran over these {d['samples']} samples, so there is nothing to judge.")
         return
+    found = sources.of_document(d)
+    yield Paragraph(f"{found.word}: {sources.reasons(d)}")
     if d["alarms"]:
         yield Paragraph("ALARM: readings and model contradict each other.")
         yield Items(tuple(d["alarms"]))

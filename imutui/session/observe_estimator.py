@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from filters.imu import CHANNELS
 from filters.kalman.runner import Estimator
 from imutui.logbook import results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
-from imutui.session.snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot, RemainderSnapshot
+from imutui.session.snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 
 
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
@@ -30,7 +29,8 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "converged": estimator.converged,
         "biases": _biases(estimator, info),
         "nis": results.nis_fields(estimator),
-        "remainder": _remainder(estimator, info),
+        "remainder": results.remainder_fields(estimator, info.axes()),
+        "temperature_k_per_min": estimator.temperature.k_per_min(),
         "effects": _effects(estimator),
         "state": None,
         "state_sd": None,
@@ -61,21 +61,6 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
 def _numbers(values: list[float | None]) -> list[float]:
     """Numbers of a state that is placed, which all are."""
     return [value for value in values if value is not None]
-
-
-def _remainder(estimator: Estimator, info: SessionInfo) -> list[RemainderSnapshot]:
-    """What the model does not explain, by channel; None where a bias cannot be seen, or nothing is known yet."""
-    axes, found = info.axes(), estimator.monitor.remainder()
-    ratio = np.full(6, np.nan)
-    if found.ratio is not None:
-        parts = found.ratio[3:], found.ratio[:3]
-        ratio = np.concatenate([results.to_instrument_order(part, axes) for part in parts])
-        accel, gyro = np.split(results.seen_axes(estimator, axes), 2)
-        ratio[~np.concatenate([gyro, accel])] = np.nan
-    return [
-        {"channel": channel, "ratio": float(r) if np.isfinite(r) else None, "windows": found.windows}
-        for channel, r in zip(CHANNELS, ratio, strict=True)
-    ]
 
 
 def _effects(estimator: Estimator) -> list[EffectSnapshot]:

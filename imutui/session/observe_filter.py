@@ -19,6 +19,7 @@ def before_estimates(info: SessionInfo) -> FilterSnapshot:
         "samples": 0,
         "waiting": None,
         "converged": False,
+        "temperature_k_per_min": None,
         "biases": [
             {
                 "name": f"{axis} {kind}",

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imutui.verdict import sources
+
 if TYPE_CHECKING:
     from imutui.logbook.results import PartResult, ResultDocument
 
@@ -29,7 +31,7 @@ class RecordingParts:
     number : int
         Of the present file, from 1.
     finished : list of PartResult
-        Of each finished file: `log` and `converged`, which is true where no filter ran.
+        Of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran.
     """
 
     first: Path
@@ -62,7 +64,8 @@ class RecordingParts:
 
     def add_result(self, result: "ResultDocument") -> "ResultDocument":
         """Take the result of the present file; returned with all parts so far where there are several."""
-        self.finished.append({"log": result["log"], "converged": result.get("converged", True)})
+        passes = sources.of_document(result).passes
+        self.finished.append({"log": result["log"], "converged": result.get("converged", True), "passes": passes})
         if len(self.finished) > 1:
             result["parts"] = list(self.finished)
         return result

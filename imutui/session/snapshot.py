@@ -169,6 +169,7 @@ class FilterSnapshot(TypedDict):
     samples: int
     waiting: str | None
     converged: bool
+    temperature_k_per_min: NotRequired[float | None]
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]

@@ -3,6 +3,8 @@
 import math
 import re
 
+from imutui.verdict.rules import BIAS_DECIMALS as BIAS_DECIMALS
+
 StyledText = list[str | tuple[str, str]]
 """Text in parts: plain ones, and ones with a style by its side. Widgets make of it what they draw."""
 
@@ -11,7 +13,6 @@ NOTHING = "–"
 
 DECIMALS = {"deg/s": 3, "mg": 3, "degC": 2}
 MEAN_DECIMALS = {"deg/s": 4, "mg": 3, "degC": 3}
-BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 
 
 def number(value: float | None, width: int, decimals: int, *, sign: bool = False) -> str:

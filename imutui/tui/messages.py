@@ -6,9 +6,9 @@ from typing import TypedDict, cast
 from imutui.session.client import EndReport, SessionError
 from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui import formatting
+from imutui.verdict.rules import STEADY_K_PER_MIN
 
 WARM_UP_S = 15 * 60.0
-SETTLED_K_PER_MIN = 0.1
 
 
 class FinalBiases(TypedDict, total=False):
@@ -32,7 +32,7 @@ def warm_word(seconds: float, slope_k_per_min: float | None) -> str:
     """Whether biases measured now will hold."""
     if seconds < WARM_UP_S:
         return "warming"
-    return "steady" if slope_k_per_min is None or abs(slope_k_per_min) <= SETTLED_K_PER_MIN else "unsteady"
+    return "steady" if slope_k_per_min is None or abs(slope_k_per_min) <= STEADY_K_PER_MIN else "unsteady"
 
 
 def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
@@ -42,8 +42,8 @@ def warm_up(seconds: float | None, slope_k_per_min: float | None) -> str:
     word = warm_word(seconds, slope_k_per_min)
     slope = f"{slope_k_per_min:+.2f}" if slope_k_per_min is not None else formatting.NOTHING
     wait = {
-        "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {SETTLED_K_PER_MIN:g} K/min",
-        "unsteady": f"wait until it is below {SETTLED_K_PER_MIN:g} K/min",
+        "warming": f"steady from {WARM_UP_S / 60:.0f} min, below {STEADY_K_PER_MIN:g} K/min",
+        "unsteady": f"wait until it is below {STEADY_K_PER_MIN:g} K/min",
     }.get(word, "biases will hold")
     return f"{word}  on for {formatting.minutes(seconds)}  T {slope} K/min  {wait}"
 

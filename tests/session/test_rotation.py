@@ -84,8 +84,8 @@ def test_only_a_recording_in_several_files_tells_its_parts() -> None:
     parts = RecordingParts(Path("a.mcap"), 1.0, 0.0)
     assert parts.add_result({"log": "a.mcap", "converged": True}) == {"log": "a.mcap", "converged": True}
     assert parts.add_result({"log": "a_p2.mcap", "converged": False})["parts"] == [
-        {"log": "a.mcap", "converged": True},
-        {"log": "a_p2.mcap", "converged": False},
+        {"log": "a.mcap", "converged": True, "passes": True},
+        {"log": "a_p2.mcap", "converged": False, "passes": True},
     ]
 
 

@@ -103,7 +103,7 @@ def test_a_service_is_not_started_again_for_what_a_filter_found(
 def test_a_second_sigterm_gives_up_on_an_acquisition_that_hangs() -> None:
     """The first asks it to finish and waits; whoever sends another does not want to wait."""
     asked = threading.Event()
-    connection: Any = SimpleNamespace(stop=asked.set)
+    connection: Any = SimpleNamespace(stop=lambda by: asked.set())
     terminated = threading.Event()
     with follow_acquisition._leave_on_hangup(connection, terminated):
         os.kill(os.getpid(), signal.SIGTERM)

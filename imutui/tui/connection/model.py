@@ -13,8 +13,9 @@ from imutui.session.client import Client
 from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
-from imutui.tui.connection.verdict import Debounce, Verdict, ended, judge, stale, waiting_profile
+from imutui.tui.connection.verdict import Debounce, ended, judge, stale, waiting_profile
 from imutui.tui.terminal.pacing import Pacing
+from imutui.verdict.rules import Verdict
 
 _BIASES = 6
 _SAID_S = {"none": 20.0, "good": 30.0, "wait": 60.0, "bad": 300.0}

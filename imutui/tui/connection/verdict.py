@@ -1,102 +1,20 @@
-"""May the filter be believed: one word, its reason, and what to do. Pure functions of a snapshot, and a memory of 2 s.
+"""The verdict on the filter of a running acquisition: from its snapshots, with a memory of 2 s.
 
-GREEN: every bias that can be seen has converged, and nothing is unexplained. AMBER: wait, or look. RED: do something.
-OFF: there is no filter. WAIT: it has not begun. Each rule is one `Check` with its threshold in its text, so that the
-page can show which rule made the word.
+The rules are those of `imutui.verdict`.
 """
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, NisSnapshot, RemainderSnapshot, Snapshot
-from imutui.tui import formatting, messages
+from imutui.session.snapshot import FilterSnapshot, Snapshot
+from imutui.tui import messages
+from imutui.verdict import rules, sources
+from imutui.verdict.rules import ENDED, RANK, Verdict
 
-GYRO_TOLERANCE_DPS = 0.05
-ACCEL_TOLERANCE_MG = 0.6
-NOTICED, TOO_MUCH = 2.0, 3.0
-"""Means of 10 s over what noise allows: beyond these, AMBER and RED."""
-FEWEST_WINDOWS = 3
-"""Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
-STEADY_K_PER_MIN = messages.SETTLED_K_PER_MIN
 HOLD_S = 2.0
 STALE_S = 5.0
 """Silence of the line that makes estimates old; shorter ones are only said."""
-MOVES_SD = 0.5
-"""Change over 10 s, in standard deviations, that is worth a word."""
-
-ENDED = "ENDED"
-WORDS = {"good": "GREEN", "wait": "AMBER", "bad": "RED"}
-SIGNS = {"GREEN": "●", "AMBER": "▲", "RED": "×", "WAIT": "…", "OFF": "–", ENDED: "–"}
-"""Beside the word: state is said twice, and never by colour alone."""
-LEVEL_MARKS = {"good": "ok", "wait": "wait", "bad": "BAD", "none": "-"}
-"""A check's level as a word."""
-_RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One rule, applied.
-
-    Attributes
-    ----------
-    level : str
-        "good", "wait" or "bad"; "none" where it says nothing.
-    name : str
-        Of the rule.
-    said : str
-        What was found, with its threshold.
-    brief : str
-        The same in a few characters.
-    todo : str
-        What to do about it; empty for nothing.
-    """
-
-    level: str
-    name: str
-    said: str
-    brief: str = ""
-    todo: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The badge.
-
-    Attributes
-    ----------
-    level : str
-        "good", "wait", "bad" or "none"; it only colours.
-    word : str
-        GREEN, AMBER, RED, WAIT, OFF or ENDED.
-    reason, todo : str
-        Why, and what to do.
-    brief : str
-        The reason in a few characters, for the header.
-    checks : tuple of Check
-        All rules.
-    sudden : bool
-        Whether it is shown at once, however short the last word stood: there is no filter to wait with.
-    """
-
-    level: str
-    word: str
-    reason: str
-    todo: str = ""
-    brief: str = ""
-    checks: tuple[Check, ...] = ()
-    sudden: bool = False
-
-    @property
-    def badge(self) -> str:
-        """Sign and word of the verdict, such as `● GREEN`."""
-        return f"{SIGNS[self.word]} {self.word}"
-
-    @property
-    def short(self) -> str:
-        """Sign, word and reason for a header."""
-        return f"filter {self.badge} {self.brief}".rstrip()
 
 
 def stale(snapshot: Snapshot) -> str | None:
@@ -121,34 +39,13 @@ def judge(
     silent: str | None = None,
     waiting_profile: str | None = None,
 ) -> Verdict:
-    """The verdict on a filter.
-
-    Parameters
-    ----------
-    estimates : FilterSnapshot or None
-        The snapshot's `filter`.
-    slope_k_per_min : float or None
-        Of the temperature; None while it is not known.
-    silent : str or None
-        That the line is silent, in words, if it is.
-    waiting_profile : str or None
-        That a table profile waits to be begun, in words, if one does.
-    """
+    """The verdict on the filter of a snapshot; the rest as in `imutui.verdict.rules.Standing`."""
     if estimates is None:
-        reason = "no filter in this acquisition: readings are taken, nothing is estimated"
+        off = rules.judge(None)
         aside = "5 Table lays the profile aside, or traces its recording"
-        return Verdict(
-            "none", "OFF", reason, aside if waiting_profile else "1 Connect starts one with a filter", sudden=True
-        )
-    checks = tuple(
-        check for check in (_running(estimates, silent), *_rules(estimates, slope_k_per_min, waiting_profile)) if check
-    )
-    if checks[0].level == "bad":
-        return replace(_of(checks), sudden=True)
-    if estimates["waiting"] or estimates["t"] is None:
-        reason = estimates["waiting"] or "waiting for the first sample"
-        return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
-    return _of(checks)
+        return off if waiting_profile is None else replace(off, todo=aside)
+    standing = sources.of_snapshot(estimates, slope_k_per_min)
+    return rules.judge(replace(standing, silent=silent, waiting_profile=waiting_profile))
 
 
 def ended(last: Verdict | None) -> Verdict | None:
@@ -157,213 +54,6 @@ def ended(last: Verdict | None) -> Verdict | None:
         return last
     reason = f"the acquisition has ended; at its end: {last.word}, {last.reason}"
     return replace(last, level="none", word=ENDED, reason=reason, todo="1 connects again", brief="", sudden=True)
-
-
-def _of(checks: tuple[Check, ...]) -> Verdict:
-    worst = max(checks, key=lambda check: _RANK[check.level])  # the first of the worst: rules stand in order of weight
-    if worst.level not in ("wait", "bad"):
-        return _green(checks)
-    others = [check for check in checks if check.level == worst.level and check is not worst]
-    also = f"; also {', '.join(check.brief for check in others)}" if others else ""
-    # the temperature comes last: by then the rest is well, which is worth saying
-    well = f"{_named(checks, 'converged').said}, but temperature " if worst.name == "temperature" else ""
-    return Verdict(worst.level, WORDS[worst.level], well + worst.said + also, worst.todo, worst.brief, checks)
-
-
-def _named(checks: Sequence[Check], name: str) -> Check:
-    return next(check for check in checks if check.name == name)
-
-
-def _green(checks: tuple[Check, ...]) -> Verdict:
-    converged, rest = _named(checks, "converged"), _named(checks, "unexplained")
-    nothing = "nothing unexplained" if rest.level == "good" else "the unexplained part is known after 30 s"
-    todo = "the biases can be used: corrected reading = reading − bias"
-    done, *hidden = converged.said.split("; ")
-    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)
-
-
-def _rules(estimates: FilterSnapshot, slope: float | None, waiting_profile: str | None) -> list[Check | None]:
-    return [
-        _alarms(estimates["alarms"], estimates["failure"]),
-        _limits(estimates["biases"]),
-        _nis(estimates["nis"]),
-        _converged(estimates["biases"], slope, waiting_profile),
-        _unexplained(estimates["remainder"]),
-        _temperature(slope),
-        _confounded(estimates["confounded"]),
-    ]
-
-
-def _running(estimates: FilterSnapshot, silent: str | None) -> Check:
-    if estimates["failure"]:
-        return Check("bad", "running", estimates["failure"], "stopped", "check mounting and rate; r starts anew")
-    if silent is not None:
-        return Check("wait", "running", "no new data: the estimates are old", "no data", "check power and cable")
-    return Check("good", "running", "data come")
-
-
-def _alarms(alarms: Sequence[str], failure: str | None) -> Check:
-    alarms = [alarm for alarm in alarms if alarm != failure]
-    if not alarms:
-        return Check("good", "alarms", "none")
-    count = "alarm" if len(alarms) == 1 else f"{len(alarms)} alarms"
-    return Check("bad", "alarms", f"{count}: {alarms[0]}", count, "put that right first")
-
-
-def _limits(biases: Sequence[BiasSnapshot]) -> Check:
-    known = [(abs(bias["value"]), bias) for bias in biases if bias["observable"] and bias["value"] is not None]
-    if not known:
-        return Check("none", "limit", "no estimate yet")
-    size, worst = max(known, key=lambda one: one[0] / one[1]["limit"])
-    limit, sd3, unit = worst["limit"], worst["sd3"] or 0.0, worst["unit"]
-    bias = f"{worst['name']} bias {bias_text(worst)} {unit}"
-    allowed = f"Table 1's ±{limit:g} {unit}"
-    if size <= limit:
-        return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of Table 1's, the most")
-    brief = f"{channel(worst['name'])} limit"
-    if size - sd3 <= limit:
-        return Check("wait", "limit", f"{bias} may be outside {allowed}", brief, "wait until its 3 sd are smaller")
-    todo = "check level, mounting, sign; else the sensor is out of spec"
-    return Check("bad", "limit", f"{bias} is outside {allowed}", brief, todo)
-
-
-def bias_text(bias: BiasSnapshot) -> str:
-    """Estimate ± 3 sd, without the unit."""
-    decimals = formatting.BIAS_DECIMALS[bias["unit"]]
-    sd3 = formatting.number(bias["sd3"], 0, decimals)
-    return f"{formatting.number(bias['value'], 0, decimals)} ±{sd3}"
-
-
-def _nis(nis: NisSnapshot) -> Check:
-    meaning, mean, band = nis_meaning(nis), nis["mean"], _band(nis)
-    if not nis["is_test"] or mean is None or band is None:
-        return Check("none", "NIS", meaning)
-    low, high = band
-    if low <= mean <= high:
-        return Check("good", "NIS", meaning)
-    # one good filter in twenty is outside a 95 % band; hardly one in ten thousand is as far again
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    level = "bad" if abs(mean - middle) > 2.0 * half else "wait"
-    todo = "t traces this recording" if mean > high else "set the filter's noise from this unit's own"
-    return Check(level, "NIS", f"NIS {mean:.3g} is {meaning}", f"NIS {mean:.3g}", todo)
-
-
-def _band(nis: NisSnapshot) -> tuple[float, float] | None:
-    low, high = nis["band95"] or (None, None)
-    return None if low is None or high is None else (low, high)
-
-
-def nis_meaning(nis: NisSnapshot, *, whole: bool = False) -> str:
-    """What the normalised innovation squared says; `whole` with the reason in full."""
-    if not nis["is_test"]:
-        short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
-        return f"no test: {nis['why'] if whole else short}"
-    mean, limits = nis["mean"], _band(nis)
-    if mean is None or limits is None:
-        return "no samples yet"
-    low, high = limits
-    band = f"its 95 % band {low:.3g} to {high:.3g}"
-    if mean > high:
-        return f"above {band}: the model lacks something"
-    if mean < low:
-        return f"below {band}: the filter's noise is set too high"
-    return f"inside {band}"
-
-
-def tolerance(unit: str) -> float:
-    """Standard deviation below which a bias counts as converged."""
-    return GYRO_TOLERANCE_DPS if unit == "deg/s" else ACCEL_TOLERANCE_MG
-
-
-def moved_sd(bias: BiasSnapshot) -> float | None:
-    """Change over 10 s in standard deviations; None while one of them is not known."""
-    if bias["change_10s"] is None or not bias["sd3"]:
-        return None
-    return float(3.0 * bias["change_10s"] / bias["sd3"])
-
-
-def channel(name: str) -> str:
-    """Short name: "z gyro" is gz."""
-    axis, _, kind = name.partition(" ")
-    return f"{kind[:1]}{axis}"
-
-
-def _converged(biases: Sequence[BiasSnapshot], slope: float | None, waiting_profile: str | None) -> Check:
-    seen = [bias for bias in biases if bias["observable"]]
-    pending = [bias for bias in seen if bias["converged_s"] is None]
-    hidden = [bias["name"] for bias in biases if not bias["observable"]]
-    if not seen and waiting_profile is not None:
-        return Check("wait", "converged", waiting_profile, "0 biases", "no bias is observable before that")
-    if not seen:
-        todo = "use a reference or a table profile that shows them"
-        return Check("wait", "converged", "no bias is observable in this setup", "0 biases", todo)
-    done, count = len(seen) - len(pending), len(seen)
-    brief = f"{done} of {count}"
-    if not pending:
-        rest = f"; not observable here: {', '.join(hidden)}" if hidden else ""
-        said = f"{brief} observable biases converged{rest}" if hidden else f"all {count} biases converged"
-        return Check("good", "converged", said, brief)
-    waited, todo = _waited(pending, slope)
-    kind = "observable biases" if hidden else "biases"
-    return Check("wait", "converged", f"{brief} {kind} converged; {waited}", brief, todo)
-
-
-def _waited(pending: Sequence[BiasSnapshot], slope: float | None) -> tuple[str, str]:
-    """What the slowest bias lacks, and what helps."""
-    worst = max(pending, key=_lack)
-    name, unit, need, moved = worst["name"], worst["unit"], 3.0 * tolerance(worst["unit"]), moved_sd(worst)
-    if worst["sd3"] is None:
-        return f"{name}: no estimate yet", ""
-    if worst["sd3"] > need:
-        decimals = formatting.BIAS_DECIMALS[unit]
-        return f"{name}: 3 sd {worst['sd3']:.{decimals}f} {unit}, needs {need:g}", "keep to the reference and wait"
-    if moved is not None and abs(moved) >= MOVES_SD:
-        warming = slope is not None and abs(slope) > STEADY_K_PER_MIN
-        said = f"{name} moves {abs(moved):.1f} sd in 10 s"
-        return (
-            (f"{said}: temperature {slope:+.1f} K/min", "wait until it is steady")
-            if warming
-            else (said, "wait until it has settled")
-        )
-    return f"{name} has to agree with its readings for 10 s", "keep the unit undisturbed"
-
-
-def _lack(bias: BiasSnapshot) -> tuple[float, float]:
-    sd = math.inf if bias["sd3"] is None else bias["sd3"] / 3.0 / tolerance(bias["unit"])
-    return max(sd, 1.0), abs(moved_sd(bias) or 0.0)
-
-
-def worst_remainder(remainder: Sequence[RemainderSnapshot]) -> tuple[str, float] | None:
-    """Channel whose 10 s means are farthest beyond noise, and how many times; None while there are too few of them."""
-    known = [(r["channel"], r["ratio"]) for r in remainder if r["ratio"] is not None and r["windows"] >= FEWEST_WINDOWS]
-    return max(known, key=lambda one: one[1], default=None)
-
-
-def _unexplained(remainder: Sequence[RemainderSnapshot]) -> Check:
-    worst = worst_remainder(remainder)
-    if worst is None:
-        return Check("none", "unexplained", "known after 30 s")
-    name, ratio = worst
-    level = "bad" if ratio > TOO_MUCH else "wait" if ratio > NOTICED else "good"
-    said = f"{name} 10 s means {ratio:.1f} × what noise allows"
-    limit = f" (limit {NOTICED:g})" if level == "good" else f" (AMBER above {NOTICED:g}, RED above {TOO_MUCH:g})"
-    return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", "t traces this recording")
-
-
-def _temperature(slope: float | None) -> Check:
-    if slope is None:
-        return Check("wait", "temperature", "its trend is known after 30 s", "T not known", "keep still and wait")
-    steady = abs(slope) <= STEADY_K_PER_MIN
-    if steady:
-        return Check("good", "temperature", f"steady within ±{STEADY_K_PER_MIN:g} K/min")
-    todo = f"wait until it is within ±{STEADY_K_PER_MIN:g} K/min"
-    return Check("wait", "temperature", f"{slope:+.1f} K/min moves them", "T moves", todo)
-
-
-def _confounded(sentences: Sequence[str]) -> Check | None:
-    if not sentences:
-        return None
-    return Check("wait", "motion", sentences[0], "motion", "")
 
 
 class Debounce:
@@ -383,7 +73,7 @@ class Debounce:
             self._recent = deque([(t, verdict)])
             return self._show(t, verdict)
         # the worst of the last 2 s, and of those the latest
-        worst = max((v for _, v in reversed(self._recent)), key=lambda v: _RANK[v.level])
+        worst = max((v for _, v in reversed(self._recent)), key=lambda v: RANK[v.level])
         if worst.word == self._shown.word or t - self._since >= HOLD_S:
             return self._show(t, worst)
         return self._shown

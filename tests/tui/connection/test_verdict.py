@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imutui.tui.connection import verdict
-from imutui.tui.connection.verdict import HOLD_S, Debounce, Verdict, judge
+from imutui.tui.connection.verdict import HOLD_S, Debounce, judge
 from imutui.tui.pages.filter.badge import two_lines
+from imutui.verdict import rules
+from imutui.verdict.rules import Verdict
 
 AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
 
@@ -203,14 +205,14 @@ def test_every_word_fits_the_header_beside_the_pages() -> None:
 def test_nis_is_judged_by_its_band(mean: float | None, word: str) -> None:
     """If NIS is a test, its place relative to the band is said."""
     nis = {"mean": mean, "band95": [8.9, 9.1], "is_test": True, "why": ""}
-    assert verdict.nis_meaning(nis).startswith(word)
+    assert rules.nis_meaning(nis).startswith(word)
 
 
 def test_nis_that_is_no_test_is_not_judged() -> None:
     """With an exact reference a tiny NIS means nothing, and the reason is given, in full on request."""
     nis = estimates()["nis"]
-    assert verdict.nis_meaning(nis) == "no test: reference is fed exact"
-    assert "by construction" in verdict.nis_meaning(nis, whole=True)
+    assert rules.nis_meaning(nis) == "no test: reference is fed exact"
+    assert "by construction" in rules.nis_meaning(nis, whole=True)
 
 
 STATES = st.lists(st.tuples(st.floats(0.02, 3.0), st.sampled_from(["good", "wait", "bad"])), min_size=1, max_size=60)
@@ -220,7 +222,7 @@ def _shown(steps: list[tuple[float, str]]) -> list[tuple[float, Verdict]]:
     hold, t, out = Debounce(), 0.0, []
     for step, level in steps:
         t += step
-        out.append((t, hold.take(t, Verdict(level, verdict.WORDS[level], level))))
+        out.append((t, hold.take(t, Verdict(level, rules.WORDS[level], level))))
     return out
 
 

@@ -342,7 +342,8 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
     }  # fmt: skip
     said = result_text.replayed(document)
     for line in (
-        "NOT converged: a.mcap",
+        "RED: a.mcap",
+        "alarm: gz moves",
         "x gyro      0.5000   0.0300 deg/s         ±1      50 %   at 9.8 s",
         "125 % OUT",
         "not observable with this reference",

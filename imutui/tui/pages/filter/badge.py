@@ -3,8 +3,8 @@
 from textual.content import Content
 
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import Verdict
 from imutui.tui.widgets.text_lines import TextLines
+from imutui.verdict.rules import Verdict
 
 _STYLES = {"good": "$success", "wait": "$warning", "bad": "$error", "none": "$foreground"}
 _LEAST = 16

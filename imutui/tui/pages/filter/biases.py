@@ -5,9 +5,9 @@ from textual.content import Content
 from imutui.session.snapshot import BiasSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import MOVES_SD, moved_sd
 from imutui.tui.pages.filter.bias_bar import gauge
 from imutui.tui.widgets.text_lines import TextLines
+from imutui.verdict.rules import MOVES_SD, moved_sd
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
 _HEAD = (

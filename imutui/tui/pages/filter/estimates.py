@@ -6,11 +6,10 @@ from textual.content import Content
 
 from imutui.session.snapshot import FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
 from imutui.tui import formatting
-from imutui.tui.connection import verdict
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import NOTICED
 from imutui.tui.pages.filter.explanation import effect_text
 from imutui.tui.widgets.text_lines import TextLines
+from imutui.verdict.rules import NOTICED, nis_meaning, worst_remainder
 
 _LABEL = 13
 
@@ -30,7 +29,7 @@ class NisLine(TextLines):
         left = self.line(
             (" NIS".ljust(_LABEL), "bold"),
             f"{formatting.fitting(nis['mean'], 4, 2).strip()} of {nis['dof']:g}  ",
-            (verdict.nis_meaning(nis), "dim" if not nis["is_test"] else ""),
+            (nis_meaning(nis), "dim" if not nis["is_test"] else ""),
         )
         first = nis["first"]
         small = first is None or first < 1e3
@@ -50,7 +49,7 @@ class UnexplainedLine(TextLines):
         estimates = view.estimates
         if estimates is None:
             return []
-        worst = verdict.worst_remainder(estimates["remainder"])
+        worst = worst_remainder(estimates["remainder"])
         said, loud = "known after 30 s of estimates", False
         if worst is not None:
             channel, ratio = worst

@@ -5,9 +5,8 @@ import textwrap
 
 from imutui.session.snapshot import EffectSnapshot, FilterSnapshot
 from imutui.tui import formatting
-from imutui.tui.connection import verdict
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import (
+from imutui.verdict.rules import (
     ACCEL_TOLERANCE_MG,
     GYRO_TOLERANCE_DPS,
     LEVEL_MARKS,
@@ -15,6 +14,7 @@ from imutui.tui.connection.verdict import (
     STEADY_K_PER_MIN,
     TOO_MUCH,
     Verdict,
+    nis_meaning,
 )
 
 _WIDTH = 72
@@ -70,7 +70,7 @@ def _effects(estimates: FilterSnapshot) -> str:
 def _more(estimates: FilterSnapshot) -> str:
     nis = estimates["nis"]
     ratios = [f"{r['channel']} {formatting.number(r['ratio'], 0, 1)}" for r in estimates["remainder"]]
-    out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {verdict.nis_meaning(nis, whole=True)}"]
+    out = [f"NIS mean {formatting.plain(nis['mean'], 3)} of {nis['dof']:g}, {nis_meaning(nis, whole=True)}"]
     if ratios:
         out.append(f"10 s means over what noise allows: {'  '.join(ratios)}")
     out.append(f"{formatting.plural(estimates['rejected'], 'update')} left out as outliers")

@@ -5,8 +5,8 @@ import textwrap
 from textual.content import Content
 
 from imutui.tui.connection.model import View
-from imutui.tui.connection.verdict import LEVEL_MARKS, Check
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
+from imutui.verdict.rules import LEVEL_MARKS, Check
 
 
 class RuleLines(TextLines):

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from imutui.jobs.tasks import TraceResult
 from imutui.report import sentences
 from imutui.tui import formatting
-from imutui.tui.connection import verdict
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.logs import result_plots
 from imutui.tui.widgets.text_plot import Line, PlotLook
+from imutui.verdict import sources
+from imutui.verdict.rules import nis_meaning
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -98,11 +99,11 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
 
 def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
-    verdict = "converged" if d["converged"] else "NOT converged"
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     lines = [
-        f"{verdict}: {d['log']}",
+        sources.headline(d),
+        sources.reasons(d),
         f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
         *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
         "",
@@ -136,7 +137,7 @@ def _filtered(d: "ResultDocument") -> list[str]:
     nis, noise = d["nis"], d["noise"]
     lines = ["Filter"]
     if nis["mean"] is not None:
-        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {verdict.nis_meaning(nis, whole=True)}")
+        lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {nis_meaning(nis, whole=True)}")
     if noise["gyro_arw_deg_sqrt_h"][0] is not None:
         lines.append(f"  noise of this log: gyro {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
         lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")

@@ -1,0 +1,122 @@
+"""Standings of filters, from what a running acquisition shows and from the result of a run that is over."""
+
+from typing import TYPE_CHECKING
+
+from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
+
+if TYPE_CHECKING:
+    from imutui.logbook.results import ResultDocument
+    from imutui.session.snapshot import BiasSnapshot, FilterSnapshot
+
+_LIMITS = {"deg/s": 1.0, "mg": 12.0}
+
+_NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
+
+
+def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = None) -> Standing:
+    """Standing of a running filter.
+
+    Parameters
+    ----------
+    estimates : FilterSnapshot
+        The snapshot's `filter`.
+    slope_k_per_min : float or None
+        Of the temperature as the viewer sees it, for an acquisition that does not tell its own.
+    """
+    return Standing(
+        t=estimates["t"],
+        biases=estimates["biases"],
+        nis=estimates["nis"],
+        remainder=estimates["remainder"],
+        alarms=estimates["alarms"],
+        confounded=estimates["confounded"],
+        slope_k_per_min=estimates.get("temperature_k_per_min", slope_k_per_min),
+        failure=estimates["failure"],
+        waiting=estimates["waiting"],
+    )
+
+
+def of_document(d: "ResultDocument") -> Verdict:
+    """The verdict on a live run that is over, or on a replay; a document of an older version lacks some of it."""
+    if "final" not in d:
+        return _unfiltered(d.get("alarms", []))
+    return judge(
+        Standing(
+            t=d["duration_s"],
+            biases=_biases(d),
+            nis=d["nis"],
+            remainder=d.get("remainder", ()),
+            alarms=d["alarms"],
+            confounded=d.get("confounded", ()),
+            slope_k_per_min=d.get("temperature_k_per_min"),
+            over=True,
+            own_limits=_is_imu400(d),
+        )
+    )
+
+
+def _is_imu400(d: "ResultDocument") -> bool:
+    """Whether the limits are those of the unit, as far as its log says; one that says nothing may be of any type."""
+    identity = d.get("identity")
+    return identity is None or identity["instrument"].upper().startswith("IMU400")
+
+
+def _unfiltered(alarms: list[str]) -> Verdict:
+    if alarms:
+        return Verdict("bad", "RED", alarms[0], "imutui replay makes the estimates")
+    return Verdict("none", "OFF", _NO_FILTER)
+
+
+def _biases(d: "ResultDocument") -> "list[BiasSnapshot]":
+    final, sds, since = d["final"], d["sd"], d["converged_s"]
+    kinds = (
+        ("gyro", "deg/s", final["gyro_bias_dps"], sds["gyro_bias_dps"], since["gyro_bias"]),
+        ("accel", "mg", final["accel_bias_mg"], sds["accel_bias_mg"], since["accel_bias"]),
+    )
+    return [
+        _bias(f"{axis} {kind}", unit, value, sd, converged)
+        for kind, unit, *columns in kinds
+        for axis, value, sd, converged in zip("xyz", *columns, strict=True)
+    ]
+
+
+def _bias(name: str, unit: str, value: float | None, sd: float | None, since: float | None) -> "BiasSnapshot":
+    return {
+        "name": name,
+        "value": value,
+        "sd3": None if sd is None else 3.0 * sd,
+        "unit": unit,
+        "limit": _LIMITS[unit],
+        "change_10s": None,
+        "converged_s": since,
+        "observable": value is not None,
+    }
+
+
+def headline(d: "ResultDocument") -> str:
+    """The verdict on a result in a line, for the head of a page: word, whether it converged, of what part, the file.
+
+    "Converged" stands above nothing that is RED, and above a damaged file only with the part that could be read.
+    """
+    found = of_document(d)
+    if found.word == "OFF":
+        return f"no filter: {d['log']}"
+    said = found.word
+    if found.level != "bad":
+        said += ", converged" if found.passes else ", NOT converged"
+    if "damage" in d:
+        said += f" in the {d['duration_s']:.1f} s of it that can be read"
+    return f"{said}: {d['log']}"
+
+
+def reasons(d: "ResultDocument") -> str:
+    """Why the verdict on a result is what it is, and what to do: a sentence for below its headline."""
+    found = of_document(d)
+    todo = found.todo.replace(TRACE_KEY, "`imutui trace` looks for the cause")
+    return f"{found.reason}. {todo[:1].upper()}{todo[1:]}." if todo else f"{found.reason}."
+
+
+def hence(d: "ResultDocument") -> str:
+    """Why a command that ends with this result exits with 1: the verdict's word and reason."""
+    found = of_document(d)
+    return f"{found.word}: {found.reason}"

@@ -1,0 +1,119 @@
+"""One verdict on a run: the same word from its last snapshot and from its result, and a headline that agrees."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.fake_client import bias, estimates
+
+from filters.kalman.temperature_trend import TemperatureTrend
+from imutui.verdict import rules, sources
+
+AXES = [f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz"]
+QUIET = [{"channel": name, "ratio": 1.1, "windows": 6} for name in ("gx", "gy", "gz", "ax", "ay", "az")]
+LOUD = [{**row, "ratio": 3.4} for row in QUIET]
+
+
+def snapshot(**changes: Any) -> Any:
+    """A filter of which nothing bad can be said."""
+    biases = [bias(name, 0.1, 0.02 if "gyro" in name else 0.3) for name in AXES]
+    return estimates(**{"biases": biases, "remainder": QUIET, "temperature_k_per_min": 0.02, **changes})
+
+
+def document(of: Any, **changes: Any) -> Any:
+    """The result of a run whose last snapshot is `of`."""
+    values, sds, since = ({"gyro": [], "accel": []} for _ in range(3))
+    for row in of["biases"]:
+        kind = row["name"].partition(" ")[2]
+        seen = row["observable"]
+        values[kind].append(row["value"] if seen else None)
+        sds[kind].append(row["sd3"] / 3.0 if seen else None)
+        since[kind].append(row["converged_s"])
+    fields = {"final": values, "sd": sds}
+    made: dict[str, Any] = {
+        key: {"gyro_bias_dps": both["gyro"], "accel_bias_mg": both["accel"]} for key, both in fields.items()
+    }
+    made |= {"converged_s": {"gyro_bias": since["gyro"], "accel_bias": since["accel"]}, "log": "/logs/a.mcap"}
+    made |= {
+        key: copy.deepcopy(of[key]) for key in ("nis", "alarms", "confounded", "remainder", "temperature_k_per_min")
+    }
+    return {**made, "duration_s": 61.0, "samples": 1220, **changes}
+
+
+def unsettled() -> Any:
+    """The same with a bias that has not converged."""
+    biases = snapshot()["biases"]
+    biases[2] = {**biases[2], "converged_s": None, "sd3": 0.4}
+    return snapshot(biases=biases)
+
+
+CASES = [
+    (snapshot(), "GREEN", True),
+    (snapshot(temperature_k_per_min=-0.4), "AMBER", True),
+    (snapshot(confounded=["the table turned one way"]), "AMBER", True),
+    (unsettled(), "AMBER", False),
+    (snapshot(remainder=LOUD), "RED", False),
+    (snapshot(alarms=["accelerometers are off the reference by 1.99 g"]), "RED", False),
+]
+
+
+@pytest.mark.parametrize(("of", "word", "passes"), CASES)
+def test_a_result_has_the_word_that_its_last_snapshot_had(of: Any, word: str, passes: bool) -> None:
+    """Badge, headline and exit code are one function's; 0 needs every bias converged and nothing RED."""
+    live, over = rules.judge(sources.of_snapshot(of)), sources.of_document(document(of))
+    assert (live.word, over.word) == (word, word)
+    assert (live.passes, over.passes) == (passes, passes)
+
+
+@pytest.mark.parametrize(("of", "word", "passes"), CASES)
+def test_converged_is_said_above_nothing_that_is_red(of: Any, word: str, passes: bool) -> None:
+    """Nor without the word that says how far it may be believed."""
+    said = sources.headline(document(of))
+    assert said.startswith(word)
+    assert ("converged" in said) == (word != "RED")
+    assert ("NOT converged" in said) == (word == "AMBER" and not passes)
+
+
+def test_a_damaged_log_converged_only_in_the_part_that_can_be_read() -> None:
+    """The headline says of what part."""
+    said = sources.headline(document(snapshot(), damage="the file ends in the middle of a chunk"))
+    assert said == "GREEN, converged in the 61.0 s of it that can be read: /logs/a.mcap"
+
+
+def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
+    """A bias of 20 mg is RED for an IMU400CD, and to be looked at for a unit whose data sheet is another."""
+    biases = snapshot()["biases"]
+    biases[5] = {**biases[5], "value": -20.0}
+    words = {
+        name: sources.of_document(document(snapshot(biases=biases), identity={"instrument": name})).word
+        for name in ("IMU400CD-200", "unknown", "ADIS16405")
+    }
+    assert words == {"IMU400CD-200": "RED", "unknown": "AMBER", "ADIS16405": "AMBER"}
+
+
+def test_without_a_filter_only_an_alarm_is_judged() -> None:
+    """A recording alone is fine; one whose filter stopped before it began is not."""
+    alone: Any = {"log": "/logs/a.mcap", "samples": 7, "alarms": []}
+    assert sources.of_document(alone).passes
+    stopped = sources.of_document({**alone, "alarms": ["the filter stopped, recording goes on: no reference"]})
+    assert (stopped.word, stopped.passes) == ("RED", False)
+
+
+def test_the_trend_of_the_temperature_is_the_same_however_many_samples_come_at_once() -> None:
+    """To the last bit; a straight line has its slope, half a minute is needed, and what is not known is left out."""
+    t = np.arange(0.0, 95.0, 1.0 / 133.0)
+    temperature = 25.0 + 0.4 * t / 60.0 + 0.02 * np.random.default_rng(1).standard_normal(t.size)
+    temperature[::7] = np.nan
+    found = []
+    for size in (1, 13, 8192, t.size):
+        trend = TemperatureTrend()
+        for first in range(0, t.size, size):
+            trend.take(t[first : first + size], temperature[first : first + size])
+        found.append(trend.k_per_min())
+    assert len(set(found)) == 1
+    assert found[0] == pytest.approx(0.4, abs=0.02)
+    brief = TemperatureTrend()
+    brief.take(t[t < 25.0], temperature[t < 25.0])
+    assert brief.k_per_min() is None
+    assert TemperatureTrend().k_per_min() is None
