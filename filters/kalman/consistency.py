@@ -147,6 +147,11 @@ class ConvergenceMonitor:
         """Time at which the present block ends, s; infinity before `begin`."""
         return self._end
 
+    @property
+    def block(self) -> float:
+        """Length of a block, s."""
+        return self._block
+
     def begin(self, t: float) -> None:
         """Start the first block at `t` s."""
         self._end = t + self._block

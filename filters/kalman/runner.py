@@ -12,7 +12,8 @@ import numpy as np
 from filters import state
 from filters.imu import STANDARD_GRAVITY
 from filters.kalman import alarms, augmentation, layout
-from filters.kalman.consistency import ConvergenceMonitor, nis_gates
+from filters.kalman.consistency import TOLERANCE, ConvergenceMonitor, nis_gates
+from filters.kalman.departures import Departure, Departures
 from filters.kalman.filter_input import InputBuilder, Readings
 from filters.kalman.first_rest import FirstRest
 from filters.kalman.long_gap import LongGaps
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 _CHUNK = 8192
 _SAME = 1e-9
+_LOUD, _DRIFTING = 3.0, 3.0
 
 
 class Estimator:
@@ -54,6 +56,7 @@ class Estimator:
         self.every = every
         self.monitor = ConvergenceMonitor(settings.period)
         self.temperature = TemperatureTrend()
+        self._departures = Departures()
         self.reference: Reference | None = None
         self.aligning = alignment_of(settings)
         self.effects = settings.effects() if settings.effects is not None else None
@@ -207,13 +210,25 @@ class Estimator:
             out.append(f"the first innovation is far outside what the filter expects (NIS {first:.0f}): {causes}")
         if not out and self._forces_are_off():
             out.append(f"accelerometers are off the reference by over 0.5 g: {causes}")
-        if self._core(layout.CORE_OVERRULED):
+        departure = self.departure()
+        # an effect of some per cent is no reference that belongs to something else; where it is, is told elsewhere
+        if self._core(layout.CORE_OVERRULED) and (departure is None or departure.gross):
             out.append(
                 f"{self.rejected} updates were left out as outliers, until they came too many in a row: the reference"
                 " and the readings do not belong together"
             )
         own = self._engine.alarm()
         return out if own is None else [*out, own]
+
+    def departure(self) -> Departure | None:
+        """Where in a profile the readings depart from the model most certainly; None if nowhere."""
+        if self._engine is None or not isinstance(self.reference, TableMotion):
+            return None
+        # a bias that drifts by little departs from where it was, too: that is told only where the last minute is loud
+        ratio = self.monitor.remainder().ratio
+        is_loud = ratio is not None and float(np.max(ratio)) > _LOUD
+        least = TOLERANCE if is_loud else _DRIFTING * TOLERANCE
+        return self._departures.worst(*self._engine.biases(), self.monitor.noise(), least)
 
     def _forces_are_off(self) -> bool:
         """Whether, before there is a mean over 10 s, that of the present second says so."""
@@ -307,11 +322,21 @@ class Estimator:
         sums = engine.sums
         with np.errstate(invalid="ignore"):
             residual = sums[layout.SUM_RESIDUAL : layout.SUM_BIAS] / sums[layout.SUM_RESIDUALS]
+        if isinstance(self.reference, TableMotion) and np.isfinite(residual).all():
+            self._note_departure(self.reference, residual)
         mean_bias = sums[layout.SUM_BIAS : layout.SUM_RESIDUALS] / sums[layout.SUM_BIASES]
         self.monitor.close(t, residual, mean_bias, *engine.biases())
         sums[:] = 0.0
         still = self.reference is not None and not self.reference.moving
         engine.core[layout.CORE_SPREAD] = float(still and self.converged)
+
+    def _note_departure(self, found: TableMotion, residual: Array) -> None:
+        """Add a block that lies in one segment to what is known of that."""
+        end, seconds = self.monitor.end, self.monitor.block
+        first, last = found.segment_of(np.array([end - seconds, end - _SAME]))
+        if first == last:
+            known = found.motion(np.array([end - 0.5 * seconds]))[0]
+            self._departures.add(int(first), seconds, residual, known[reference.RATE], known[reference.FORCE])
 
 
 def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature: float = np.nan) -> list[Estimate]:

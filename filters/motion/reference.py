@@ -214,11 +214,22 @@ class TableMotion:
     def known(self, t: Array, before: float, gyro: Array) -> Array:
         """Rows for samples at `t`; rows of the table are all known or none."""
         profile_t, rests, aligned = self.joined(t)
+        rows = self._motion(profile_t)
+        used = aligned | (rests & (np.abs(gyro) < self.quiet).all(axis=1))
+        rows[~used, VARIANCES] = -1.0
+        rows[~used, RATE.start :] = np.nan
+        return rows
+
+    def motion(self, t: Array) -> Array:
+        """Rows for samples at `t` as the profile has them, whether or not they are known well enough."""
+        return self._motion(self.joined(t)[0])
+
+    def _motion(self, profile_t: Array) -> Array:
         angles, rates = self.profile.angles(profile_t), self.profile.rates(profile_t)
         C = kinematics.attitudes(angles)
         turning_b = kinematics.body_rate(angles, rates)
         site, omega = self._site, earth.EARTH_RATE
-        rows = np.empty((t.size, COLUMNS))
+        rows = np.empty((profile_t.size, COLUMNS))
         rows[:, POSITION] = site.latitude, site.longitude, site.height
         rows[:, VELOCITY] = 0.0
         rows[:, QUATERNION] = attitude.to_quaternion(C)
@@ -230,10 +241,11 @@ class TableMotion:
         if self.offset_sd is not None:
             late = [sum(C[:, i, k] * turning_b[:, k] for k in range(3)) * self.offset_sd for i in range(3)]
             rows[:, VARIANCES][:, state.ATTITUDE] += np.stack(late, axis=-1) ** 2
-        used = aligned | (rests & (np.abs(gyro) < self.quiet).all(axis=1))
-        rows[~used, VARIANCES] = -1.0
-        rows[~used, RATE.start :] = np.nan
         return rows
+
+    def segment_of(self, t: Array) -> NDArray[np.int_]:
+        """Number of the profile's segment at `t` s of the log, (N,); that of the last dwell marked, if by marks."""
+        return self.profile.index(self.joined(t)[0])
 
     def joined(self, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Profile time, whether the table is settled in a dwell then, and whether the joint is good for all else."""

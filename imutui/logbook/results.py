@@ -15,6 +15,7 @@ from filters.imu import CHANNELS, AxisMap
 from filters.state import NavState
 from filters.tracing.trace_document import IdentityEntry
 from imutui.history_rows import HistoryRows
+from imutui.logbook import departures
 from imutui.logbook.session_info import SessionInfo
 
 if TYPE_CHECKING:
@@ -183,6 +184,8 @@ class ResultDocument(TypedDict):
     confounded: NotRequired[list[str]]
     remainder: NotRequired[list[RemainderField]]
     temperature_k_per_min: NotRequired[float | None]
+    departure: NotRequired[str | None]
+    """With a table profile: where the readings depart from the model most certainly, in a sentence."""
     filter_s: NotRequired[float]
     read_s: NotRequired[float]
     steps_per_s: NotRequired[float | None]
@@ -347,6 +350,7 @@ def document(
         "confounded": estimator.confounded(),
         "remainder": remainder_fields(estimator, axes),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
+        "departure": departures.sentence(estimator, axes, g_unit),
         "filter_s": timings.filter_s,
         "read_s": timings.read_s,
         "steps_per_s": estimator.nis_count / timings.filter_s if timings.filter_s > 0.0 else None,

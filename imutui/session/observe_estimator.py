@@ -3,7 +3,7 @@
 import numpy as np
 
 from filters.kalman.runner import Estimator
-from imutui.logbook import results
+from imutui.logbook import departures, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
 from imutui.session.snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
@@ -31,6 +31,7 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "nis": results.nis_fields(estimator),
         "remainder": results.remainder_fields(estimator, info.axes()),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
+        "departure": departures.sentence(estimator, info.axes(), info.g_unit),
         "effects": _effects(estimator),
         "state": None,
         "state_sd": None,

@@ -161,7 +161,10 @@ class NavigationSdSnapshot(TypedDict):
 
 
 class FilterSnapshot(TypedDict):
-    """The filter; `t` of its last sample, `waiting` what it waits for, in words."""
+    """The filter; `t` of its last sample, `waiting` what it waits for, in words.
+
+    `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
+    """
 
     name: str
     reference: str
@@ -170,6 +173,7 @@ class FilterSnapshot(TypedDict):
     waiting: str | None
     converged: bool
     temperature_k_per_min: NotRequired[float | None]
+    departure: NotRequired[str | None]
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]

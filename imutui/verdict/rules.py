@@ -53,6 +53,8 @@ class Standing:
         Sentences on data that contradict the model, and on biases that the motion does not tell from other effects.
     slope_k_per_min : float or None
         Of the temperature; None while it is not known.
+    departure : str or None
+        Where in a table profile the readings depart from the model, and what it may be, in words.
     failure : str or None
         Why the filter stopped, if it did.
     waiting : str or None
@@ -74,6 +76,7 @@ class Standing:
     alarms: Sequence[str]
     confounded: Sequence[str]
     slope_k_per_min: float | None = None
+    departure: str | None = None
     failure: str | None = None
     waiting: str | None = None
     silent: str | None = None
@@ -191,11 +194,11 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
 
 def _rules(standing: Standing) -> list[Check | None]:
     return [
-        _alarms(standing.alarms, standing.failure),
+        _alarms(standing),
         _limits(standing.biases, own=standing.own_limits),
         _nis(standing.nis),
         _converged(standing),
-        _unexplained(standing.remainder, over=standing.over),
+        _unexplained(standing),
         _temperature(standing.slope_k_per_min, over=standing.over),
         _confounded(standing.confounded),
     ]
@@ -209,12 +212,14 @@ def _running(standing: Standing) -> Check:
     return Check("good", "running", "data come")
 
 
-def _alarms(alarms: Sequence[str], failure: str | None) -> Check:
-    alarms = [alarm for alarm in alarms if alarm != failure]
+def _alarms(standing: Standing) -> Check:
+    alarms = [alarm for alarm in standing.alarms if alarm != standing.failure]
     if not alarms:
         return Check("good", "alarms", "none")
     count = "alarm" if len(alarms) == 1 else f"{len(alarms)} alarms"
-    return Check("bad", "alarms", f"{count}: {alarms[0]}", count, "put that right first")
+    # a profile's departure says where; the alarms themselves are told beside it
+    said = alarms[0] if standing.departure is None else standing.departure
+    return Check("bad", "alarms", f"{count}: {said}", count, "put that right first")
 
 
 def _limits(biases: Sequence[BiasSnapshot], *, own: bool) -> Check:
@@ -355,10 +360,14 @@ def worst_remainder(remainder: Sequence[RemainderSnapshot]) -> tuple[str, float]
     return max(known, key=lambda one: one[1], default=None)
 
 
-def _unexplained(remainder: Sequence[RemainderSnapshot], *, over: bool) -> Check:
-    worst = worst_remainder(remainder)
+def _unexplained(standing: Standing) -> Check:
+    worst = worst_remainder(standing.remainder)
+    if standing.departure is not None:
+        brief = " ".join(standing.departure.split()[:3])
+        return Check("bad", "unexplained", standing.departure, brief, TRACE_KEY)
     if worst is None:
-        return Check("none", "unexplained", "not known: too few means of 10 s" if over else "known after 30 s")
+        said = "not known: too few means of 10 s" if standing.over else "known after 30 s"
+        return Check("none", "unexplained", said)
     name, ratio = worst
     level = "bad" if ratio > TOO_MUCH else "wait" if ratio > NOTICED else "good"
     said = f"{name} 10 s means {ratio:.1f} × what noise allows"

@@ -31,6 +31,7 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         alarms=estimates["alarms"],
         confounded=estimates["confounded"],
         slope_k_per_min=estimates.get("temperature_k_per_min", slope_k_per_min),
+        departure=estimates.get("departure"),
         failure=estimates["failure"],
         waiting=estimates["waiting"],
     )
@@ -49,6 +50,7 @@ def of_document(d: "ResultDocument") -> Verdict:
             alarms=d["alarms"],
             confounded=d.get("confounded", ()),
             slope_k_per_min=d.get("temperature_k_per_min"),
+            departure=d.get("departure"),
             over=True,
             own_limits=_is_imu400(d),
         )
@@ -113,7 +115,8 @@ def reasons(d: "ResultDocument") -> str:
     """Why the verdict on a result is what it is, and what to do: a sentence for below its headline."""
     found = of_document(d)
     todo = found.todo.replace(TRACE_KEY, "`imutui trace` looks for the cause")
-    return f"{found.reason}. {todo[:1].upper()}{todo[1:]}." if todo else f"{found.reason}."
+    reason = found.reason if found.reason.endswith("?") else f"{found.reason}."
+    return f"{reason} {todo[:1].upper()}{todo[1:]}." if todo else reason
 
 
 def hence(d: "ResultDocument") -> str:

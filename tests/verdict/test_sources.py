@@ -38,6 +38,7 @@ def document(of: Any, **changes: Any) -> Any:
     made |= {
         key: copy.deepcopy(of[key]) for key in ("nis", "alarms", "confounded", "remainder", "temperature_k_per_min")
     }
+    made["departure"] = of.get("departure")
     return {**made, "duration_s": 61.0, "samples": 1220, **changes}
 
 
@@ -54,6 +55,7 @@ CASES = [
     (snapshot(confounded=["the table turned one way"]), "AMBER", True),
     (unsettled(), "AMBER", False),
     (snapshot(remainder=LOUD), "RED", False),
+    (snapshot(departure="segment 5: ax reads 10.1 mg more than the model: scale factor of +1.00 %?"), "RED", False),
     (snapshot(alarms=["accelerometers are off the reference by 1.99 g"]), "RED", False),
 ]
 
@@ -79,6 +81,16 @@ def test_a_damaged_log_converged_only_in_the_part_that_can_be_read() -> None:
     """The headline says of what part."""
     said = sources.headline(document(snapshot(), damage="the file ends in the middle of a chunk"))
     assert said == "GREEN, converged in the 61.0 s of it that can be read: /logs/a.mcap"
+
+
+def test_red_in_a_profile_names_the_position_and_traces_it_unless_something_has_to_be_put_right_first() -> None:
+    """An effect of 1 % is no reference that belongs to something else; the place is named in either case."""
+    said = "segment 5: ax reads 10.1 mg more than the model: scale factor of +1.00 %?"
+    found = rules.judge(sources.of_snapshot(snapshot(departure=said)))
+    assert (found.reason, found.todo, found.brief) == (said, rules.TRACE_KEY, "segment 5: ax")
+    assert sources.reasons(document(snapshot(departure=said))).endswith("? `imutui trace` looks for the cause.")
+    gross = rules.judge(sources.of_snapshot(snapshot(departure=said, alarms=["90 updates were left out"])))
+    assert (gross.reason.partition(";")[0], gross.todo) == (f"alarm: {said}", "put that right first")
 
 
 def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
