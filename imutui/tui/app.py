@@ -218,8 +218,8 @@ class ImutuiApp(App[int]):
 
     def on_key(self, event: events.Key) -> None:
         """A letter that was on its way when a field got the focus is typed into the field, and no key of the page."""
-        fields = self.screen.query(Input) if isinstance(self.screen, Dialog) else None
-        field = fields.first() if fields and not isinstance(self.focused, Input) else self.focused
+        waiting = self.screen.first_field if isinstance(self.screen, Dialog) else None
+        field = self.focused if isinstance(self.focused, Input) else waiting
         if isinstance(field, Input) and event.is_printable and event.character is not None:
             event.prevent_default()
             field.insert_text_at_cursor(event.character)

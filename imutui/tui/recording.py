@@ -1,6 +1,7 @@
 """What is asked of the acquisition while it runs: recordings, marks, the guide, and whatever a page asks."""
 
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 from imutui.session.client import Client
@@ -10,10 +11,15 @@ from imutui.tui.background import in_thread
 from imutui.tui.context import AppContext
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.mark import MarkDialog, nothing_to_mark
+from imutui.tui.pages.dialogs.note import NoteDialog
 from imutui.tui.pages.record import text
 
 if TYPE_CHECKING:
     from imutui.tui.messages import RecordingResult
+
+_NOTE_HINT = (
+    "Enter records, with or without a note; it can be changed while the recording runs: n on page 3. Esc: not yet."
+)
 
 # Dialogs' callbacks run in the app's own message queue: whatever takes a while must be a worker.
 
@@ -34,9 +40,33 @@ class RecordingControl:
     def toggle(self) -> None:
         """Begin a recording, or finish the one that runs."""
         context, client = self._context, self._context.connection.client
-        if client is not None:
-            steps = self._begin if context.recording is None else self._finish
-            context.work(self._recorded(lambda: steps(client)), "record")
+        if client is None:
+            return
+        if context.recording is not None:
+            context.work(self._recorded(lambda: self._finish(client)), "record")
+            return
+        try:
+            wish = self._wish() or RecordingWish()
+        except ValueError as error:  # the form asks what cannot be
+            context.say(f"not recorded: {error}", "bad")
+            return
+        if self._note(wish):
+            context.work(self._recorded(lambda: self._begin(client, wish)), "record")
+        else:
+            self._ask_for_note(client, wish)
+
+    def _note(self, wish: RecordingWish) -> str:
+        """The note that a recording would get."""
+        newest = self._context.connection.newest
+        return (newest["note"] if newest is not None else "") if wish.note is None else wish.note
+
+    def _ask_for_note(self, client: Client, wish: RecordingWish) -> None:
+        def entered(answer: tuple[str, str] | None) -> None:
+            if answer is not None:
+                noted = replace(wish, note=answer[0])
+                self._context.work(self._recorded(lambda: self._begin(client, noted)), "record")
+
+        self._context.app.push_screen(NoteDialog("A note for this recording", _NOTE_HINT), entered)
 
     def begin_guide(self) -> None:
         """Begin to guide through the profile, with a recording if none runs."""
@@ -50,8 +80,7 @@ class RecordingControl:
         except ValueError as error:  # the form asks what cannot be
             self._context.say(f"not recorded: {error}", "bad")
 
-    async def _begin(self, client: Client) -> None:
-        wish = self._wish()
+    async def _begin(self, client: Client, wish: RecordingWish) -> None:
         path = await in_thread(lambda: client.record(wish))
         self.tell_page([])
         self._context.say(messages.recording_to(path, self._context.connection.newest), "good")

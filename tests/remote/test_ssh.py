@@ -174,6 +174,8 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     first.press("\r")
     first.wait_for("asked 20", "not recording")
     first.press("r")
+    first.wait_for("A note for this recording")
+    first.press("\r")
     first.wait_for("● REC")
     connection = attached()
     first.close()

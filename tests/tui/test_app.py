@@ -9,6 +9,7 @@ from helpers.fake_client import PATH, FakeClient
 from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.session.client import SessionError
+from imutui.session.plan import RecordingWish
 from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.base import PAGES
 from imutui.tui.terminal.pacing import Load
@@ -189,12 +190,20 @@ async def test_ascii_terminals_get_ascii(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 async def test_r_records_and_says_which_file_it_finished() -> None:
-    """The first r begins a file, the second one finishes it and names it."""
+    """The first r asks for a note where there is none and begins a file, the next one finishes it and names it."""
     client = FakeClient()
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "not recording: r writes")
         await pilot.press("r")
+        await shows(pilot, "A note for this recording", "Enter records, with or without")
+        await pilot.press("escape")
+        await shows(pilot, "not recording: r writes")
+        assert client.asked == []
+        await pilot.press("r", *"cold")
+        await shows(pilot, "note      cold")
+        await pilot.press("enter")
         await shows(pilot, f"recording to {PATH}", "● REC")
+        assert client.wish == RecordingWish(note="cold")
         await pilot.press("r")
         await shows(pilot, f"finished {PATH}, 15246 samples", "not recording")
         assert client.asked == ["record", "stop_recording"]
@@ -207,6 +216,7 @@ async def test_a_refusal_is_said() -> None:
     def refuse(note: str = "") -> str:
         raise SessionError("the disk is full: 12 MB left")
 
+    client.changes["note"] = "cold"
     client.record = refuse  # type: ignore[method-assign]
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")

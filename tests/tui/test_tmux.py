@@ -100,6 +100,8 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     assert "K/min" in live or "warming" in live
 
     terminal.press("r")
+    terminal.wait_for("A note for this recording")
+    terminal.press("Enter")
     terminal.wait_for("● REC", "imu400cd_9911750_", "flush")
     terminal.press("m")
     terminal.wait_for("Mark in the recording")
@@ -115,7 +117,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.type(f"clear; {program} attach\n")
     terminal.wait_for("● REC", "asked 20", "measured")
     terminal.press("?")
-    terminal.wait_for("FIRST STEPS", "PAGES")
+    terminal.wait_for("FIRST STEPS", "WHAT RUNS WHERE")
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
     wait_until(lambda: "FIRST STEPS" not in terminal.screen())

@@ -71,8 +71,27 @@ async def test_what_was_emptied_in_the_form_is_empty_and_what_was_left_is_as_the
         await pilot.press("3")
         await shows(pilot, "note      demo")
         await pilot.press("e", *("tab",) * 4, *["backspace"] * 4, "escape", "r")
+        await shows(pilot, "A note for this recording")
+        await pilot.press("enter")
         await shows(pilot, "● REC")
         assert client.wish == RecordingWish(note="")
+
+
+async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> None:
+    """What was changed is asked of the acquisition, and what was left is not; no such key without a recording."""
+    client = FakeClient()
+    client.changes["note"] = "cold"
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("3")
+        assert "n note" not in await shows(pilot, "NOT RECORDING")
+        await pilot.press("r")
+        await shows(pilot, "● REC", "n note")
+        await pilot.press("n")
+        await shows(pilot, "operator  ana", "both go into the file".capitalize())
+        await pilot.press("end", *"er", "enter")
+        await shows(pilot, "written into imu400cd_9911750")
+        assert client.asked == ["record", "describe colder None"]
 
 
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
@@ -90,6 +109,7 @@ async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
 async def test_a_finished_file_is_named_with_what_comes_next() -> None:
     """What was written stays on the page, although it was finished on another one."""
     client = FakeClient()
+    client.changes["note"] = "cold"
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("r")

@@ -167,6 +167,7 @@ async def test_no_profile_is_taken_while_recording(folder: Path) -> None:
 async def test_who_moves_the_table_decides_how_the_log_is_joined(folder: Path) -> None:
     """By hand, the operator's marks join it; by itself, what the file says; then nobody is guided."""
     client = Acquisition(folder / "logs")
+    client.changes["note"] = "cold"
     (folder / "a.toml").write_text(f'# To tell scale from bias: turn it.\nalign = "gyro"\n{REST}{TURN}')
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
@@ -260,6 +261,7 @@ async def test_begin_records_as_the_record_pages_form_says(folder: Path) -> None
 async def test_there_is_a_way_back_from_a_profile_to_level(folder: Path) -> None:
     """A row of its own, only while there is a profile; the cursor stays with its profile beside it."""
     client = Acquisition(folder / "logs")
+    client.changes["note"] = "cold"
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("5")

@@ -1,6 +1,6 @@
 """What all dialogs share: a frame, a line with the keys that work in it, and where typed letters go."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import ClassVar, Literal
 
 from textual.app import ComposeResult
@@ -23,6 +23,11 @@ class Dialog(ModalScreen[ScreenResultType]):
         Binding("ctrl+z", "app.suspend_process", show=False),
     ]
 
+    @property
+    def first_field(self) -> Input | None:
+        """Where letters go that were typed before any field had the focus; None in a dialog without one."""
+        return None
+
     def compose(self) -> ComposeResult:
         """The dialog's own widgets in a frame, and its keys."""
         with Vertical(classes="dialog"):
@@ -36,6 +41,17 @@ class Dialog(ModalScreen[ScreenResultType]):
     def action_cancel(self) -> None:
         """Close without an answer."""
         self.dismiss(None)
+
+
+def dismiss_after_typing(
+    dialog: Dialog[ScreenResultType], field: Input, answer: Callable[[], ScreenResultType]
+) -> None:
+    """Close with an answer once a field has taken all letters that were typed before: Enter overtakes those."""
+
+    def close() -> None:
+        dialog.dismiss(answer())
+
+    field.call_later(dialog.call_later, close)
 
 
 class FieldDialog(Dialog[str | None]):
@@ -61,6 +77,11 @@ class FieldDialog(Dialog[str | None]):
         self.field = Input(value, placeholder=placeholder, select_on_focus=select, compact=True)
         """Where the text is typed."""
 
+    @property
+    def first_field(self) -> Input:
+        """The only one."""
+        return self.field
+
     def body(self) -> Iterable[Widget]:
         """Title, field, hint."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
@@ -77,9 +98,13 @@ class FieldDialog(Dialog[str | None]):
         self.field.cursor_position = len(self.field.value)
         self.field.selection = chosen
 
+    def answer(self) -> str | None:
+        """What is returned."""
+        return self.field.value.strip() or None
+
     def action_submit(self) -> None:
         """Return what was typed."""
-        self.dismiss(self.field.value.strip() or None)
+        dismiss_after_typing(self, self.field, self.answer)
 
 
 class ScrollDialog(Dialog[None]):

@@ -19,9 +19,9 @@ class MarkDialog(FieldDialog):
         hint = "Enter sets it with the time of Enter."
         super().__init__("Mark in the recording", hint, placeholder="what happens now, for example: table to 90 deg")
 
-    def action_submit(self) -> None:
-        """Return the text; an empty one is "mark"."""
-        self.dismiss(self.field.value.strip() or "mark")
+    def answer(self) -> str:
+        """The text; an empty one is "mark"."""
+        return self.field.value.strip() or "mark"
 
 
 def nothing_to_mark() -> ChoiceDialog:

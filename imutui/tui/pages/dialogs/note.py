@@ -10,7 +10,7 @@ from textual.widget import Widget
 from textual.widgets import Input, Label, Static
 
 from imutui.tui import formatting
-from imutui.tui.pages.dialogs.base import Dialog
+from imutui.tui.pages.dialogs.base import Dialog, dismiss_after_typing
 
 _ROOM = 66
 
@@ -45,6 +45,11 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
         if operator is not None:
             self._fields.append(Input(operator, id="operator", compact=True))
 
+    @property
+    def first_field(self) -> Input:
+        """The note's."""
+        return self._fields[0]
+
     def body(self) -> Iterable[Widget]:
         """Title, a field or two, and where it goes."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
@@ -60,5 +65,9 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
 
     def action_submit(self) -> None:
         """Return what stands in the fields."""
+        last = self.focused if isinstance(self.focused, Input) else self._fields[0]
+        dismiss_after_typing(self, last, self._answer)
+
+    def _answer(self) -> tuple[str, str]:
         note, operator = [*(field.value.strip() for field in self._fields), ""][:2]
-        self.dismiss((note, operator))
+        return note, operator

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imutui.session.client import Client
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
+from imutui.tui.pages.describing import describe_recording
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 from imutui.tui.pages.dialogs.note import NoteDialog
 from imutui.tui.pages.dialogs.path import PathDialog
@@ -36,36 +36,24 @@ class FileActions:
 
     def note(self, brief: "Brief") -> None:
         """Ask for note and operator of a recording: into the file if this acquisition writes it, else beside it."""
-        into = self._writes(brief.path)
-        if not into and brief.state == text.WRITING:
+        if self._writes(brief.path):
+            describe_recording(self._page)
+            return
+        if brief.state == text.WRITING:
             self._say("another acquisition writes it: `imutui note --name NAME` changes its note", "wait")
             return
         before = brief.latest_note, brief.latest_operator
-        if into and self._page.view is not None and self._page.view.now is not None:
-            before = self._page.view.now["note"], self._page.view.now["operator"]
-        dialog = NoteDialog(f"Note of {brief.name}", text.note_hint(into=into), *before)
 
         def entered(after: tuple[str, str] | None) -> None:
             if after is not None and after != before:
                 note, operator = (new if new != old else None for new, old in zip(after, before, strict=True))
-                self._describe(brief.path, note, operator, into=into)
+                self._run(lambda: _annotate(brief.path, note, operator), brief.path)
 
-        self._page.app.push_screen(dialog, entered)
+        self._page.app.push_screen(NoteDialog(f"Note of {brief.name}", text.NOTE_HINT, *before), entered)
 
     def _writes(self, path: Path) -> bool:
         recording = self._page.view.recording if self._page.view is not None else None
         return recording is not None and Path(recording["path"]).resolve() == path.resolve()
-
-    def _describe(self, path: Path, note: str | None, operator: str | None, *, into: bool) -> None:
-        if not into:
-            self._run(lambda: _annotate(path, note, operator), path)
-            return
-
-        def ask(client: Client) -> str:
-            client.describe(note, operator)
-            return f"written into {path.name}"
-
-        self._page.post_message(Page.Ask(ask, "", lambda: self._done(path)))
 
     # names
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 WRITING = "being written"
 """State of a recording that an acquisition has open."""
 WRITTEN = "it is being written: r finishes it"
+NOTE_HINT = "What you change goes into a file beside the log, with the time: the log and its SHA-256 stay as they are."
 RENAME_HINT = "Its SHA-256, notes and results get the new name too."
 _FIXED = 58
 _TOLD = 6
@@ -111,13 +112,6 @@ def deletion(name: str, beside: Sequence[str], size: int) -> str:
     told += f" and {len(beside) - _TOLD} more" if len(beside) > _TOLD else ""
     also = f" With it goes what is its own: {told}." if beside else ""
     return f"{name}, {formatting.size(size)}{' in all' if beside else ''}.{also} There is no way back."
-
-
-def note_hint(*, into: bool) -> str:
-    """Where a note goes."""
-    if into:
-        return "Both go into the file that is being written."
-    return "What you change goes into a file beside the log, with the time: the log and its SHA-256 stay as they are."
 
 
 def detail(brief: "Brief | None") -> str:

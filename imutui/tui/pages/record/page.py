@@ -13,6 +13,7 @@ from textual.widgets import Input, Label, Static
 from imutui.session.plan import RecordingWish
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
+from imutui.tui.pages.describing import describe_recording
 from imutui.tui.pages.record import text
 from imutui.tui.pages.record.recording_state import MarkList, RecordingState
 from imutui.tui.widgets.event_list import EventList
@@ -40,6 +41,7 @@ class RecordPage(Page):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "edit", "edit form", tooltip="Type operator, place, table, note, rotation"),
+        Binding("n", "note", "note", tooltip="Change note and operator of the file that is being written"),
         Binding("escape", "leave_form", "done", tooltip="Back from the form to the keys"),
         Binding("tab", "next_field", "next field"),
     ]
@@ -132,11 +134,17 @@ class RecordPage(Page):
         typing = isinstance(self.focused, Input)
         if action == "edit":
             return not typing
+        if action == "note":
+            return not typing and self.view is not None and self.view.recording is not None
         return typing if action in ("leave_form", "next_field") else True
 
     def action_edit(self) -> None:
         """To the form's first field."""
         self.set_focus(self.query_one("#wish-operator"))  # at once: what is typed next goes there
+
+    def action_note(self) -> None:
+        """Note and operator of the file that is being written."""
+        describe_recording(self)
 
     def action_next_field(self) -> None:
         """To the next field."""
