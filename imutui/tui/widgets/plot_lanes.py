@@ -15,6 +15,12 @@ from imutui.tui.widgets.raster import Codes, Envelope, Floats
 
 Range = tuple[float, float]
 _BAR_SHARE = 40
+_MEAN_SHARE = 20
+"""A running mean is over this part of the span."""
+_FEWEST_IN_MEAN = 8
+"""Of fewer samples there is none: they are a thin line as they are."""
+_FEWEST_ROWS = 3
+"""A lane of fewer lines has no room for a mean in its band."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +38,11 @@ class Frame:
     span: float
     cells: int
     rows: int
+
+
+def mean_columns(columns: int) -> int:
+    """Dot columns that a running mean is over, of so many in all."""
+    return max(columns // _MEAN_SHARE, 2)
 
 
 class PlotLanes:
@@ -78,7 +89,9 @@ class PlotLanes:
             Whether scales stay as they are.
         """
         width = frame.span / (frame.cells * self._glyphs.columns)
-        t, values = series.last(frame.span + 2 * self._glyphs.columns * width)
+        t, values = series.last(
+            frame.span + (2 * self._glyphs.columns + mean_columns(frame.cells * self._glyphs.columns)) * width
+        )
         if not t.size:
             self._frame = None
             self.ranges = [None] * self._count
@@ -86,6 +99,8 @@ class PlotLanes:
         newest = int(np.floor(t[-1] / width))
         first = self._first(series, frame, newest)
         self._take(t, values[:, self._columns], width, first, newest)
+        if frame.rows >= _FEWEST_ROWS:
+            self._take_mean(t, values[:, self._columns], width, first, newest)
         self._newest = newest
         self._draw(frame, first, sweep=sweep, locked=locked)
         return [raster.lines(self._arranged(lane, frame.cells, sweep=sweep)) for lane in self._codes]
@@ -102,7 +117,7 @@ class PlotLanes:
             return self._newest
         self._frame, self._source = frame, series
         self._low = np.full((self._count, columns), np.nan)
-        self._high = self._low.copy()
+        self._high, self._mean = self._low.copy(), self._low.copy()
         self._codes = np.full((self._count, frame.rows, frame.cells), raster.SPACE, np.uint32)
         self._drawn: list[Range | None] = [None] * self._count
         return whole
@@ -118,6 +133,14 @@ class PlotLanes:
         low, high = raster.column_extremes(t[start:], values[start:], width, first - lead, count + lead, most)
         places = np.arange(first, first + count) % self._low.shape[1]
         self._low[:, places], self._high[:, places] = low[:, lead:], high[:, lead:]
+
+    def _take_mean(self, t: Floats, values: Floats, width: float, first: int, newest: int) -> None:
+        """Put the running mean of the columns from `first` to the newest cell's end into the ring."""
+        per_cell, window = self._glyphs.columns, mean_columns(self._mean.shape[1])
+        count = (newest // per_cell + 1) * per_cell - first
+        start = int(np.searchsorted(t, (first - window - 1) * width))
+        mean = raster.trailing_mean(t[start:], values[start:], width, first, count, window, _FEWEST_IN_MEAN)
+        self._mean[:, np.arange(first, first + count) % self._mean.shape[1]] = mean
 
     def _draw(self, frame: Frame, first: int, *, sweep: bool, locked: bool) -> None:
         per_cell = self._glyphs.columns
@@ -143,8 +166,10 @@ class PlotLanes:
         per_cell = self._glyphs.columns
         columns = np.arange(begin * per_cell, end * per_cell) % self._low.shape[1]
         band = Envelope(self._low[lane, columns], self._high[lane, columns])
-        bits = raster.dots(band, limits, frame.rows * self._glyphs.rows)
-        self._codes[lane][:, np.arange(begin, end) % frame.cells] = raster.codes(bits, self._glyphs)
+        mean = np.where(np.isnan(band.low), np.nan, self._mean[lane, columns])
+        rows = frame.rows * self._glyphs.rows
+        bits, line = raster.dots(band, limits, rows), raster.dots(Envelope(mean, mean), limits, rows)
+        self._codes[lane][:, np.arange(begin, end) % frame.cells] = raster.codes_with_line(bits, line, self._glyphs)
 
     def _bar(self, cells: int) -> int:
         """Cells of the erase bar."""

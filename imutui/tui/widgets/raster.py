@@ -16,6 +16,7 @@ SPACE = 0x20
 _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _HALVES = {name: np.array([ord(sign) for sign in signs], np.uint32) for name, signs in
            (("block", " ▀▄█"), ("ascii", " '.:"))}  # fmt: skip
+_MEAN_SIGNS = {"block": "─", "ascii": "="}
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _GAP_STEPS = 5.0
 _RECENT = 256
@@ -159,6 +160,51 @@ def dots(band: Envelope, limits: tuple[float, float], rows: int) -> Bits:
     top_all[:-1] = np.where(joined, np.minimum(top[:-1], bottom[1:] + 1), top[:-1])
     row = np.arange(rows)[:, None]
     return (row >= top_all) & (row <= bottom_all) & known
+
+
+def codes_with_line(band: Bits, line: Bits, glyphs: Glyphs) -> Codes:
+    """A line over a band of dots, as characters: it is seen without a colour of its own, and hides no spike.
+
+    Where characters have dots enough, those of the band beside the line give way, but for the outermost of a column.
+    Else the line has a sign of its own in cells that the band fills.
+    """
+    beside = np.zeros_like(line)
+    beside[1:], beside[:-1] = line[:-1], beside[:-1] | line[1:]
+    if glyphs.name == "braille":
+        inside = np.zeros_like(band)
+        inside[1:-1] = band[:-2] & band[2:]
+        return codes((band & ~(beside & inside)) | line, glyphs)
+    shape = (band.shape[0] // glyphs.rows, glyphs.rows, -1)
+    filled, through = band.reshape(shape).all(axis=1), line.reshape(shape).any(axis=1)
+    return np.where(filled & through, ord(_MEAN_SIGNS[glyphs.name]), codes(band, glyphs)).astype(np.uint32)
+
+
+def trailing_mean(
+    t: Floats, values: Floats, width: float, first: int, columns: int, window: int, fewest: int
+) -> Floats:
+    """Mean over some columns that end with each one, of several series at once.
+
+    Parameters
+    ----------
+    t, values : (N,), (N, k)
+        Instants, increasing, s, and values, from `window` columns before the first one on.
+    width : float
+        Of a column, s.
+    first, columns : int
+        Number of the first column, counted from instant 0, and how many there are.
+    window, fewest : int
+        Columns that a mean is taken over, and samples that it takes at least.
+
+    Returns
+    -------
+    (k, columns)
+        NaN where there are too few samples.
+    """
+    edges = np.searchsorted(np.floor(t / width).astype(np.int64), np.arange(first - window, first + columns) + 1)
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0, dtype=float)])[edges]
+    counts = edges[window:] - edges[:-window]
+    mean: Floats = ((sums[window:] - sums[:-window]) / np.maximum(counts, 1)[:, None]).T
+    return np.where(counts < fewest, np.nan, mean)
 
 
 def codes(bits: Bits, glyphs: Glyphs) -> Codes:
