@@ -1,5 +1,6 @@
 """Live plot: one lane a series, each with its own scale, so that nothing hides and colour is not needed."""
 
+from itertools import pairwise, repeat
 from typing import NamedTuple
 
 from rich.segment import Segment
@@ -16,18 +17,21 @@ from imutui.tui.widgets import raster
 from imutui.tui.widgets.plot_lanes import Frame, PlotLanes, Range
 
 _NUMBER = 7
-_GUTTER = _NUMBER + 4
+_GUTTER = _NUMBER + 5
+_TALL = 5
 _AXIS = "plot--axis"
 _TITLE = "plot--title"
+_MEAN = "plot--mean"
 _LANE_STYLES = ("plot--first", "plot--second", "plot--third")
 
 
 class _Line(NamedTuple):
-    """Gutter and cells of a line, and the style of the cells."""
+    """Gutter and cells of a line, the style of the cells, and at which cells the running mean begins and ends."""
 
     gutter: str
     cells: str
     style: str
+    mean: tuple[int, ...] = ()
 
 
 class Plot(Widget):
@@ -43,11 +47,12 @@ class Plot(Widget):
         Of the series, one a lane.
     """
 
-    COMPONENT_CLASSES = {_TITLE, _AXIS, *_LANE_STYLES}  # noqa: RUF012 - Textual's way
+    COMPONENT_CLASSES = {_TITLE, _AXIS, _MEAN, *_LANE_STYLES}  # noqa: RUF012 - Textual's way
     DEFAULT_CSS = """
     Plot { height: 1fr; min-height: 4; }
     Plot > .plot--title { color: $foreground 80%; }
     Plot > .plot--axis { color: $foreground 60%; }
+    Plot > .plot--mean { color: $foreground; text-style: bold; }
     Plot > .plot--first { color: $text-primary; }
     Plot > .plot--second { color: $text-success; }
     Plot > .plot--third { color: $text-accent; }
@@ -63,10 +68,8 @@ class Plot(Widget):
         id: str | None = None,  # noqa: A002 - Textual's name
     ) -> None:
         super().__init__(id=id)
-        self._title = title
-        self._names = names
         self._glyphs = glyphs or choose()
-        self._lanes = PlotLanes(columns, len(names), self._glyphs)
+        self.choose(title, names, columns)
         self._series: PacketSeries | None = None
         self._span = 30.0
         self._mode, self._note = SCROLL, ""
@@ -75,6 +78,11 @@ class Plot(Widget):
         self._lines: list[_Line] = []
         self._strips: list[Strip] = []
         self._styles: dict[str, Style] = {}
+
+    def choose(self, title: str, names: tuple[str, ...], columns: slice) -> None:
+        """Take other columns; they are drawn with the next `show`."""
+        self._title, self._names = title, names
+        self._lanes = PlotLanes(columns, len(names), self._glyphs)
 
     def show(
         self,
@@ -136,7 +144,7 @@ class Plot(Widget):
     def _make(self) -> list[int]:
         """Make the strips of lines that read otherwise than before; returns which."""
         if not self._styles:
-            names = (_TITLE, _AXIS, *_LANE_STYLES)
+            names = (_TITLE, _AXIS, _MEAN, *_LANE_STYLES)
             self._styles = {name: self.get_component_rich_style(name) for name in names}
         lines = self._drawn(self.size.width, self.size.height)
         if len(lines) != len(self._lines):
@@ -150,12 +158,17 @@ class Plot(Widget):
 
     def _strip(self, line: _Line) -> Strip:
         # Every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none.
-        parts = [Segment(line.gutter, self._styles[_AXIS]), Segment(line.cells, self._styles[line.style])]
+        parts = [Segment(line.gutter, self._styles[_AXIS])]
+        styles = self._styles[line.style], self._styles[_MEAN]
+        for i, (begin, end) in enumerate(pairwise((0, *line.mean, len(line.cells)))):
+            parts.append(Segment(line.cells[begin:end], styles[i % 2]))
         return Strip([part for part in parts if part.text], len(line.gutter) + len(line.cells))
 
     def _drawn(self, width: int, height: int) -> list[_Line]:
         """Title, lanes, and a time axis if a line is left over."""
         rows, left = divmod(max(height - 1, 0), len(self._names))
+        if len(self._names) == 1 and rows > _TALL:  # a lane that is alone can spare the line
+            rows, left = rows - 1, 1
         gutter = self._gutter(rows)
         if rows < 1 or width <= gutter + 2:
             return []
@@ -166,14 +179,21 @@ class Plot(Widget):
             lanes = [[" " * frame.cells] * rows] * len(self._names)
         else:
             lanes = self._lanes.update(self._series, frame, sweep=self._mode == SWEEP, locked=self._locked)
+        means = self._means(rows)
         drawn = []
         for i, name in enumerate(self._names):
             labels = self._labels(name, self._lanes.ranges[i], rows, gutter)
             style = _LANE_STYLES[i % len(_LANE_STYLES)]
-            drawn += [_Line(self._glyphs.text(a), b, style) for a, b in zip(labels, lanes[i], strict=True)]
+            texts = [self._glyphs.text(label) for label in labels]
+            drawn += [_Line(*line) for line in zip(texts, lanes[i], repeat(style), means, strict=False)]
         axis = [_Line("", self._time_axis(width, gutter), _AXIS)] if left else []
         blank = [_Line("", " " * width, _AXIS)] * (left - len(axis))
         return [_Line("", self._head(width), _TITLE), *drawn, *axis, *blank]
+
+    def _means(self, rows: int) -> list[tuple[int, ...]]:
+        """Where the mean has a colour of its own: in a lane that is alone. In several it is told by its dots alone."""
+        runs = self._lanes.mean_runs(0, sweep=self._mode == SWEEP) if len(self._names) == 1 else []
+        return runs or [()] * rows
 
     def _without(self, width: int, height: int) -> list[_Line]:
         """Only the title: numbers are enough."""
@@ -185,7 +205,7 @@ class Plot(Widget):
         return _GUTTER if rows > 1 else max(len(name) for name in self._names) + 2 * _NUMBER + 4
 
     def _labels(self, name: str, limits: Range | None, rows: int, gutter: int) -> list[str]:
-        """Gutter of a lane: upper limit, name, lower limit."""
+        """Gutter of a lane: upper limit, name, lower limit; in a tall one the value in the middle as well."""
         room = gutter - 2
         if limits is None:
             return [f" {name if row == rows // 2 else '':<{room}}│" for row in range(rows)]
@@ -197,6 +217,9 @@ class Plot(Widget):
         labels[0], labels[-1] = f" {high:>{room}}┤", f" {low:>{room}}┤"
         if rows == 2:
             labels[0] = f" {name:<3}{high.strip():>{room - 3}}┤"
+        elif rows >= _TALL and rows % 2:
+            middle = formatting.number(sum(limits) / 2, _NUMBER, decimals + 1)
+            labels[rows // 2] = f" {name:<3}{middle.strip():>{room - 3}}┤"
         else:
             labels[rows // 2] = f" {name:<{room}}│"
         return labels

@@ -5,15 +5,18 @@ sweep; turned until the newest cell is last, it is the scrolling plot. Both show
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.raster import Codes, Envelope, Floats
+from imutui.tui.widgets.raster import Bits, Codes, Envelope, Floats
 
 Range = tuple[float, float]
+Cells = TypeVar("Cells", Codes, Bits)
 _BAR_SHARE = 40
 _MEAN_SHARE = 20
 """A running mean is over this part of the span."""
@@ -103,7 +106,16 @@ class PlotLanes:
             self._take_mean(t, values[:, self._columns], width, first, newest)
         self._newest = newest
         self._draw(frame, first, sweep=sweep, locked=locked)
-        return [raster.lines(self._arranged(lane, frame.cells, sweep=sweep)) for lane in self._codes]
+        return [raster.lines(self._arranged(lane, frame.cells, raster.SPACE, sweep=sweep)) for lane in self._codes]
+
+    def mean_runs(self, lane: int, *, sweep: bool) -> list[tuple[int, ...]]:
+        """For each line of a lane the cells at which the running mean begins and ends to be in it, in turn."""
+        if self._frame is None:
+            return []
+        shown = self._arranged(self._through[lane], self._frame.cells, False, sweep=sweep)
+        rows, cells = np.nonzero(np.diff(shown, axis=1, prepend=False, append=False))
+        ends = np.searchsorted(rows, np.arange(len(shown) + 1))
+        return [tuple(cells[a:b].tolist()) for a, b in pairwise(ends)]
 
     def _first(self, series: PacketSeries, frame: Frame, newest: int) -> int:
         """Number of the first dot column to work out: the last one drawn, or all if anything else has changed."""
@@ -119,6 +131,7 @@ class PlotLanes:
         self._low = np.full((self._count, columns), np.nan)
         self._high, self._mean = self._low.copy(), self._low.copy()
         self._codes = np.full((self._count, frame.rows, frame.cells), raster.SPACE, np.uint32)
+        self._through = np.zeros(self._codes.shape, bool)
         self._drawn: list[Range | None] = [None] * self._count
         return whole
 
@@ -169,16 +182,19 @@ class PlotLanes:
         mean = np.where(np.isnan(band.low), np.nan, self._mean[lane, columns])
         rows = frame.rows * self._glyphs.rows
         bits, line = raster.dots(band, limits, rows), raster.dots(Envelope(mean, mean), limits, rows)
-        self._codes[lane][:, np.arange(begin, end) % frame.cells] = raster.codes_with_line(bits, line, self._glyphs)
+        cells = np.arange(begin, end) % frame.cells
+        self._codes[lane][:, cells] = raster.codes_with_line(bits, line, self._glyphs)
+        self._through[lane][:, cells] = raster.cells_of(line, self._glyphs)
 
     def _bar(self, cells: int) -> int:
         """Cells of the erase bar."""
         return max(cells // _BAR_SHARE, 2)
 
-    def _arranged(self, lane: Codes, cells: int, *, sweep: bool) -> Codes:
+    def _arranged(self, lane: Cells, cells: int, empty: float, *, sweep: bool) -> Cells:
+        """A lane as it is shown: turned, or with the erase bar."""
         newest = self._newest // self._glyphs.columns
         if not sweep:
             return np.roll(lane, -(newest + 1), axis=1)
         shown = lane.copy()
-        shown[:, np.arange(newest + 1, newest + 1 + self._bar(cells)) % cells] = raster.SPACE
+        shown[:, np.arange(newest + 1, newest + 1 + self._bar(cells)) % cells] = empty
         return shown

@@ -162,21 +162,25 @@ def dots(band: Envelope, limits: tuple[float, float], rows: int) -> Bits:
     return (row >= top_all) & (row <= bottom_all) & known
 
 
+def cells_of(bits: Bits, glyphs: Glyphs) -> Bits:
+    """Which characters have a dot, (rows, columns)."""
+    return np.asarray(bits.reshape(bits.shape[0] // glyphs.rows, glyphs.rows, -1, glyphs.columns).any(axis=(1, 3)))
+
+
 def codes_with_line(band: Bits, line: Bits, glyphs: Glyphs) -> Codes:
     """A line over a band of dots, as characters: it is seen without a colour of its own, and hides no spike.
 
     Where characters have dots enough, those of the band beside the line give way, but for the outermost of a column.
     Else the line has a sign of its own in cells that the band fills.
     """
-    beside = np.zeros_like(line)
-    beside[1:], beside[:-1] = line[:-1], beside[:-1] | line[1:]
     if glyphs.name == "braille":
-        inside = np.zeros_like(band)
+        beside, inside = np.zeros_like(line), np.zeros_like(band)
+        beside[1:], beside[:-1] = line[:-1], beside[:-1] | line[1:]
         inside[1:-1] = band[:-2] & band[2:]
         return codes((band & ~(beside & inside)) | line, glyphs)
-    shape = (band.shape[0] // glyphs.rows, glyphs.rows, -1)
-    filled, through = band.reshape(shape).all(axis=1), line.reshape(shape).any(axis=1)
-    return np.where(filled & through, ord(_MEAN_SIGNS[glyphs.name]), codes(band, glyphs)).astype(np.uint32)
+    filled = band.reshape(band.shape[0] // glyphs.rows, glyphs.rows, -1).all(axis=1)
+    sign = ord(_MEAN_SIGNS[glyphs.name])
+    return np.where(filled & cells_of(line, glyphs), sign, codes(band, glyphs)).astype(np.uint32)
 
 
 def trailing_mean(

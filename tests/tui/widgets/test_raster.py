@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imutui.tui.terminal.glyphs import GLYPHS
+from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
 from imutui.tui.widgets import raster
 from imutui.tui.widgets.raster import Envelope
 
@@ -84,3 +84,25 @@ def test_scales_do_not_dance() -> None:
 def test_axis_labels_tell_their_ends_apart() -> None:
     """The narrower the scale, the more decimals."""
     assert [raster.label_decimals(r) for r in ((0.0, 1000.0), (-0.2, 1.0), (0.0, 0.002))] == [0, 1, 4]
+
+
+def test_a_running_mean_is_the_mean_of_the_samples_of_its_columns() -> None:
+    """And there is none where too few samples are."""
+    t, values = (np.arange(1000) + 0.5) / 100.0, np.random.default_rng(2).normal(size=(1000, 2))
+    mean = raster.trailing_mean(t, values, 0.1, 20, 30, 5, 8)
+    for column in (0, 17, 29):
+        inside = (t >= (20 + column - 4) * 0.1 - 1e-9) & (t < (21 + column) * 0.1 - 1e-9)
+        np.testing.assert_allclose(mean[:, column], values[inside].mean(axis=0))
+    assert np.isnan(raster.trailing_mean(t[:3], values[:3], 0.1, 0, 5, 2, 8)).all()
+
+
+@pytest.mark.parametrize("glyphs", list(GLYPHS.values()))
+def test_a_mean_is_seen_in_its_band_and_hides_no_spike(glyphs: Glyphs) -> None:
+    """Without a colour: it changes what is drawn where the band is thick, and every outermost dot stays."""
+    rng = np.random.default_rng(3)
+    low, high = _band((-2.0 - rng.random(40)).tolist(), (2.0 + rng.random(40)).tolist()), np.zeros(40)
+    band, line = raster.dots(low, (-3.0, 3.0), 28), raster.dots(raster.Envelope(high, high), (-3.0, 3.0), 28)
+    drawn, bare = raster.codes_with_line(band, line, glyphs), raster.codes(band, glyphs)
+    assert (drawn != bare).any(axis=0).all()
+    ends = raster.cells_of(band & ~(np.roll(band, 1, axis=0) & np.roll(band, -1, axis=0)), glyphs)
+    assert (drawn[ends] == bare[ends]).all()

@@ -1,18 +1,24 @@
-"""The table of channels: counts, value, and the statistics of the last seconds."""
+"""The table of channels: counts, value, the statistics of the last seconds, and a small trend; one is chosen."""
 
 import time
 
+import numpy as np
 from textual.content import Content
 
 from imutui.session.snapshot import ChannelSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.connection.packet_series import TEMPERATURE
+from imutui.tui.terminal.glyphs import Glyphs
+from imutui.tui.widgets import raster
 from imutui.tui.widgets.text_lines import TextLines
 
-_NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
+CHANNEL_NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
+CHANNEL_UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
 _STATISTICS_S = 10.0
-_UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
+_TREND_CELLS = 11
+_LEVEL_SD = 8.0
+"""Means of noise stay within four standard deviations on either side: the trend of a quiet channel is level."""
 
 
 class ChannelTable(TextLines):
@@ -20,6 +26,17 @@ class ChannelTable(TextLines):
 
     DEFAULT_CSS = "ChannelTable { width: 80; height: 8; }"
     _shown_at = 0.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.chosen = 0
+        self.span = 30.0
+        """Of the trends, s."""
+
+    def choose(self, channel: int) -> None:
+        """Put the mark before a channel."""
+        self.chosen = channel
+        self._shown_at = 0.0
 
     def show(self, view: View) -> None:
         """Take a view, at most as often as numbers can be read; a frozen or ended one at once."""
@@ -37,12 +54,13 @@ class ChannelTable(TextLines):
         rows = {channel["name"]: channel for channel in view.shown["channels"]} if view.shown is not None else {}
         head = f"      counts     value           mean      sd       min       max  {span:.0f} s"
         lines = [self.line((head.ljust(width), "bold underline"))]
-        for i, (name, unit) in enumerate(zip(_NAMES, _UNITS, strict=True)):
-            slope = _slope(view) if i == TEMPERATURE else ""
-            lines.append(self._row(name, unit, rows.get(name), slope))
+        trends = trend_lines(view, self.span, self.glyphs)
+        for i, (name, unit) in enumerate(zip(CHANNEL_NAMES, CHANNEL_UNITS, strict=True)):
+            right = _slope(view) if i == TEMPERATURE else f"  {trends[i]}"
+            lines.append(self._row(name, unit, rows.get(name), right, chosen=i == self.chosen))
         return lines
 
-    def _row(self, name: str, unit: str, channel: ChannelSnapshot | None, right: str) -> Content:
+    def _row(self, name: str, unit: str, channel: ChannelSnapshot | None, right: str, *, chosen: bool) -> Content:
         """Counts, value, mean, sd, extremes; dashes where nothing has come."""
         decimals, mean_decimals = formatting.DECIMALS[unit], formatting.MEAN_DECIMALS[unit]
         if channel is None:
@@ -51,7 +69,7 @@ class ChannelTable(TextLines):
             counts, value, mean, sd = str(channel["counts"]), channel["value"], channel["mean"], channel["sd"]
             low, high = channel["min"], channel["max"]
         return self.line(
-            (f" {name:<3}", "bold"),
+            (f"{'>' if chosen else ' '}{name:<3}", "bold reverse" if chosen else "bold"),
             f"{counts:>8}",
             (formatting.aligned(value, 10, decimals, 3), "bold"),
             f" {formatting.unit_name(unit):<6}"
@@ -61,6 +79,31 @@ class ChannelTable(TextLines):
             + formatting.aligned(high, 10, decimals, 3)
             + right,
         )
+
+
+def trend_lines(view: View, span: float, glyphs: Glyphs) -> list[str]:
+    """Means of the six channels over the last seconds, a small line each; level where they move no more than noise."""
+    t, values = view.series.last(span)
+    empty = " " * _TREND_CELLS
+    if t.size < 2:
+        return [empty] * TEMPERATURE
+    columns = _TREND_CELLS * glyphs.columns
+    width = span / columns
+    first = int(np.floor(t[-1] / width)) - columns + 1
+    means = raster.trailing_mean(t, values[:, :TEMPERATURE], width, first, columns, 1, 1)
+    per_column = max(t.size / columns, 1.0)
+    return [
+        _trend(mean, float(sd) / per_column**0.5, glyphs) for mean, sd in zip(means, values.std(axis=0), strict=False)
+    ]
+
+
+def _trend(mean: raster.Floats, sd: float, glyphs: Glyphs) -> str:
+    extent = raster.Envelope(mean, mean).limits()
+    if extent is None:
+        return " " * _TREND_CELLS
+    middle, half = sum(extent) / 2, max(extent[1] - extent[0], _LEVEL_SD * sd, 1e-9) / 2
+    bits = raster.dots(raster.Envelope(mean, mean), (middle - half, middle + half), glyphs.rows)
+    return raster.cells(bits, glyphs)[0]
 
 
 def _slope(view: View) -> str:

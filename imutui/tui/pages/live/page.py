@@ -3,21 +3,26 @@
 from collections.abc import Iterable
 from typing import ClassVar
 
+from textual import events
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widget import Widget
 
 from imutui.session.snapshot import Snapshot
+from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.live.channels import ChannelTable
+from imutui.tui.pages.live.channels import CHANNEL_NAMES, CHANNEL_UNITS, ChannelTable
 from imutui.tui.pages.live.status import LinkLine, RecordingLine, WarmLine
 from imutui.tui.widgets.event_list import EventList
 from imutui.tui.widgets.plot import Plot
 
 SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
 _FEWEST_SAMPLES = 60
-_ALONE = ("", "-gyro-alone", "-accel-alone")
+_CHANNEL, _GYRO, _ACCEL, _BOTH = "-channel", "-gyro", "-accel", "-both"
+_PLOTS = (_CHANNEL, _GYRO, _ACCEL, _BOTH)
+_ROOM_FOR_BOTH = 30
+"""Lines of a page from which on all six lanes are tall enough to be read."""
 
 
 def first_span(rate_hz: float) -> float:
@@ -30,21 +35,31 @@ def packet_rate_hz(snapshot: Snapshot | None) -> float:
     return (snapshot["packet_hz"] or 0.0) if snapshot is not None else 0.0
 
 
+def _of_channel(channel: int) -> tuple[str, tuple[str, ...], slice]:
+    """Title, names and columns of the plot of one channel."""
+    name, unit = CHANNEL_NAMES[channel], formatting.unit_name(CHANNEL_UNITS[channel])
+    return f"{name}, {unit}, with mean", (name,), slice(channel, channel + 1)
+
+
 class LivePage(Page):
-    """Table of channels, plots, link and recording."""
+    """Table of channels, the chosen channel large or several, link and recording."""
 
     TITLE = "Live"
     CSS = """
     LivePage #top { height: 8; }
-    LivePage.-gyro-alone #accel, LivePage.-accel-alone #gyro { display: none; }
+    LivePage #one, LivePage #gyro, LivePage #accel { display: none; }
+    LivePage.-channel #one, LivePage.-gyro #gyro, LivePage.-accel #accel { display: block; }
+    LivePage.-both #gyro, LivePage.-both #accel { display: block; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "channel(-1)", "channel", key_display="up,dn", tooltip="Choose the channel that is shown large"),
+        Binding("down", "channel(1)", "next channel", show=False),
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
         Binding("plus,equals_sign", "span(1)", "span", key_display="+/-", tooltip="Longer plots (- for shorter ones)"),
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
-        Binding("a", "lock", "lock", tooltip="Lock the scales, or let them follow"),
-        Binding("s", "app.plot_mode", "sweep", tooltip="Plots scroll, sweep, or give way to numbers"),
-        Binding("g", "plots", "plots", tooltip="Both plots, only the gyro, only the accelerometers"),
+        Binding("a", "lock", "lock", show=False, tooltip="Lock the scales, or let them follow"),
+        Binding("s", "app.plot_mode", "sweep", show=False, tooltip="Plots scroll, sweep, or give way to numbers"),
+        Binding("g", "plots", "plots", tooltip="One channel large, the gyro, the accelerometers, or all six"),
         Binding("escape", "app.follow", "follow", show=False),
     ]
 
@@ -52,11 +67,13 @@ class LivePage(Page):
         super().__init__()
         self._span: float | None = None
         self._locked = False
-        self._alone = ""
+        self._plots = ""
+        self._channel = 0
 
     def body(self) -> Iterable[Widget]:
         """Table of channels, plots, and lines on link, recording and warm-up."""
         yield Horizontal(ChannelTable(), EventList(), id="top")
+        yield Plot(*_of_channel(self._channel), id="one")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
         yield WarmLine()
@@ -65,17 +82,31 @@ class LivePage(Page):
 
     def show(self, view: View) -> None:
         """Show the newest packets and statistics of a view."""
+        self.query_one(ChannelTable).span = self.span(view)
         super().show(view)
-        pacing = view.pacing
         for plot in self.query(Plot):
-            plot.show(
-                view.series,
-                self.span(view),
-                mode=pacing.mode,
-                note=pacing.note,
-                locked=self._locked,
-                frozen=view.frozen,
-            )
+            if plot.display:
+                self._show_plot(plot, view)
+
+    def _show_plot(self, plot: Plot, view: View) -> None:
+        pacing = view.pacing
+        plot.show(
+            view.series,
+            self.span(view),
+            mode=pacing.mode,
+            note=pacing.note,
+            locked=self._locked,
+            frozen=view.frozen,
+        )
+
+    def on_resize(self, _: events.Resize) -> None:
+        """Show as many plots as have room, until the operator chooses."""
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        shown = self._plots or (_BOTH if self.size.height >= _ROOM_FOR_BOTH else _CHANNEL)
+        for name in _PLOTS:
+            self.set_class(name == shown, name)
 
     def span(self, view: View) -> float:
         """Span of the plots, s."""
@@ -103,11 +134,18 @@ class LivePage(Page):
         self._redraw()
 
     def action_plots(self) -> None:
-        """Both plots, or only one, larger."""
-        self._alone = _ALONE[(_ALONE.index(self._alone) + 1) % len(_ALONE)]
-        for name in _ALONE[1:]:
-            self.set_class(self._alone == name, name)
+        """One channel, one quantity, or both."""
+        now = next(name for name in _PLOTS if self.has_class(name))
+        self._plots = _PLOTS[(_PLOTS.index(now) + 1) % len(_PLOTS)]
+        self._lay_out()
         self.call_after_refresh(self._redraw)
+
+    def action_channel(self, step: int) -> None:
+        """Choose another channel; it is the one that is shown large."""
+        self._channel = (self._channel + step) % len(CHANNEL_NAMES)
+        self.query_one(ChannelTable).choose(self._channel)
+        self.query_one("#one", Plot).choose(*_of_channel(self._channel))
+        self._redraw()
 
     def _redraw(self) -> None:
         if self.view is not None:
