@@ -14,8 +14,9 @@ from filters.imu import STANDARD_GRAVITY
 from filters.kalman import alarms, augmentation, layout
 from filters.kalman.consistency import TOLERANCE, ConvergenceMonitor, nis_gates
 from filters.kalman.departures import Departure, Departures
-from filters.kalman.filter_input import InputBuilder, Readings
+from filters.kalman.filter_input import FilterInput, InputBuilder, Readings
 from filters.kalman.first_rest import FirstRest
+from filters.kalman.held_biases import HeldBiases, stretches
 from filters.kalman.long_gap import LongGaps
 from filters.kalman.rows import Estimate, Moments, estimate_of
 from filters.kalman.sample_times import SampleTimes
@@ -65,6 +66,7 @@ class Estimator:
         self.first_rest = FirstRest(settings.period, settings.spec) if settings.reference == "turned" else None
         self._times = SampleTimes(settings.period)
         self._long_gaps: LongGaps | None = None
+        self._held: HeldBiases | None = None
         self._engine: FilterEngine | None = None
         self._inputs: InputBuilder | None = None
         self._P0_sd = np.zeros(state.SIZE)
@@ -98,6 +100,19 @@ class Estimator:
         return int(self._core(layout.CORE_SAMPLES))
 
     @property
+    def taken(self) -> int:
+        """Samples that were taken: those that the filter has used, and those since the reference has ended."""
+        return self.samples if self._held is None else self._held.count
+
+    @property
+    def held_since(self) -> float | None:
+        """Time of the last sample with a reference, s, once biases are held and nothing is integrated; else None."""
+        if self._held is not None:
+            return self._held.since
+        over = self.first_rest is not None and self.first_rest.over and self.samples
+        return self._core(layout.CORE_T) if over else None
+
+    @property
     def nis_sum(self) -> float:
         """Sum of NIS over all updates."""
         return self._core(layout.CORE_NIS_SUM)
@@ -125,11 +140,11 @@ class Estimator:
         """What the filter holds now; None before the first sample."""
         if self._engine is None or not self.samples:
             return None
-        core = self._engine.core
+        core, held = self._engine.core, self._held
         return Estimate(
-            self.samples - 1,
-            float(core[layout.CORE_T]),
-            self._engine.belief(),
+            self.taken - 1,
+            float(core[layout.CORE_T]) if held is None else held.t,
+            self._engine.belief() if held is None else held.belief(),
             core[layout.CORE_NU :].copy(),
             float(core[layout.CORE_NIS_LAST]),
             int(core[layout.CORE_DOF_LAST]),
@@ -285,20 +300,46 @@ class Estimator:
 
     def _filter(self, readings: Readings) -> Iterator[Array]:
         """Feed readings to the engine, stopping where a block or a long gap ends, or a row has to be completed."""
-        engine, inputs, found, long_gaps = self._engine, self._inputs, self.reference, self._long_gaps
+        engine, inputs, long_gaps = self._engine, self._inputs, self._long_gaps
         assert engine is not None
         assert inputs is not None
         assert long_gaps is not None
         if not readings.t.size:
             return
         before = self._core(layout.CORE_T) if self.samples else -np.inf
+        before = before if self._held is None else self._held.t
         samples = inputs.input(readings, self.samples, before)
         t = samples.t
-        path = found if isinstance(found, reference.Path) else None
-        incomplete = [k for k in range(t.size) if float(t[k]) in path.partial] if path is not None else []
         resumed = long_gaps.ends(t, samples.known, before)
-        monitor, k = self.monitor, 0
-        while k < t.size:
+        for first, last, is_held in stretches(samples.known, t.size, self.samples, is_held=self._held is not None):
+            if is_held:
+                yield from self._hold(engine, t[first:last])
+            else:
+                if self._held is not None:  # navigation begins anew as behind a long gap
+                    resumed = sorted({first, *resumed})
+                    engine.core[layout.CORE_NEXT_OUT] = self._held.next_out
+                    self._held = None
+                yield from self._advance(engine, samples, first, last, [k for k in resumed if first <= k < last])
+
+    def _hold(self, engine: "FilterEngine", t: Array) -> Iterator[Array]:
+        if self._held is None:
+            noise, core = self.settings.process_noise(), engine.core
+            since, next_out = float(core[layout.CORE_T]), float(core[layout.CORE_NEXT_OUT])
+            self._held = HeldBiases(engine.belief(), noise, since, self.samples, self.every, next_out)
+        rows = self._held.take(t)
+        if rows.size:
+            yield rows
+
+    def _advance(
+        self, engine: "FilterEngine", samples: FilterInput, first: int, last: int, resumed: list[int]
+    ) -> Iterator[Array]:
+        """Feed samples from `first` to before `last`; navigation begins anew at those of `resumed`."""
+        t, found = samples.t, self.reference
+        path = found if isinstance(found, reference.Path) else None
+        incomplete = [k for k in range(first, last) if float(t[k]) in path.partial] if path is not None else []
+        monitor, k = self.monitor, first
+        end = float(t[last]) if last < t.size else np.inf
+        while k < last:
             if not self.samples:
                 monitor.begin(float(t[k]))
             if t[k] >= monitor.end - _SAME:
@@ -307,7 +348,7 @@ class Estimator:
                 path.complete(samples.known[incomplete.pop(0)], float(t[k]), engine.belief().nav.C_nb)
             if resumed and resumed[0] == k:
                 engine.resume(samples, resumed.pop(0))
-            stop = min([monitor.end - _SAME, *(float(t[at[0]]) for at in (incomplete, resumed) if at)])
+            stop = min([end, monitor.end - _SAME, *(float(t[at[0]]) for at in (incomplete, resumed) if at)])
             try:
                 k, count = engine.advance(samples, k, stop)
             except DivergenceError as error:

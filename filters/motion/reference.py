@@ -30,10 +30,15 @@ KINDS = ("level", "gravity", "turned", "profile", "trajectory")
 
 COLUMNS = 25
 """Columns of `Reference.known`: position 3, velocity 3, quaternion n←b 4, variances of the nine rows (negative where
-not known), angular rate 3 and specific force 3 of a perfect unit in body axes (NaN where not known)."""
+not known, `ENDED` where the reference has ended), angular rate 3 and specific force 3 of a perfect unit in body axes
+(NaN where not known)."""
 POSITION, VELOCITY, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)
 VARIANCES, RATE, FORCE = slice(10, 19), slice(19, 22), slice(22, 25)
 
+ENDED = -2.0
+"""Variance of the first row from where on the reference has ended."""
+AFTER = 2.0
+"""s for which a trajectory is still of use after its last row: the filter predicts."""
 SETTLE = 2.0
 """s after a mark, or after coming to rest, before a dwell's rows are used."""
 _TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE)
@@ -187,6 +192,7 @@ class TableMotion:
         self.quiet = 3.0 * spec.gyro_bias_limit + 5.0 * spec.gyro_arw / np.sqrt(period)
         self._site = site
         self._rest_starts = profile.rest_starts
+        self._dwells = [k for k, segment in enumerate(profile.segments) if isinstance(segment, Dwell)]
         self._marks: list[tuple[float, int, bool]] = []
 
     def mark(self, t: float, text: str) -> None:
@@ -195,7 +201,7 @@ class TableMotion:
         It begins the segment it names ("segment 3", counted from 1), or the next dwell; "segment 3 ends" says that the
         table has left it before its time.
         """
-        dwells = [k for k, segment in enumerate(self.profile.segments) if isinstance(segment, Dwell)]
+        dwells = self._dwells
         told = _TOLD.match(text)
         if told:
             segment = int(told[1]) - 1
@@ -218,7 +224,24 @@ class TableMotion:
         used = aligned | (rests & (np.abs(gyro) < self.quiet).all(axis=1))
         rows[~used, VARIANCES] = -1.0
         rows[~used, RATE.start :] = np.nan
+        ended = self._ended(t, profile_t) & ~rests & ~aligned
+        rows[ended, VARIANCES] = ENDED
+        rows[ended, RATE.start :] = np.nan
         return rows
+
+    def _ended(self, t: Array, profile_t: Array) -> NDArray[np.bool_]:
+        """Whether the profile is over at each of the samples; by marks, once its last dwell is, until another mark.
+
+        Where it ends with a dwell, or is joined to the log, the table is still known to rest there; see `Profile`.
+        """
+        if self.profile.align != "marks":
+            return profile_t > self.profile.duration
+        last, ended = self._dwells[-1] if self._dwells else -1, np.zeros(t.size, bool)
+        for at, segment, begins in self._marks:
+            dwell = self.profile.segments[segment]
+            assert isinstance(dwell, Dwell)
+            ended[t >= at] = (t[t >= at] > at + (dwell.seconds if begins else 0.0)) & (segment == last)
+        return ended
 
     def motion(self, t: Array) -> Array:
         """Rows for samples at `t` as the profile has them, whether or not they are known well enough."""
@@ -313,6 +336,11 @@ class Path:
     kind: str = "trajectory"
     moving: bool = True
     partial: dict[float, Array] = field(default_factory=dict)
+    _end: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        told = np.isfinite(self.trajectory.values).any(axis=1)
+        self._end = float(self.trajectory.t[told][-1]) if told.any() else -np.inf
 
     def start(self) -> tuple[NavState, Array]:
         """State and standard deviations that alignment found, for the filter to start from."""
@@ -329,6 +357,7 @@ class Path:
         which = np.flatnonzero(fresh)
         if which.size:
             rows[which] = self._rows(newest[which], t[which])
+        rows[t > self._end + AFTER, VARIANCES.start] = ENDED
         return rows
 
     def _rows(self, index: NDArray[np.int_], t: Array) -> Array:

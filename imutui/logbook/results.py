@@ -184,6 +184,8 @@ class ResultDocument(TypedDict):
     confounded: NotRequired[list[str]]
     remainder: NotRequired[list[RemainderField]]
     temperature_k_per_min: NotRequired[float | None]
+    held_since_s: NotRequired[float | None]
+    """When the reference ended: from then on biases are held, and navigation states are those of then."""
     departure: NotRequired[str | None]
     """With a table profile: where the readings depart from the model most certainly, in a sentence."""
     filter_s: NotRequired[float]
@@ -323,9 +325,9 @@ def document(
         "log": str(log.resolve()),
         "kind": info.kind,
         "filter": info.filter,
-        "samples": estimator.samples,
+        "samples": estimator.taken,
         "duration_s": duration,
-        "rate_hz": (estimator.samples - 1) / used if used > 0.0 else None,
+        "rate_hz": (estimator.taken - 1) / used if used > 0.0 else None,
         "reference": info.reference,
         "accel_sign": info.accel_sign,
         "mount": info.mount,
@@ -350,6 +352,7 @@ def document(
         "confounded": estimator.confounded(),
         "remainder": remainder_fields(estimator, axes),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
+        "held_since_s": estimator.held_since,
         "departure": departures.sentence(estimator, axes, g_unit),
         "filter_s": timings.filter_s,
         "read_s": timings.read_s,

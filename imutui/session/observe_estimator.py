@@ -24,13 +24,14 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "name": info.filter,
         "reference": info.reference,
         "t": None if latest is None else latest.t,
-        "samples": estimator.samples,
+        "samples": estimator.taken,
         "waiting": None,
         "converged": estimator.converged,
         "biases": _biases(estimator, info),
         "nis": results.nis_fields(estimator),
         "remainder": results.remainder_fields(estimator, info.axes()),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
+        "held_since": estimator.held_since,
         "departure": departures.sentence(estimator, info.axes(), info.g_unit),
         "effects": _effects(estimator),
         "state": None,
@@ -40,7 +41,8 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "rejected": estimator.rejected,
         "confounded": estimator.confounded(),
     }
-    if latest is not None:
+    # after the reference has ended nothing is integrated, and what stood there last is no estimate of now
+    if latest is not None and estimator.held_since is None:
         axes, g_unit = info.axes(), info.g_unit
         seen = results.seen_axes(estimator, axes)
         nav, P = latest.belief.nav, latest.belief.P

@@ -20,6 +20,7 @@ def before_estimates(info: SessionInfo) -> FilterSnapshot:
         "waiting": None,
         "converged": False,
         "temperature_k_per_min": None,
+        "held_since": None,
         "departure": None,
         "biases": [
             {

@@ -163,6 +163,7 @@ class NavigationSdSnapshot(TypedDict):
 class FilterSnapshot(TypedDict):
     """The filter; `t` of its last sample, `waiting` what it waits for, in words.
 
+    From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
     `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
     """
 
@@ -173,6 +174,7 @@ class FilterSnapshot(TypedDict):
     waiting: str | None
     converged: bool
     temperature_k_per_min: NotRequired[float | None]
+    held_since: NotRequired[float | None]
     departure: NotRequired[str | None]
     biases: list[BiasSnapshot]
     nis: NisSnapshot

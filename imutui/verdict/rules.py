@@ -55,6 +55,8 @@ class Standing:
         Of the temperature; None while it is not known.
     departure : str or None
         Where in a table profile the readings depart from the model, and what it may be, in words.
+    held_since : float or None
+        When the reference ended, s, from where on biases are held; None while there is one.
     failure : str or None
         Why the filter stopped, if it did.
     waiting : str or None
@@ -77,6 +79,7 @@ class Standing:
     confounded: Sequence[str]
     slope_k_per_min: float | None = None
     departure: str | None = None
+    held_since: float | None = None
     failure: str | None = None
     waiting: str | None = None
     silent: str | None = None
@@ -166,7 +169,17 @@ def judge(standing: Standing | None) -> Verdict:
     if standing.waiting or standing.t is None:
         reason = standing.waiting or "waiting for the first sample"
         return Verdict("none", "WAIT", reason, checks=checks[:1], sudden=True)
-    return _of(checks)
+    found = _of(checks)
+    held = held_text(standing.held_since)
+    return found if held is None else replace(found, reason=f"{found.reason}; {held}")
+
+
+def held_text(since: float | None) -> str | None:
+    """That the reference has ended, and when in the run, in words; None while there is one."""
+    if since is None:
+        return None
+    whole = int(since)
+    return f"no reference any more since {whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}, biases held"
 
 
 def _of(checks: tuple[Check, ...]) -> Verdict:
@@ -323,6 +336,7 @@ def _converged(standing: Standing) -> Check:
         return Check("good", "converged", said, brief)
     waited, todo = _waited(pending, standing.slope_k_per_min)
     todo = "record longer, with the unit undisturbed" if standing.over else todo
+    todo = "record again, with a longer reference" if standing.held_since is not None else todo
     kind = "observable biases" if hidden else "biases"
     return Check("wait", "converged", f"{brief} {kind} converged; {waited}", brief, todo)
 

@@ -32,6 +32,7 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         confounded=estimates["confounded"],
         slope_k_per_min=estimates.get("temperature_k_per_min", slope_k_per_min),
         departure=estimates.get("departure"),
+        held_since=estimates.get("held_since"),
         failure=estimates["failure"],
         waiting=estimates["waiting"],
     )
@@ -51,6 +52,7 @@ def of_document(d: "ResultDocument") -> Verdict:
             confounded=d.get("confounded", ()),
             slope_k_per_min=d.get("temperature_k_per_min"),
             departure=d.get("departure"),
+            held_since=d.get("held_since_s"),
             over=True,
             own_limits=_is_imu400(d),
         )

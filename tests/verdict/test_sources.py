@@ -93,6 +93,16 @@ def test_red_in_a_profile_names_the_position_and_traces_it_unless_something_has_
     assert (gross.reason.partition(";")[0], gross.todo) == (f"alarm: {said}", "put that right first")
 
 
+def test_held_biases_are_told_with_the_verdict_and_are_not_waited_for() -> None:
+    """Since when there is no reference stands beside whatever else is said; waiting would help nobody."""
+    held = "no reference any more since 0:02:11, biases held"
+    done = rules.judge(sources.of_snapshot(snapshot(held_since=131.2)))
+    assert done.reason == f"all 6 biases converged; nothing unexplained; {held}"
+    late = rules.judge(sources.of_snapshot({**unsettled(), "held_since": 131.2}))
+    assert (late.word, late.todo) == ("AMBER", "record again, with a longer reference")
+    assert sources.of_document(document(snapshot(), held_since_s=131.2)).reason == done.reason
+
+
 def test_another_type_of_unit_is_not_judged_by_table_1() -> None:
     """A bias of 20 mg is RED for an IMU400CD, and to be looked at for a unit whose data sheet is another."""
     biases = snapshot()["biases"]

@@ -9,7 +9,7 @@ from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.filter.explanation import effect_text
 from imutui.tui.widgets.text_lines import TextLines
-from imutui.verdict.rules import NOTICED, nis_meaning, worst_remainder
+from imutui.verdict.rules import NOTICED, held_text, nis_meaning, worst_remainder
 
 _LABEL = 13
 
@@ -74,6 +74,9 @@ class NavigationLines(TextLines):
     def _title(self, estimates: FilterSnapshot | None) -> str:
         if estimates is None:
             return "navigation"
+        held = held_text(estimates.get("held_since"))
+        if held is not None:
+            return f"navigation: {held}"
         samples = formatting.plural(estimates["samples"], "sample")
         return f"navigation: {estimates['name']}, reference {estimates['reference']}, {samples}"
 
