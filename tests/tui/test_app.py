@@ -86,6 +86,8 @@ async def test_g_shows_a_channel_then_a_quantity_then_both() -> None:
             assert sum("┤" in line for line in lines) == 6
         await pilot.press("g")
         await shows(pilot, "gyro, deg/s", "accel, mg")
+        await pilot.press("g")
+        await shows(pilot, "orientation of the unit", "down is +z, within 0.35°", "roll     -0.02°", "pitch    +0.35°")
 
 
 async def test_s_sweeps_then_shows_numbers_only_then_scrolls_again() -> None:

@@ -13,14 +13,15 @@ from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.live.channels import CHANNEL_NAMES, CHANNEL_UNITS, ChannelTable
+from imutui.tui.pages.live.orientation import Orientation
 from imutui.tui.pages.live.status import LinkLine, RecordingLine, WarmLine
 from imutui.tui.widgets.event_list import EventList
 from imutui.tui.widgets.plot import Plot
 
 SPANS_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 14400.0)
 _FEWEST_SAMPLES = 60
-_CHANNEL, _GYRO, _ACCEL, _BOTH = "-channel", "-gyro", "-accel", "-both"
-_PLOTS = (_CHANNEL, _GYRO, _ACCEL, _BOTH)
+_CHANNEL, _GYRO, _ACCEL, _BOTH, _ORIENTATION = "-channel", "-gyro", "-accel", "-both", "-orientation"
+_PLOTS = (_CHANNEL, _GYRO, _ACCEL, _BOTH, _ORIENTATION)
 _ROOM_FOR_BOTH = 30
 """Lines of a page from which on all six lanes are tall enough to be read."""
 
@@ -47,7 +48,8 @@ class LivePage(Page):
     TITLE = "Live"
     CSS = """
     LivePage #top { height: 8; }
-    LivePage #one, LivePage #gyro, LivePage #accel { display: none; }
+    LivePage #one, LivePage #gyro, LivePage #accel, LivePage Orientation { display: none; }
+    LivePage.-orientation Orientation { display: block; }
     LivePage.-channel #one, LivePage.-gyro #gyro, LivePage.-accel #accel { display: block; }
     LivePage.-both #gyro, LivePage.-both #accel { display: block; }
     """
@@ -59,7 +61,12 @@ class LivePage(Page):
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
         Binding("a", "lock", "lock", show=False, tooltip="Lock the scales, or let them follow"),
         Binding("s", "app.plot_mode", "sweep", show=False, tooltip="Plots scroll, sweep, or give way to numbers"),
-        Binding("g", "plots", "plots", tooltip="One channel large, the gyro, the accelerometers, or all six"),
+        Binding(
+            "g",
+            "plots",
+            "plots",
+            tooltip="One channel large, a quantity, all six, or how the unit lies",
+        ),
         Binding("escape", "app.follow", "follow", show=False),
     ]
 
@@ -76,6 +83,7 @@ class LivePage(Page):
         yield Plot(*_of_channel(self._channel), id="one")
         yield Plot("gyro, deg/s", ("gx", "gy", "gz"), slice(0, 3), id="gyro")
         yield Plot("accel, mg", ("ax", "ay", "az"), slice(3, 6), id="accel")
+        yield Orientation()
         yield WarmLine()
         yield LinkLine()
         yield RecordingLine()
