@@ -114,6 +114,12 @@ def carry_out(engine: Engine, request: Request) -> Reply:
                 request_fields.instant(request, "temperature_s"),
             )
             return {"history": engine.call(lambda acquisition: acquisition.history(has), late=True)}
+        case "statistics":
+            channel = request_fields.whole(request, "channel")
+            return {"statistics": engine.call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
+        case "begin_statistics":
+            engine.call(lambda acquisition: acquisition.begin_statistics())
+            return {}
         case "mark":
             text = request_fields.text(request, "text")
             engine.call(lambda acquisition: acquisition.mark(text))

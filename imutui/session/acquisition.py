@@ -14,6 +14,7 @@ from imutui.instrument.crossbow import Scaling
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe, operator_guide, zeroing
+from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
@@ -27,7 +28,7 @@ from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
-from imutui.session.snapshot import ProfileDescription, Snapshot
+from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 from imutui.session.timebase import ClockStepMonitor, Timebase
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ class Acquisition:
         self._timebase = Timebase.now()
         self._clock_steps = ClockStepMonitor(self._timebase)
         self._recorder = Recorder(plan, info, lifecycle, self._timebase)
-        self._recent = RecentPackets(Scaling(plan.rate_range_dps, plan.accel_range_g))
+        scaling = Scaling(plan.rate_range_dps, plan.accel_range_g)
+        self._recent, self._statistics = RecentPackets(scaling), ChannelStatistics(scaling)
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
@@ -110,7 +112,11 @@ class Acquisition:
         late_s = (arrival.host_ns - stamp.monotonic_ns) / 1e9
         self._loss_advice.packet(pipeline.counters.lost_packets - lost, arrival.host_ns / 1e9, late_s)
         self._last_stamp_ns = stamp.monotonic_ns
-        self._recent.add((stamp.monotonic_ns - self._started_ns) / 1e9, packet)
+        t = (stamp.monotonic_ns - self._started_ns) / 1e9
+        self._recent.add(t, packet)
+        if stamp.gap is not None:
+            self._statistics.interrupt()
+        self._statistics.add(t, packet)
         if arrival.requested_ns is not None:
             self._line.answered(arrival.requested_ns)
         if not self._lifecycle.streaming.is_set():
@@ -131,6 +137,7 @@ class Acquisition:
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
         self._recorder.pipeline.poll_unanswered()
+        self._statistics.interrupt()
         self._line.unanswered()
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
@@ -138,6 +145,7 @@ class Acquisition:
         before = self._recent.rates_dps()
         self._use(self._stamps.interrupt())
         self._recent.interrupt()
+        self._statistics.interrupt()
         self._line.interrupt()
         self._recorder.begin_run()
         pending, self._zeroing = self._zeroing, None
@@ -168,6 +176,7 @@ class Acquisition:
                 self._use(self._stamps.interrupt(lossy=True))
                 self._line.returned(event, self._last_stamp_ns)
                 self._recent.interrupt()
+                self._statistics.interrupt()
         if said is not None:
             self.event("acquisition", said, WARNING)
 
@@ -261,6 +270,17 @@ class Acquisition:
         """The past of the present run of samples, as far as a viewer lacks it."""
         pipeline = self._recorder.pipeline
         return pipeline.history.piece(pipeline.first_stamp_ns or 0, wish)
+
+    def channel_statistics(self, channel: int) -> StatisticsSnapshot:
+        """Allan deviation, spectrum and histogram of a channel; ValueError if there is no such channel."""
+        return self._statistics.snapshot(channel, self._since_start_s())
+
+    def begin_statistics(self) -> None:
+        """Begin the statistics of the channels anew."""
+        self._statistics.begin(self._since_start_s())
+
+    def _since_start_s(self) -> float:
+        return (time.monotonic_ns() - self._started_ns) / 1e9
 
     def mark(self, text: str) -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.

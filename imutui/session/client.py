@@ -17,7 +17,7 @@ from imutui.session import end_report, exit_codes, ipc
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
-from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot
+from imutui.session.snapshot import NO_SERIES, ProbeAnswer, ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -97,6 +97,25 @@ class Client:
             return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
         except SessionRefusalError:
             return None
+
+    def statistics(self, channel: int) -> StatisticsSnapshot:
+        """Allan deviation, spectrum and histogram of a channel over all packets since they were begun.
+
+        Parameters
+        ----------
+        channel : int
+            Its number, 0 to 6.
+
+        Raises
+        ------
+        SessionRefusalError
+            From an acquisition that an older version started, which keeps none.
+        """
+        return self._ask({"ask": "statistics", "channel": channel})["statistics"]
+
+    def begin_statistics(self) -> None:
+        """Begin the statistics of all channels anew, for every viewer: what was before counts no more."""
+        self._ask({"ask": "begin_statistics"})
 
     def mark(self, text: str) -> None:
         """Put a mark into the recording."""

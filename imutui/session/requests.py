@@ -7,7 +7,7 @@ carried out gets a `Refusal`.
 from typing import TYPE_CHECKING, Literal, NotRequired, TypedDict
 
 from imutui.history_rows import HistorySnapshot
-from imutui.session.snapshot import ProfileDescription, Snapshot
+from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -42,6 +42,8 @@ class Request(TypedDict):
     ask: Literal[
         "snapshot",
         "history",
+        "statistics",
+        "begin_statistics",
         "mark",
         "record",
         "describe",
@@ -61,6 +63,8 @@ class Request(TypedDict):
     """history: instant of the last row of estimates that the viewer has."""
     temperature_s: NotRequired[float | None]
     """history: instant of the last row of temperature that the viewer has."""
+    channel: NotRequired[int]
+    """statistics: number of the channel, 0 to 6."""
     text: NotRequired[str]
     """mark: what the operator says."""
     wish: NotRequired[RecordingWishFields]
@@ -95,6 +99,8 @@ class Reply(TypedDict, total=False):
     """snapshot: state for a screen."""
     history: HistorySnapshot
     """history: biases and temperature of the run, what the viewer lacks of them."""
+    statistics: StatisticsSnapshot
+    """statistics: Allan deviation, spectrum and histogram of the channel."""
     path: str
     """record: of the file that has begun."""
     said: str

@@ -276,3 +276,68 @@ class ProbeAnswer(TypedDict):
     firmware: str
     baud: int | None
     error: str | None
+
+
+class AllanSnapshot(TypedDict):
+    """Allan deviation of a channel at averaging times `tau`, s, in the channel's unit.
+
+    `dof` are the degrees of freedom of its square: the relative standard deviation of the deviation is 1/√(2 dof).
+    """
+
+    tau: list[float]
+    deviation: list[float]
+    dof: list[float]
+
+
+class SpectrumSnapshot(TypedDict):
+    """One-sided amplitude spectral density of a channel, its unit/√Hz, in bands of frequency.
+
+    `density` is the mean of a band (of power), `peak` its greatest value, which is at `peak_hz`. `averages` are the
+    independent estimates in the mean: the relative standard deviation of `density` is 1/(2 √averages). `segments` were
+    averaged; lines `resolution_hz` apart are told apart.
+    """
+
+    hz: list[float]
+    density: list[float]
+    peak: list[float]
+    peak_hz: list[float]
+    averages: list[float]
+    segments: int
+    resolution_hz: float
+
+
+class HistogramSnapshot(TypedDict):
+    """How often a channel read what, in bins of `width_counts` counts, which is `width` in its unit, from `edge` on.
+
+    `below` and `above` are packets outside the bins; the last bin may hold fewer counts than it is wide. `mean` and
+    `sd` are of all packets.
+    """
+
+    counts: list[int]
+    edge: float
+    width: float
+    width_counts: int
+    below: int
+    above: int
+    mean: float
+    sd: float
+
+
+class StatisticsSnapshot(TypedDict):
+    """Statistics of a channel over all packets of the last `seconds`; None where there are too few of them.
+
+    `stretches` are those parts without a gap, in which packets are `period_s` apart. `white` is the white noise of the
+    data sheet, unit·√s, up to `bandwidth_hz`; None of a channel that it does not state.
+    """
+
+    channel: int
+    unit: str
+    seconds: float
+    packets: int
+    stretches: int
+    period_s: float | None
+    white: float | None
+    bandwidth_hz: float | None
+    allan: AllanSnapshot | None
+    spectrum: SpectrumSnapshot | None
+    histogram: HistogramSnapshot | None

@@ -17,7 +17,7 @@ from imutui.logbook.results import ResultDocument
 from imutui.session import handshake, live_filter
 from imutui.session.engine import Engine
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.snapshot import ProfileDescription, Snapshot
+from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 
 PROFILE = """
 align = "marks"
@@ -79,6 +79,8 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
         assert mismatches(past, HistorySnapshot, "history") == []
         assert past["temperature"]["t"][0] == 0.0
         assert bool(past["estimates"]["t"]) == (filtering != "none")
+        told = travelled(engine.call(lambda acquisition: acquisition.channel_statistics(0), timeout=60.0))
+        assert mismatches(told, StatisticsSnapshot, "statistics") == []
         engine.request_stop()
         assert engine.lifecycle.ended.wait(60.0)
         last = looked_at(engine)

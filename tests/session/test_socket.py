@@ -146,6 +146,7 @@ def test_a_client_that_is_one_too_many_is_told_in_words(server: ipc.Server) -> N
         ({"ask": "mark"}, "`text` is no text"),
         ({"ask": "zero", "argument": True}, "no whole number"),
         ({"ask": "snapshot", "since": 2**70}, "no whole number"),
+        ({"ask": "statistics"}, "`channel` is no whole number"),
         ({"ask": "wait", "timeout_s": "x"}, "no time"),
         ({"ask": "wait", "timeout_s": -1}, "no time"),
         ({"ask": "x" * 9999}, "no such request"),
@@ -164,4 +165,6 @@ def test_an_acquisition_that_keeps_no_history_is_no_error(server: ipc.Server, mo
     monkeypatch.setattr(client.Client, "snapshot", lambda self, since: {"pid": 1})
     asked = client.Client("asked")
     assert asked.history(HistoryWish()) is None
+    with pytest.raises(client.SessionRefusalError, match="no such request"):
+        asked.statistics(0)
     asked.close()

@@ -402,13 +402,15 @@ _REQUESTS = (
     b'{"ask": "configure", "changes": {"reference_file": ["t.toml", ' + _PROFILE_TEXT.encode() + b"]}}",
     b'{"ask": "configure", "changes": {"effects": ' + json.dumps(_EFFECTS.decode()).encode() + b"}}",
     b'{"ask": "zero", "argument": 0}',
+    b'{"ask": "statistics", "channel": 6}',
+    b'{"ask": "begin_statistics"}',
     b'{"ask": "profile"}',
     b'{"ask": "guide", "do": "begin", "wish": {"note": "y"}}',
     b'{"ask": "stop_recording"}',
     b'{"ask": "wait", "timeout_s": 0.5}',
 )
 _SEQUENCES = tuple(
-    b"\n".join(_REQUESTS[k] for k in order) for order in ((2, 1, 9), (4, 8, 0, 1, 7), (5, 2, 0, 9, 3, 0))
+    b"\n".join(_REQUESTS[k] for k in order) for order in ((2, 1, 11), (4, 10, 0, 1, 9, 7), (5, 2, 0, 11, 3, 0))
 )
 
 
