@@ -2,7 +2,10 @@
 
 import os
 import struct
+import sys
+import threading
 import time
+import traceback
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -88,7 +91,16 @@ class Acquired:
             now = self.state()
             said = {key: now[key] for key in ("state", "error", "silent_s", "reconnecting", "zeroing", "events")}
             took = f"from packet {begun['series']['next']} to {now['series']['next']}"
-            raise AssertionError(f"{took}; {len(self.sent.packets())} sent; {said}") from error
+            raise AssertionError(f"{took}; {len(self.sent.packets())} sent; {said}; {_stacks()}") from error
+
+
+def _stacks() -> str:
+    """Where each thread of this process is: the unit that is served here is one of them."""
+    frames = sys._current_frames()
+    stacks = {
+        thread.name: traceback.format_stack(frames[thread.ident]) for thread in threading.enumerate() if thread.ident
+    }
+    return "\n".join(f"{name}: {''.join(stack[-4:])}" for name, stack in stacks.items())
 
 
 @contextmanager

@@ -39,7 +39,7 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "no serial port", "press v for the DEMO", "virtual, 133 Hz, stream")
         await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
 
 
@@ -50,7 +50,7 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
         await pilot.press("tab", *"/dev/x", "tab", "home", "shift+end", "delete", *"0.5", "tab", "right")
         await shows(pilot, "(x) polled", "x, 0.5 Hz, polled")
         await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
 
 
@@ -60,7 +60,7 @@ async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: lis
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 50 Hz")
         await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert machine == [Plan("virtual", 50.0, mount="x,-y,-z", accel_sign=1)]
 
 
@@ -71,7 +71,7 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
         screen = await shows(pilot, "press v for the DEMO", "estimates its biases", "v demo", "? help", "q quit")
         assert max(len(line) for line in screen.splitlines()) == 80
         await pilot.press("v")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     (plan,) = machine
     assert plan == demo(Plan("virtual", logs=str(tmp_path)))
     assert (plan.record, plan.rate_hz, plan.logs, plan.mount) == (True, 20.0, str(tmp_path), "x,y,z")
@@ -84,7 +84,7 @@ async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch:
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "An acquisition is running")
         await pilot.press("v")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert machine == []
 
 
@@ -129,7 +129,7 @@ async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> Non
         await pilot.press(*("tab",) * 4, "right", "down", "right")
         await shows(pilot, "(x) spkf-paper", "(x) gravity", "voltage mode is not used")
         await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert [(p.filter, p.reference) for p in machine] == [("spkf-paper", "gravity")]
 
 
@@ -191,7 +191,7 @@ async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monke
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, 'running acquisition "default"')
         await pilot.press("enter")
-        await shows(pilot, "gyro, deg/s")
+        await shows(pilot, "gx, deg/s")
     assert machine == []
 
 

@@ -123,4 +123,4 @@ async def test_a_dialog_that_comes_while_somebody_types_takes_no_letter_for_an_a
         await pilot.press("c", "v")
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("enter")
-        await shows(pilot, "ENDED", "gyro, deg/s")
+        await shows(pilot, "ENDED", "gx, deg/s")

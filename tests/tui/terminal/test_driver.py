@@ -47,7 +47,7 @@ def test_without_textuals_private_names_the_screen_is_drawn_plainly() -> None:
         terminal.press(b"4")
         terminal.read_until("x gyro")
         terminal.press(b"2")
-        terminal.read_until("gyro, deg/s")
+        terminal.read_until("gx, deg/s")
         terminal.press(b"d")
         terminal.read_until("Come back: imutui attach")
         assert terminal.process.wait(10.0) == 0

@@ -78,7 +78,7 @@ async def test_pages_draw_without_the_private_names(monkeypatch: pytest.MonkeyPa
     app = ImutuiApp(client)  # type: ignore[arg-type]
     assert not textual_private.draw_through(app, lambda update: update)
     async with app.run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED", "gyro, deg/s", "lost 0")
+        await shows(pilot, "SIMULATED", "gx, deg/s", "lost 0")
         client.changes["lost_packets"] = client.changes["lost_packets_max"] = 7
         await shows(pilot, "lost 7")
         for (key, title), sign in zip(PAGES, SIGNS, strict=True):

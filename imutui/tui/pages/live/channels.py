@@ -16,7 +16,7 @@ from imutui.tui.widgets.text_lines import TextLines
 CHANNEL_NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
 CHANNEL_UNITS = ("deg/s",) * 3 + ("mg",) * 3 + ("degC",)
 _STATISTICS_S = 10.0
-_TREND_CELLS = 11
+_TREND_CELLS = 10
 _LEVEL_SD = 8.0
 """Means of noise stay within four standard deviations on either side: the trend of a quiet channel is level."""
 
