@@ -20,7 +20,7 @@ def command(
     One HTML file that needs nothing else; figures as SVG and PNG and the results beside it. Where the logs are still
     where the results say, unchanged, dates and temperatures are taken from them.
 
-    Example: imutui report trace.json -o report (after imutui trace cold.mcap warm.mcap --json > trace.json)
+    Example: imutui report trace.json -o report
     """
     check_folder(output, force, "-o")
     from imutui.cli.exit_codes import UNREADABLE, fail, say

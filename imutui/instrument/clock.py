@@ -125,6 +125,7 @@ class Clock:
         self._held_ticks = 0
         self._least_late = 0.0
         self._least_late_at = 0.0
+        self._emptied = False
         self._gap_from_ns: int | None = None
         self._last = 0
 
@@ -257,6 +258,7 @@ class Clock:
         if packet.follows or late < wrap_ns - _SLACK_NS:
             return [self._advance(packet, 0)]
         self._held_ticks, self._least_late, self._least_late_at = 0, late, packet.arrival_ns
+        self._emptied = False
         return self._hold(packet)
 
     def _hold(self, packet: _Packet) -> list[Stamp]:
@@ -266,8 +268,9 @@ class Clock:
         late = self._time.lateness(packet.arrival_ns, self._held_ticks)
         if late < self._least_late - _GAIN_NS:
             self._least_late, self._least_late_at = late, packet.arrival_ns
-        if packet.behind:
-            # a busy host takes its time over a backlog
+        self._emptied = self._emptied or not packet.behind
+        if packet.behind and not self._emptied:
+            # a busy host takes its time over a backlog; once that is read, several at once are an adapter's burst
             self._least_late_at = packet.arrival_ns
         in_time = late < WRAP * self.tick_ns - _SLACK_NS
         if in_time or packet.arrival_ns - self._least_late_at > _CAUGHT_UP_NS:

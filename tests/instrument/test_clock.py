@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers.packet_stream import Heard, Stream, hear, stream
+from helpers.packet_stream import LOOP_S, Heard, Stream, hear, stream
 
 from imutui.instrument.clock import Clock, Gap, arrival_before
 
@@ -98,6 +98,19 @@ def test_a_silence_beyond_the_wrap_has_bounds_that_hold_the_truth(seconds: float
         assert round(seconds / 7.5e-3) <= gap.lost_max <= round(seconds / 7.5e-3) + 1
         assert gap.seconds == pytest.approx(seconds + 7.5e-3, abs=8e-3)
         assert np.max(np.abs(found.error_s)) < 0.1e-3
+
+
+@pytest.mark.parametrize("seconds", [0.5, 2.5, 5.0])
+@pytest.mark.parametrize("after_s", [3.0, 4.003, 12.007])
+def test_a_silence_is_one_gap_where_an_adapter_hands_bytes_over_in_bursts(seconds: float, after_s: float) -> None:
+    """A burst is no backlog: what comes behind the silence is not taken for old packets."""
+    made = stream(after_s + seconds + 6.0)
+    gone = round(seconds / LOOP_S)
+    made.lose(at(made, after_s), gone)
+    made.bursts(0.016)
+    (gap,) = heard(made).gaps
+    assert gap.lost_min <= gone <= gap.lost_max
+    assert gap.seconds == pytest.approx(seconds, abs=0.06)
 
 
 @pytest.mark.parametrize("seconds", [2.5, 3.0, 4.0])

@@ -126,14 +126,19 @@ def hear(made: Stream, clock: Clock) -> Heard:
     reads: list[float] = []
     indices = np.flatnonzero(made.got)
     previous, ready = -1, float(made.arrives[0])
-    for i in indices.tolist():
+    following = [*made.arrives[indices[1:]].tolist(), np.inf]
+    for i, next_arrives in zip(indices.tolist(), following, strict=True):
         cut = bool(made.cut[previous + 1 : i + 1].any())
         waits_from, at = ready, max(float(made.arrives[i]), ready)
         for start, end in made.stalls:
             if start <= at < end:
                 waits_from = at = end
         stamps += clock.take(
-            int(made.ticks[i]), round(at * _NS), contiguous=not cut, quiet=at - waits_from > _READ_TIMEOUT_S
+            int(made.ticks[i]),
+            round(at * _NS),
+            contiguous=not cut,
+            quiet=at - waits_from > _READ_TIMEOUT_S,
+            behind=next_arrives <= at,
         )
         reads.append(at)
         previous, ready = i, at
