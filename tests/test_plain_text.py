@@ -139,6 +139,15 @@ def test_a_refusal_that_quotes_a_name_prints_nothing_that_acts(tmp_path: Path) -
     assert len(imutui("replay", "--set", f"filter.{'x' * 10**6}=1", str(tmp_path / "a"), check=2).stderr) < 5000
 
 
+def test_a_name_of_several_lines_says_none_of_its_own(log: Path, tmp_path: Path) -> None:
+    """What `check` finds of it would stand beside a line that the name made up."""
+    bad = log.rename(tmp_path / "bad\nfine: safe.mcap")
+    said = imutui("check", str(bad), check=2)
+    assert "fine" not in said.stdout
+    assert "has a line break in it. Rename it" in said.stderr
+    assert len(said.stderr.splitlines()) == 1
+
+
 def test_a_list_of_logs_shows_nothing_that_acts(log: Path) -> None:
     """Names and notes, as the screen takes them."""
     shown = brief(log)

@@ -58,6 +58,7 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             try:
+                _refuse_line_breaks([*args, *kwargs.values()])
                 return command(*args, **kwargs)
             finally:
                 _flush()
@@ -72,6 +73,16 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
             raise fail(*in_words(error)) from None
 
     return wrapped
+
+
+def _refuse_line_breaks(arguments: list[object]) -> None:
+    """Refuse names of files that would put lines of their own among those that a command says."""
+    for argument in arguments:
+        for path in argument if isinstance(argument, list) else [argument]:
+            if isinstance(path, Path) and len(str(path).splitlines()) > 1:
+                from imutui.plain_text import in_line
+
+                raise fail(USAGE, f"the name {in_line(str(path))} has a line break in it. Rename it, then ask again.")
 
 
 def _flush() -> None:

@@ -13,6 +13,7 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = 133.0
 SAMPLINGS = ("stream", "polled")
+_LONGEST_S = 10 * 366 * 86400.0
 FILE_MODE = "0640"
 """Permissions of logs, unless configured."""
 MIN_FREE_MB = 200.0
@@ -173,8 +174,8 @@ class Plan:
             raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
         if not self.baud > 0:
             raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
-        if self.duration_s is not None and not self.duration_s > 0.0:
-            raise ValueError(f"`duration` is {self.duration_s:g} s, not positive")
+        if self.duration_s is not None and not 0.0 < self.duration_s <= _LONGEST_S:
+            raise ValueError(f"`duration` is {self.duration_s:g} s; it must be positive and at most ten years")
         _clean(self)
         check_rotation(self.rotate_minutes, self.rotate_mb)
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:

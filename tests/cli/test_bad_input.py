@@ -115,6 +115,7 @@ RECORD_USAGE = {
     "--filter kalman": "spkf",
     "--duration 0": "positive",
     "--duration nan": "positive",
+    "--duration 1e999": "ten years",
     "--baud 0": "baud",
     "--baud -5": "baud",
     "--name a/b": "name",
