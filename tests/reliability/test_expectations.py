@@ -15,9 +15,7 @@ from helpers.places import own_places
 from reliability import clocks, endings, files, lines, ports, screens
 from reliability.setting import Acquired, acquiring
 from reliability.shared import once_measured
-from reliability.soak import soak
 
-from imutui.session.plan import Plan
 from imutui.tui import messages
 
 When = Callable[[Acquired], None]
@@ -166,19 +164,6 @@ def test_nothing_is_overwritten_and_no_two_recordings_have_one_name(tmp_path: Pa
     assert found.unchanged
     assert found.names_are_right, found.names
     assert found.unfinished_told
-
-
-def test_hours_of_packets_take_no_more_memory_and_no_more_descriptors(home: Path) -> None:
-    """Through clock, recorder and filter, a flush and a snapshot a second; `benchmarks/soak.py` does so for a day."""
-    plan = Plan("none", 20.0, logs=str(home / "logs"), record=True)
-    found = list(soak(home, plan, 101.0, 25.0))
-    first, *_, before, last = found
-    assert last.seconds == 100.0
-    # less may come of what tests before have left behind
-    assert last.descriptors <= first.descriptors, found
-    assert last.objects - first.objects < 60, f"one a second and more: {found}"
-    assert last.resident_mb - before.resident_mb < 3.0, found
-    assert last.file_mb == pytest.approx(4.0 * first.file_mb, rel=0.1)
 
 
 def test_a_byte_that_changed_after_the_end_is_found(tmp_path: Path) -> None:

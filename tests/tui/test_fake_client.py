@@ -14,7 +14,9 @@ def differences(value: Any, hint: Any, where: str = "") -> list[str]:
         if not isinstance(value, dict):
             return [f"{where}: {value!r} is no object"]
         known = get_type_hints(hint)
-        odd = [f"{where}: {key}" for key in sorted(known.keys() ^ value.keys())]
+        odd = [
+            f"{where}: {key}" for key in sorted((hint.__required_keys__ - value.keys()) | (value.keys() - known.keys()))
+        ]
         inside = (
             d for key in known.keys() & value.keys() for d in differences(value[key], known[key], f"{where}.{key}")
         )

@@ -62,7 +62,7 @@ def estimates(**changes: Any) -> FilterSnapshot:
         "state_sd": {"position_m": [0.13, 0.13, 0.37], "velocity_mps": [0.0027, 0.0027, 0.001],
                      "rpy_deg": [0.0057, 0.0057, 0.0127]},
         "alarms": [], "failure": None, "rejected": 0, "confounded": [], "effects": [],
-        "temperature_k_per_min": None, "held_since": None, "departure": None,
+        "held_since": None, "departure": None,
         "remainder": [{"channel": c, "ratio": r, "windows": 6} for c, r in
                       (("gx", 0.9), ("gy", 1.1), ("gz", 2.1), ("ax", 1.0), ("ay", 0.8), ("az", 1.2))],
     }  # fmt: skip
