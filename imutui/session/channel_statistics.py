@@ -152,15 +152,16 @@ class ChannelStatistics:
         first = max(int(filled[0]), math.floor(mean - _WIDEST_SD * sd))
         last = min(int(filled[-1]), math.ceil(mean + _WIDEST_SD * sd))
         width = -(-(last - first + 1) // MOST_BINS)
-        inside = counts[first : last + 1]
-        bins = np.add.reduceat(inside, np.arange(0, len(inside), width))
+        starts = np.arange(first, last + 1, width)
+        end = int(starts[-1]) + width
+        bins = np.add.reduceat(counts[first:end], starts - first)
         return {
             "counts": bins.tolist(),
             "edge": (first - 0.5 - _ZERO) * scale + offset,
             "width": width * scale,
             "width_counts": width,
             "below": int(counts[:first].sum()),
-            "above": int(counts[last + 1 :].sum()),
+            "above": int(counts[end:].sum()),
             "mean": (mean - _ZERO) * scale + offset,
             "sd": sd * scale,
         }

@@ -309,8 +309,7 @@ class SpectrumSnapshot(TypedDict):
 class HistogramSnapshot(TypedDict):
     """How often a channel read what, in bins of `width_counts` counts, which is `width` in its unit, from `edge` on.
 
-    `below` and `above` are packets outside the bins; the last bin may hold fewer counts than it is wide. `mean` and
-    `sd` are of all packets.
+    `below` and `above` are packets outside the bins; `mean` and `sd` are of all packets.
     """
 
     counts: list[int]

@@ -97,6 +97,7 @@ def test_the_fake_of_the_tests_has_the_shape_of_a_real_acquisition(recording: bo
     fake = FakeClient()
     fake.recording = recording
     assert mismatches(travelled(fake.snapshot()), Snapshot, "snapshot") == []
+    assert mismatches(travelled(fake.statistics(0)), StatisticsSnapshot, "statistics") == []
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,9 @@ from imutui.tui.terminal.appearance import Appearance
 PORTS = [("/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A9-if00-port0", "FT232R USB UART"), ("/dev/ttyS0", "ttyS0")]
 PAGES = {
     "live": (["2"], "asked 20"),
-    "connect": (["1"], "IMU400CD 1.2"),
+    "allan": (["w"], "averaged over"),
+    "histogram": (["w", "w"], "Gaussian"),
+    "connect": (["escape", "1"], "IMU400CD 1.2"),
     "record": (["3"], "flushed"),
     "filter": (["4"], "x gyro"),
     "table": (["5"], "makes testable"),

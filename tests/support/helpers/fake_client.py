@@ -18,9 +18,11 @@ from imutui.session.snapshot import (
     ProfileDescription,
     RecordingSnapshot,
     Snapshot,
+    StatisticsSnapshot,
 )
 
 if TYPE_CHECKING:
+    from imutui.session.channel_statistics import ChannelStatistics
     from imutui.session.run_history import RunHistory
 
 RATE_HZ = 133.0
@@ -69,6 +71,23 @@ def estimates(**changes: Any) -> FilterSnapshot:
     return cast("FilterSnapshot", {**found, **changes})
 
 
+def _counted(values: np.ndarray) -> "ChannelStatistics":
+    """Statistics of readings in units."""
+    from imutui.instrument.messages import Mode, Packet
+    from imutui.instrument.scaling import Scaling
+    from imutui.session.channel_statistics import ChannelStatistics
+
+    scaling = Scaling()
+    counted = ChannelStatistics(scaling)
+    vibration = 0.2 * np.sin(2.0 * np.pi * 16.0 / RATE_HZ * np.arange(len(values)))
+    rates = scaling.rate_counts(values[:, :3] + vibration[:, None]).tolist()
+    accels = scaling.accel_counts(1e-3 * values[:, 3:6]).tolist()
+    degc = scaling.temperature_counts(values[:, 6]).tolist()
+    for k, (rate, accel, temperature) in enumerate(zip(rates, accels, degc, strict=True)):
+        counted.add(k / RATE_HZ, Packet(Mode.SCALED, tuple(rate), tuple(accel), temperature, 0))
+    return counted
+
+
 class FakeClient:
     """Has the methods of `imutui.session.client.Client`.
 
@@ -99,6 +118,8 @@ class FakeClient:
         """Fields of the snapshot that a test wants otherwise."""
         self.past: RunHistory | None = None
         """What the acquisition keeps of its run; None as one that an older version started."""
+        self.counted: ChannelStatistics | None = None
+        """What the acquisition has worked out of its packets; made when it is first asked for."""
         self.gone: str | None = None
         self.report: EndReport | None = None
         self.marks: list[MarkLine] = [{"t": 3.2, "utc": "10:30:30", "text": "door closed"}]
@@ -168,6 +189,16 @@ class FakeClient:
             "to_full_s": 8_500_000.0,
             "part": 1,
         }
+
+    def statistics(self, channel: int) -> StatisticsSnapshot:
+        """Of half a minute of readings, with a vibration of the gyros at 16 Hz."""
+        if self.counted is None:
+            self.counted = _counted(MEANS + SDS * self._noise)
+        return self.counted.snapshot(channel, len(self._noise) / RATE_HZ)
+
+    def begin_statistics(self) -> None:
+        """Note it."""
+        self.asked.append("begin statistics")
 
     def mark(self, text: str) -> None:
         """Note a mark."""

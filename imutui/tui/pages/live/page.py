@@ -11,6 +11,7 @@ from textual.widget import Widget
 from imutui.session.snapshot import Snapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
+from imutui.tui.pages.analysis.page import AnalysisPage
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.live.channels import CHANNEL_NAMES, CHANNEL_UNITS, ChannelTable
 from imutui.tui.pages.live.orientation import Orientation
@@ -56,6 +57,7 @@ class LivePage(Page):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "channel(-1)", "channel", key_display="up,dn", tooltip="Choose the channel that is shown large"),
         Binding("down", "channel(1)", "next channel", show=False),
+        Binding("w", "analysis", "analysis", tooltip="Allan deviation, spectrum and histogram of the chosen channel"),
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
         Binding("plus,equals_sign", "span(1)", "span", key_display="+/-", tooltip="Longer plots (- for shorter ones)"),
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
@@ -147,6 +149,10 @@ class LivePage(Page):
         self._plots = _PLOTS[(_PLOTS.index(now) + 1) % len(_PLOTS)]
         self._lay_out()
         self.call_after_refresh(self._redraw)
+
+    def action_analysis(self) -> None:
+        """Look at the noise of the chosen channel."""
+        self.app.push_screen(AnalysisPage(self._channel))
 
     def action_channel(self, step: int) -> None:
         """Choose another channel; it is the one that is shown large."""
