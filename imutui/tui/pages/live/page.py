@@ -57,7 +57,7 @@ class LivePage(Page):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "channel(-1)", "channel", key_display="up,dn", tooltip="Choose the channel that is shown large"),
         Binding("down", "channel(1)", "next channel", show=False),
-        Binding("w", "analysis", "analysis", tooltip="Allan deviation, spectrum and histogram of the chosen channel"),
+        Binding("w", "analysis", "noise", tooltip="Allan deviation, spectrum and histogram of the chosen channel"),
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
         Binding("plus,equals_sign", "span(1)", "span", key_display="+/-", tooltip="Longer plots (- for shorter ones)"),
         Binding("minus,underscore", "span(-1)", "shorter span", show=False),
@@ -66,7 +66,7 @@ class LivePage(Page):
         Binding(
             "g",
             "plots",
-            "plots",
+            "plot",
             tooltip="One channel large, a quantity, all six, or how the unit lies",
         ),
         Binding("escape", "app.follow", "follow", show=False),
