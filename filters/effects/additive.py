@@ -227,7 +227,7 @@ class NonlinearityCubic(ChannelEffect):
 
     effect: ClassVar = "nonlinearity_cubic"
     source: ClassVar = "motion"
-    text: ClassVar = "reading is not linear (cubic)"
+    text: ClassVar = "cubic nonlinearity"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return inputs.x[:, channel, None] ** 3
@@ -245,7 +245,7 @@ class NonlinearityQuadratic(ChannelEffect):
     effect: ClassVar = "nonlinearity_quadratic"
     where: ClassVar = GYROS
     source: ClassVar = "motion"
-    text: ClassVar = "reading is not linear (quadratic)"
+    text: ClassVar = "quadratic nonlinearity"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         return inputs.x[:, channel, None] ** 2

@@ -1,5 +1,7 @@
 """Effects and drivers in plain words. Standard library only, so that texts can be made without an array library."""
 
+from collections.abc import Iterable
+
 _EFFECTS = {
     "thermal_lin": "bias follows temperature",
     "thermal_poly": "bias is a curve in temperature",
@@ -10,8 +12,8 @@ _EFFECTS = {
     "ramp": "bias runs away with time",
     "scale": "scale factor is off",
     "asymmetry": "scale factor differs between + and -",
-    "nonlinearity_cubic": "reading is not linear (cubic)",
-    "nonlinearity_quadratic": "reading is not linear (quadratic)",
+    "nonlinearity_cubic": "cubic nonlinearity",
+    "nonlinearity_quadratic": "quadratic nonlinearity",
     "thermal_scale": "scale factor follows temperature",
     "cross_axis": "senses the other axes",
     "mounting": "the unit sits turned on the table",
@@ -57,6 +59,20 @@ _OF_AXES = {
     "settling": "how long ago the {} axis turned, and which way",
 }
 
+_PARAMETERS = {
+    "k1": "linear term",
+    "k2": "quadratic term",
+    "k3": "cubic term",
+    "k_lag": "part that lags behind",
+    "k_play": "part that depends on the way temperature came",
+    "tau": "time constant",
+    "width": "width of the play",
+    "start": "where the play begins",
+    "carried_over": "share that carries over to other runs",
+    "weight": "weight of this form among those averaged",
+    "amplitude": "amplitude",
+}
+
 
 def driver(name: str) -> str:
     """A driver in words; a product as one of two.
@@ -80,6 +96,27 @@ def effect(name: str) -> str:
     if name.startswith("driver:"):
         return f"error is a function of {driver(name.removeprefix('driver:'))}"
     return _EFFECTS.get(name, name.replace("_", " "))
+
+
+def parameter(name: str) -> str:
+    """A parameter in words; one that is not known as it is, without underscores."""
+    return _PARAMETERS.get(name, name.replace("_", " "))
+
+
+def on_channels(name: str, channels: Iterable[str]) -> str:
+    """An effect with its channels: "gx gy: bias follows temperature"."""
+    return f"{' '.join(channels)}: {effect(name)}"
+
+
+def state(name: str) -> str:
+    """A state of an effect in the filter: "gy thermal_lin k (rad/s/K)" is "gy: bias follows temperature".
+
+    The parameter is said where it is not the effect's only one, which is called k.
+    """
+    channels, _, rest = name.partition(" (")[0].partition(" ")
+    code, _, own = rest.partition(" ")
+    said = on_channels(code, channels.split("/"))
+    return said if own in ("", "k") else f"{said}, {parameter(own)}"
 
 
 def named(label: str, code: str) -> str:

@@ -31,6 +31,8 @@ REMAINDER_WINDOWS = 6
 """Windows of 10 s, at most, that the remainder is told from."""
 _BAND = 5.0
 _NOISE_BLOCKS = 600
+_NOISE_SD = 1.27
+"""Relative standard deviation of the noise, times the root of the number of differences: from simulated white noise."""
 
 
 def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]:
@@ -246,6 +248,11 @@ class ConvergenceMonitor:
         ordered = np.partition(self._squares[:count], [low, high] if high > low else low, axis=0)
         variance = 0.5 * (ordered[low] + ordered[high]) / CHI2_MEDIAN / 2.0
         return np.asarray(np.sqrt(variance * self._block))
+
+    def noise_relative_sd(self) -> float | None:
+        """Relative standard deviation of `noise`, were it white; None where that is None."""
+        count = min(self._steps, _NOISE_BLOCKS)
+        return None if count < 2 else float(_NOISE_SD / np.sqrt(count))
 
     def remainder(self) -> Remainder:
         """What the model does not explain, over the last windows; see the module's head."""

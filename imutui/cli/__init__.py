@@ -36,6 +36,7 @@ from imutui.cli import (
     virtual,
 )
 from imutui.cli.exit_codes import handled, tell
+from imutui.cli.numbers_in_options import Command
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo.command,
@@ -69,7 +70,7 @@ _app = typer.Typer(
     ),
 )
 for _name, _command in COMMANDS.items():
-    _app.command(_name)(handled(_command))
+    _app.command(_name, cls=Command)(handled(_command))
 
 
 def _version(wanted: bool) -> None:

@@ -51,6 +51,16 @@ def refuse_existing(path: Path, force: bool, other: str = "name another file wit
         raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or {other}.")
 
 
+def check_output(path: Path, force: bool) -> None:
+    """Raise the exit for a file that -o names and that must not or can't be made; no folder is made unasked."""
+    refuse_existing(path, force)
+    if not path.parent.exists():
+        from shlex import quote
+
+        made = f"mkdir -p {quote(str(path.parent))}"
+        raise fail(USAGE, f"There is no folder {path.parent}, and -o makes none. Type: {made} and then the same again.")
+
+
 def handled(command: Callable[P, R]) -> Callable[P, R]:
     """Give a command the exit codes and error messages that all have."""
 

@@ -63,7 +63,7 @@ def command(
     Example: imutui import still.npz -o still.mcap --accel-sign +1 --reference gravity
     """
     from imutui import config
-    from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say
+    from imutui.cli.exit_codes import USAGE, check_output, fail, say
     from imutui.cli.session_options import session_from
     from imutui.logbook import import_reference, importer, power_on
 
@@ -75,7 +75,7 @@ def command(
         raise fail(USAGE, "--reference profile needs its file: name it, as in --reference table.toml.")
     if output.exists() and file.exists() and output.samefile(file):
         raise fail(USAGE, f"-o names the recording itself, {file}; name another file.")
-    refuse_existing(output, force)
+    check_output(output, force)
     beside = import_reference.from_text(reference) if reference is not None else None
     flags = {
         "instrument.accel_sign": accel_sign,

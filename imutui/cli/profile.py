@@ -58,13 +58,13 @@ def command(
 
 
 def _export(offer: "Offer", output: Path, force: bool) -> None:
-    from imutui.cli.exit_codes import USAGE, fail, refuse_existing, say
+    from imutui.cli.exit_codes import USAGE, check_output, fail, say
     from imutui.logbook import atomic_file
 
     suffix = Path(offer.file).suffix
     if output.suffix.lower() != suffix.lower():
         raise fail(USAGE, f"{output} does not end in {suffix}, as a profile of this kind does.")
-    refuse_existing(output, force)
+    check_output(output, force)
     atomic_file.write(output, offer.text, overwrite=force)
     say(f"imutui: {output}: {offer.name}, {offer.segments} segments, joined by {offer.align}")
 

@@ -83,12 +83,12 @@ def command(
     Example: imutui record --port /dev/ttyUSB0 --rate 20 --note "table level"
     """
     from imutui import config
-    from imutui.cli.exit_codes import refuse_existing
+    from imutui.cli.exit_codes import check_output
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import plan_from
 
     if output is not None:
-        refuse_existing(output, force)
+        check_output(output, force)
     file, kind = reference_of(reference)
     flags = {
         "acquisition.rate_hz": rate,

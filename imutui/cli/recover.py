@@ -25,13 +25,13 @@ def command(
     """
     from imutui import config
     from imutui.cli.each_log import progress, width
-    from imutui.cli.exit_codes import FINDINGS, FINE, refuse_existing, tell
+    from imutui.cli.exit_codes import FINDINGS, FINE, check_output, tell
     from imutui.jobs.recover import recover
     from imutui.logbook.json_text import dumps
     from imutui.report.logs import recover_text
 
     if not (output.exists() and log.exists() and output.samefile(log)):
-        refuse_existing(output, force)
+        check_output(output, force)
     mode = config.load().file_mode
     try:
         document = recover(log, output, force, progress, mode)

@@ -47,7 +47,7 @@ def command(
     Example: imutui replay logs/*.mcap --json
     """
     from imutui import config
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, refuse_existing, say
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, check_output, fail, say
     from imutui.jobs.replay import ReplayOptions
     from imutui.logbook.json_text import dumps
     from imutui.verdict import sources
@@ -57,7 +57,7 @@ def command(
             raise fail(USAGE, "-o takes the estimates of one log; name one log.")
         if output.exists() and logs[0].exists() and output.samefile(logs[0]):
             raise fail(USAGE, f"-o names the log itself, {logs[0]}; name another file.")
-        refuse_existing(output, force)
+        check_output(output, force)
     if speed is not None and not speed > 0.0:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
     if not 0.0 <= estimates < math.inf:

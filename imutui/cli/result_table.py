@@ -58,6 +58,8 @@ def _biases(d: "ResultDocument") -> Table:
 
 
 def _lines(d: "ResultDocument") -> list[str]:
+    from imutui.report import numbers
+
     nis = d["nis"]
     out = []
     if nis["mean"] is not None:
@@ -68,10 +70,12 @@ def _lines(d: "ResultDocument") -> list[str]:
         )
         out.append(f"NIS {nis['mean']:.4f} of {nis['dof']:.4g} ({meaning})")
     arw, vrw = d["noise"]["gyro_arw_deg_sqrt_h"], d["noise"]["accel_vrw_mps_sqrt_h"]
-    if arw[0] is not None:
-        out.append(
-            f"noise of this log: gyro {_triple(arw)} deg/√h (Table 1: 4.5), accel {_triple(vrw)} m/s/√h (Table 1: 1)"
-        )
+    sure = numbers.noise_certainty(d["noise"].get("relative_sd"))
+    if sure is None:
+        out.append(f"noise of this log: {numbers.TOO_SHORT}")
+    else:
+        both = f"gyro {_triple(arw)} deg/√h (Table 1: 4.5), accel {_triple(vrw)} m/s/√h (Table 1: 1)"
+        out.append(f"noise of this log: {both}, each {sure}")
     used = d["noise"]["used"]
     if used["source"] == "log":
         walk = f"gyro {_triple(used['gyro_walk_dps_sqrt_h'], 3)} deg/s/√h"
@@ -101,4 +105,4 @@ def _remembers(d: "ResultDocument") -> bool:
 
 
 def _triple(values: list[float | None], digits: int = 2) -> str:
-    return " ".join(f"{v:.{digits}f}" for v in values)
+    return " ".join("–" if v is None else f"{v:.{digits}f}" for v in values)

@@ -99,10 +99,12 @@ def _until(seconds: float) -> str:
 
 
 def _filter(s: "Snapshot") -> str:
+    from imutui.report import effect_words
+
     reference = s["reference"]
     source = f" from {reference['file']}" if reference["file"] else ""
     parts = [f"reference {reference['name']}{source}"]
-    parts.append(f"effects {', '.join(s['effects'])}" if s["effects"] else "no effects")
+    parts.append(f"effects: {effect_words.loaded(s['effects'])}" if s["effects"] else "no effects")
     if s["zeroing"]:
         parts.append("zeroing the rate sensors")
     return ", ".join(parts)

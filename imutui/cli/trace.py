@@ -78,26 +78,25 @@ def command(
 
 def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], force: bool) -> None:
     """Refuse what cannot be written before minutes are spent on it."""
-    from imutui.cli.exit_codes import USAGE, fail, refuse_existing
+    from imutui.cli.exit_codes import USAGE, check_output, fail
 
     if output is not None:
         if any(output.exists() and log.exists() and output.samefile(log) for log in logs):
             raise fail(USAGE, f"-o names one of the logs, {output}; name another file, such as effects.toml.")
-        refuse_existing(output, force)
-        if not output.parent.is_dir():
-            raise fail(USAGE, f"{output.parent} is no folder: -o needs one that exists.")
+        check_output(output, force)
     if report is not None:
         check_folder(report, force, "--report")
 
 
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
+    from filters.effects import plain_names
     from imutui.cli.exit_codes import say
     from imutui.logbook import atomic_file, effects_file
 
     atomic_file.write(output, effects_file.dumps(traced.trace, traced.source), overwrite=force)
     included = traced.trace.included
     if included:
-        names = ", ".join(f"{effect.effect} ({' '.join(effect.channels)})" for effect in included)
+        names = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in included)
         say(f"imutui: {output}: {names}")
     else:
         say(f"imutui: {output}: no effect; with it the filter is what it is without")

@@ -131,7 +131,7 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
         except ValueError as error:
             raise ValueError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
         offset -= gyro_latency
-        how = f"the profile starts at {offset:.3f} ± {sd:.3f} s of the log, found from the gyros"
+        how = f"the profile starts at {offset:.3f} ± {sd:.3f} s (1 sd) of the log, found from the gyros"
     table = TableMotion(profile, info.settings().site, IMU400CD_200, 1.0 / info.rate_hz, offset)
     for event in log.events:
         if event.name == "mark":

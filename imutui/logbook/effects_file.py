@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from filters.effects import plain_names
 from filters.effects.records import Included, State
 from filters.imu import CHANNELS
 from imutui import outside_file, plain_text, toml_text
@@ -278,7 +279,8 @@ def dumps(trace: "Trace", source: str) -> str:
 
 
 def _effect_lines(effect: Included) -> list[str]:
-    lines = ["", "[[effect]]", f"effect = {_value(effect.effect)}", f"channels = {_value(list(effect.channels))}"]
+    lines = ["", f"# {plain_names.on_channels(effect.effect, effect.channels)}", "[[effect]]"]
+    lines += [f"effect = {_value(effect.effect)}", f"channels = {_value(list(effect.channels))}"]
     lines.append(f"include_as = {_value(effect.include_as)}")
     given = {key: value for key, value in effect.parameters.items() if value is not None}
     if given:

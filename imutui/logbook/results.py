@@ -115,6 +115,8 @@ class NoiseFields(WhiteNoise):
 
     specification: WhiteNoise
     used: ProcessNoise
+    relative_sd: NotRequired[float | None]
+    """Standard deviation of the measured ones, as a share of them; None where nothing was measured."""
 
 
 class EffectField(TypedDict):
@@ -408,6 +410,7 @@ def noise_fields(estimator: "Estimator", axes: AxisMap, source: str) -> NoiseFie
     return {
         "gyro_arw_deg_sqrt_h": nothing if measured is None else _told(_arw(measured[3:], axes)),
         "accel_vrw_mps_sqrt_h": nothing if measured is None else _told(_vrw(measured[:3], axes)),
+        "relative_sd": estimator.monitor.noise_relative_sd(),
         "specification": {
             "gyro_arw_deg_sqrt_h": _arw(np.full(3, spec.gyro_arw), axes),
             "accel_vrw_mps_sqrt_h": _vrw(np.full(3, spec.accel_vrw), axes),

@@ -1,8 +1,6 @@
 """What `info`, `check` and `recover` found, as text for a terminal or a page."""
 
-import textwrap
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 from imutui.jobs.documents import (
@@ -15,14 +13,13 @@ from imutui.jobs.documents import (
     TemperatureFields,
 )
 from imutui.jobs.quantities import plural
-from imutui.report import numbers
+from imutui.report import effect_words, numbers, wrapping
 
 _KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 _LABEL = 13
 _MARKS = 50
 _NOTHING = "–"
-_wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
-"""Lines of a text; a path stays whole, so that it can be read and copied, and whoever shows it may fold it."""
+_wrap = wrapping.wrap
 
 
 def info_text(d: InfoDocument, width: int) -> str:
@@ -112,7 +109,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
         "filter",
         f"{d['filter']}, reference {d['reference']}, measurements {d['measurements']}" if d["filter"] else "",
     )
-    yield "effects", ", ".join(d["effects"])
+    yield "effects", effect_words.included(d["effects"])
     yield "quality", _quality(d["quality"])
     yield "port", f"{d['port']} at {d['baud']:.0f} baud on {d['host']}" if d["port"] and d["baud"] else d["port"]
     yield "software", d["software"]

@@ -21,6 +21,18 @@ def _decimals(sd: float) -> int:
     return max(0, 1 - math.floor(math.log10(sd)))
 
 
+TOO_SHORT = "too short to tell (10 s at least; a minute tells it to 16 %)"
+"""Of the noise of a log, from white noise's differences of means over 1 s."""
+_TELLS_NOISE = 0.405
+
+
+def noise_certainty(relative_sd: float | None) -> str | None:
+    """How sure the measured noise of a log is: "± 16 % (1 sd)"; None where the log is too short."""
+    if relative_sd is None or relative_sd > _TELLS_NOISE:
+        return None
+    return f"± {100.0 * relative_sd:.0f} % (1 sd)"
+
+
 def times_floor(x: float | None) -> str:
     """A ratio to the floor: two digits below ten."""
     if x is None:

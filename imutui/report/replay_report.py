@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from imutui.report import advice, axes, identity
+from imutui.report import advice, axes, effect_words, identity, numbers
 from imutui.report.axes import AFTER, INK
 from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
 from imutui.verdict import sources
@@ -160,7 +160,7 @@ def _method(d: "ResultDocument") -> Iterator[Block]:
         ("Lost packets, bad checksums, gaps", f"{d['lost_packets']}, {d['bad_checksums']}, {len(d['gaps'])}"),
         ("NIS", _nis(d)),
         ("Noise of this log", _noise(d)),
-        ("Effects in the filter", ", ".join(effect["name"] for effect in d["effects"]) or "none"),
+        ("Effects in the filter", "; ".join(effect_words.state(effect["name"]) for effect in d["effects"]) or "none"),
         ("SHA-256 of the settings", d["config_sha256"]),
         ("Result document", f"version {d['version']}, beside this page as `result.json`"),
     ]
@@ -180,8 +180,10 @@ def _nis(d: "ResultDocument") -> str:
 
 def _noise(d: "ResultDocument") -> str:
     noise, limits = d["noise"], d["noise"]["specification"]
-    if all(value is None for value in (*noise["gyro_arw_deg_sqrt_h"], *noise["accel_vrw_mps_sqrt_h"])):
-        return "too short to tell"
+    sure = numbers.noise_certainty(noise.get("relative_sd"))
+    unknown = all(value is None for value in (*noise["gyro_arw_deg_sqrt_h"], *noise["accel_vrw_mps_sqrt_h"]))
+    if unknown or (sure is None and "relative_sd" in noise):
+        return numbers.TOO_SHORT
     parts = []
     for name, unit, own, limit in (
         ("gyro", "deg/√h", noise["gyro_arw_deg_sqrt_h"], limits["gyro_arw_deg_sqrt_h"]),
@@ -190,4 +192,4 @@ def _noise(d: "ResultDocument") -> str:
         values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
         said = next((f"{value:.3g}" for value in limit if value is not None), identity.NOT_STATED)
         parts.append(f"{name} {values} {unit} (specification {said})")
-    return ", ".join(parts)
+    return ", ".join(parts) + (f", each {sure}" if sure is not None else "")

@@ -4,7 +4,6 @@ Pure functions from the result document (docs/formats.md) to text. Everything it
 axes and sign.
 """
 
-import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +26,7 @@ from filters.tracing.trace_document import (
     UntestableEntry,
     WeakEntry,
 )
+from imutui.report import wrapping
 from imutui.report.numbers import duration, plus_minus, share, times_floor
 
 _UNITS = {"g": "deg/s", "a": "mg"}
@@ -96,17 +96,17 @@ def text(d: TraceDocument, source: str, width: int, saved: str = SAVED) -> str:
     saved : str
         How the separating motion is saved, a sentence.
     """
-    out = [textwrap.fill(line, width) for line in headline(d, source)]
+    out = [wrapping.fill(line, width) for line in headline(d, source)]
     out.append("")
     for line in channel_lines(d):
         first = f"{line.channel}  {line.status:<18} "
         for n, sentence in enumerate(line.sentences or ("–",)):
             begin = first if n == 0 else " " * len(first)
-            out.append(textwrap.fill(start(sentence), width, initial_indent=begin, subsequent_indent=" " * len(first)))
+            out.append(wrapping.fill(start(sentence), width, initial_indent=begin, subsequent_indent=" " * len(first)))
     for section in sections(d, saved):
         out += ["", section.title]
         out += [
-            textwrap.fill(start(sentence), width, initial_indent="  ", subsequent_indent="    ")
+            wrapping.fill(start(sentence), width, initial_indent="  ", subsequent_indent="    ")
             for sentence in section.sentences
         ]
     return "\n".join(out)
@@ -218,6 +218,8 @@ def _finding(f: FindingEntry, d: TraceDocument, *, names: bool = False) -> str:
         told.append("NOT confirmed: the held-out run's error neither falls nor rises with it; not used")
     if any(p.get("plausible") is False for p in f.get("params", [])):
         told.append("implausibly large for this physics: read it as an empirical term")
+    if any(p["name"] == "carried_over" for p in f.get("params", [])):
+        told.append("several forms fit alike and their average joins the filter; the figures are the likeliest form's")
     if f.get("rivals"):
         told.append("or: " + ", ".join(_rival(r) for r in f["rivals"][:_FEW]) + _more(len(f["rivals"]) - _FEW))
     return _sentence("; ".join([text, *told]))
@@ -242,8 +244,8 @@ def _amount(params: list[ParameterEntry]) -> str:
 
 
 def _name(p: ParameterEntry) -> str:
-    """A parameter's name without underscores."""
-    return p["name"].replace("_", " ")
+    """A parameter in words."""
+    return plain_names.parameter(p["name"])
 
 
 def _unit(entry: ParameterEntry | ErrorEntry) -> str:

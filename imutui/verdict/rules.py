@@ -241,7 +241,7 @@ def _limits(biases: Sequence[BiasSnapshot], *, own: bool) -> Check:
         return Check("none", "limit", "no estimate yet")
     size, worst = max(known, key=lambda one: one[0] / one[1]["limit"])
     limit, sd3, unit = worst["limit"], worst["sd3"] or 0.0, worst["unit"]
-    bias = f"{worst['name']} bias {bias_text(worst)} {unit}"
+    bias = f"{worst['name']} bias {bias_text(worst)} {unit} (3 sd)"
     allowed = f"Table 1's ±{limit:g} {unit}"
     if size <= limit:
         return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of Table 1's, the most")

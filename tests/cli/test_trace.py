@@ -140,7 +140,7 @@ def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict
     read = tomllib.loads((home / "effects.toml").read_text())
     assert read["source"] == "trace of a.mcap; held out b.mcap"
     assert len(read["effect"]) == 2
-    assert "thermal_lin (gy)" in done.stderr
+    assert "gy: bias follows temperature" in done.stderr
     assert load_profile(home / "experiment.toml").duration == 60.0
     assert (home / "experiment.toml").read_text().startswith("# ")
     profile = load_scenario(home / "experiment.toml").profile

@@ -239,7 +239,7 @@ def trace_and_load(terminal: Terminal) -> None:
     terminal.press("t")
     terminal.wait_for("trace of minute.mcap", "gy: oscillates at 0.7", "load")
     terminal.press("e")
-    terminal.wait_for("loaded tone (gy): the filter began anew")
+    terminal.wait_for("loaded gy: oscillates: the filter began anew")
     connection = client.attach("demo")
     assert connection.snapshot(2**62)["effects"] == ["gy tone"]
     terminal.press("4")

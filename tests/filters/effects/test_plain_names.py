@@ -20,6 +20,14 @@ def test_words_are_those_of_the_hypotheses() -> None:
             assert plain_names.effect(h.effect) == h.label
 
 
+def test_a_state_of_the_filter_has_words() -> None:
+    """Channels, effect, and the parameter where the effect has several; the code of none of them."""
+    assert plain_names.state("gy thermal_lin k (rad/s/K)") == "gy: bias follows temperature"
+    assert plain_names.state("gx/gy thermal_poly k2 (K)") == "gx gy: bias is a curve in temperature, quadratic term"
+    assert plain_names.state("gy tone") == "gy: oscillates"
+    assert plain_names.effect("nonlinearity_cubic") == "cubic nonlinearity"
+
+
 def test_every_driver_has_words() -> None:
     """Products and what follows the table's axes too."""
     for name in SCALARS:

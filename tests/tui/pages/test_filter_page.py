@@ -67,7 +67,7 @@ async def test_alarms_are_in_full_behind_a_key() -> None:
     async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
         await filter_page(pilot, "× RED", "9 alarms: alarm number 0", "! alarm number 1", "w: more")
         await pilot.press("w")
-        await shows(pilot, "BAD  alarms", "wait converged")
+        await shows(pilot, "BAD   alarms", "wait  converged")
         await pilot.press(*["j"] * 20)
         await shows(pilot, "alarm number 8")
         await pilot.press("escape")
@@ -152,16 +152,21 @@ async def test_what_is_wanted_is_done_on_the_logs_page() -> None:
 async def test_loaded_effects_are_listed() -> None:
     """Value, three standard deviations, unit; more than fit are counted."""
     effects = [
-        {"label": "gz temperature", "value": 0.01234, "sd": 0.0004, "unit": "deg/s/K"},
-        {"label": "ax scale", "value": -0.00213, "sd": 0.0003, "unit": ""},
-        {"label": "gy temperature", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
+        {"label": "gz thermal_lin k", "value": 0.01234, "sd": 0.0004, "unit": "deg/s/K"},
+        {"label": "ax scale k", "value": -0.00213, "sd": 0.0003, "unit": ""},
+        {"label": "gy thermal_poly k2", "value": 0.5, "sd": 0.1, "unit": "deg/s/K"},
     ]
     async with ImutuiApp(client_with(effects=effects)).run_test(size=SMALLEST) as pilot:
-        screen = await filter_page(pilot, "effects", "gz temperature 0.0123 ±0.0012 deg/s/K")
+        screen = await filter_page(pilot, "effects", "gz: bias follows temperature 0.0123 ±0.0012 deg/s/K")
         assert "more" in screen
         await pilot.press("w")
         await pilot.press(*["j"] * 12)
-        await shows(pilot, "LOADED EFFECTS", "ax scale -0.00213 ±0.00090", "gy temperature 0.50 ±0.30 deg/s/K")
+        await shows(
+            pilot,
+            "LOADED EFFECTS",
+            "ax: scale factor is off -0.00213 ±0.00090",
+            "gy: bias is a curve in temperature, quadratic term 0.50 ±0.30 deg/s/K",
+        )
 
 
 async def test_what_is_unobservable_says_so() -> None:

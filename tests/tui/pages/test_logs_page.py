@@ -248,7 +248,7 @@ async def test_found_effects_are_loaded_into_the_live_filter(client: FakeClient,
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot)
         await pilot.press("e")
-        await shows(pilot, "a_effects.toml", "thermal_lin (gy), gauss_markov (gx)", "trace of a.mcap")
+        await shows(pilot, "a_effects.toml", "gy: bias follows temperature; gx: bias drifts", "trace of a.mcap")
         await pilot.press("enter")
         await shows(pilot, "loaded a_effects.toml: the filter began anew")
         assert client.asked[-1] == "configure effects"
@@ -294,7 +294,7 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
         await shows(pilot, "wrote a_experiment.toml", "Enter takes it", "what to do")
         await pilot.press("6")
         await pilot.press("e")
-        await shows(pilot, "loaded thermal_lin (gy)")
+        await shows(pilot, "loaded gy: bias follows temperature")
         assert isinstance(pilot.app.screen, ResultPage)
         assert "5 Table guides through it" in " ".join(pilot.app.screen.as_text().split())
         await pilot.press("5")

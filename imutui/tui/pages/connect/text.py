@@ -27,12 +27,11 @@ ZERO_ARGUMENT = 30
 """Argument of the command `z`: 300 samples if the unit counts in tens, 3000 if in hundreds; never 0, which erases."""
 ZERO_TITLE = "Zero the rate sensors?"
 ZERO_TEXT = """\
-The unit must stand still. It averages its three rate sensors over 300
-samples (2 to 3 s; up to 25 s on units that count in hundreds), and takes
-the mean as its new zero: command z with argument 30.
+The unit must stand still. It averages its three rate sensors over 300 samples (2 to 3 s; up to 25 s on units that \
+count in hundreds), and takes the mean as its new zero: command z with argument 30.
 
-What is stored is in the instrument, perhaps for good, and every later
-reading is shifted by it. No data come meanwhile; the filter begins anew."""
+What is stored is in the instrument, perhaps for good, and every later reading is shifted by it. No data come \
+meanwhile; the filter begins anew."""
 _NAME = 36
 _LABEL, _VALUE = 12, 66
 _ANSWER = 38

@@ -11,7 +11,7 @@ from textual.screen import ModalScreen, ScreenResultType
 from textual.widget import Widget
 from textual.widgets import Footer, Input, Static
 
-from imutui.tui.terminal.glyphs import choose
+from imutui.tui.widgets.wrapped_text import WrappedText
 
 
 class Dialog(ModalScreen[ScreenResultType]):
@@ -86,7 +86,7 @@ class FieldDialog(Dialog[str | None]):
         """Title, field, hint."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
         yield self.field
-        yield Static(Content(self._hint), classes="text")
+        yield WrappedText(self._hint, classes="text")
 
     def on_mount(self) -> None:
         """Of a long path the end is shown, which is what is changed: once the field has a width."""
@@ -134,7 +134,7 @@ class ScrollDialog(Dialog[None]):
     def compose(self) -> ComposeResult:
         """The text, and the keys."""
         with VerticalScroll(classes="dialog help"):
-            yield Static(Content(choose().text(self._text)))
+            yield WrappedText(self._text)
         yield Footer(compact=True, show_command_palette=False)
 
     def action_scroll(self, how: Literal["down", "up", "page_down", "page_up"]) -> None:

@@ -11,11 +11,9 @@ from textual.widget import Widget
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
-from imutui.tui import formatting
 from imutui.tui.pages.dialogs.base import Dialog
+from imutui.tui.widgets.wrapped_text import WrappedText
 
-_ROOM = 66
-"""Characters of a line in a dialog."""
 _STAY = "stay"
 
 
@@ -71,7 +69,7 @@ class ChoiceDialog(Dialog[str | None]):
     def body(self) -> Iterable[Widget]:
         """Title, the question, and the answers with their keys."""
         yield Static(Content.styled(self._title, "bold"), classes="title")
-        yield Static(Content(formatting.folded(self._body, _ROOM)), classes="text")
+        yield WrappedText(self._body, classes="text")
         options = [Option(Content(f" {a.key if self._letters else ' '}  {a.label}"), id=a.name) for a in self._answers]
         yield OptionList(*options, Option(Content(f" Esc  {self._stay}"), id=_STAY), compact=True, markup=False)
 

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from imutui.report import wrapping
 from imutui.tui.pages.dialogs.base import ScrollDialog
 
 HELP = """\
@@ -120,4 +121,4 @@ class HelpDialog(ScrollDialog):
     ]
 
     def __init__(self) -> None:
-        super().__init__(HELP)
+        super().__init__(wrapping.joined(HELP))

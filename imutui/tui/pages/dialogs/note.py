@@ -9,10 +9,8 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Input, Label, Static
 
-from imutui.tui import formatting
 from imutui.tui.pages.dialogs.base import Dialog, dismiss_after_typing
-
-_ROOM = 66
+from imutui.tui.widgets.wrapped_text import WrappedText
 
 
 class NoteDialog(Dialog[tuple[str, str] | None]):
@@ -57,7 +55,7 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
             with Horizontal(classes="row"):
                 yield Label(str(field.id))
                 yield field
-        yield Static(Content(formatting.folded(self._hint, _ROOM)), classes="text")
+        yield WrappedText(self._hint, classes="text")
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer the way to the next field where there is one."""

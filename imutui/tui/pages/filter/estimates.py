@@ -1,9 +1,8 @@
 """The filter in lines: NIS and its meaning, what is unexplained, navigation states, loaded effects, alarms."""
 
-import textwrap
-
 from textual.content import Content
 
+from imutui.report import wrapping
 from imutui.session.snapshot import FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
@@ -163,7 +162,7 @@ class AlarmLines(GrowingLines):
             line
             for alarm in (view.estimates["alarms"] if view.estimates is not None else [])
             if alarm not in said
-            for line in textwrap.wrap(alarm, width, initial_indent=" ! ", subsequent_indent="   ")
+            for line in wrapping.wrap(alarm, width, initial_indent=" ! ", subsequent_indent="   ")
         ]
         if len(wrapped) > self.rows:
             wrapped = [*wrapped[: self.rows - 1], f"{wrapped[self.rows - 1][: width - 14]} … w: more"]

@@ -1,8 +1,8 @@
 """The filter's state at length, as text. A pure function of a view."""
 
 import math
-import textwrap
 
+from imutui.report import effect_words, wrapping
 from imutui.session.snapshot import EffectSnapshot, FilterSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
@@ -17,7 +17,6 @@ from imutui.verdict.rules import (
     nis_meaning,
 )
 
-_WIDTH = 72
 _RULES = f"""\
 RULES
   GREEN  all observable biases converged, nothing unexplained, T steady
@@ -38,29 +37,27 @@ def explanation(view: View) -> str:
     estimates = view.estimates
     parts = [_headline(found), _checks(found)]
     if estimates is not None:
-        parts += [_alarms(estimates), _effects(estimates), _more(estimates)]
-    return "\n\n".join(part for part in [*parts, _RULES] if part) + "\n"
+        parts += [_alarms(found, estimates), _effects(estimates), _more(estimates)]
+    return "\n\n".join(part for part in [*parts, wrapping.joined(_RULES)] if part) + "\n"
 
 
 def _headline(found: Verdict) -> str:
-    said = f"{found.badge}  {found.reason}" + (f". {found.todo[:1].upper()}{found.todo[1:]}." if found.todo else "")
-    return _wrapped(said)
+    return f"{found.badge}  {found.reason}" + (f". {found.todo[:1].upper()}{found.todo[1:]}." if found.todo else "")
 
 
 def _checks(found: Verdict) -> str:
-    return "\n".join(_wrapped(f"{LEVEL_MARKS[c.level]:<5}{c.name}: {c.said}", " " * 5) for c in found.checks)
-
-
-def _wrapped(said: str, indent: str = "") -> str:
-    return textwrap.fill(said, _WIDTH, subsequent_indent=indent)
+    return "\n".join(f"{LEVEL_MARKS[c.level]:<6}{c.name}: {c.said}" for c in found.checks)
 
 
 def _listed(title: str, entries: list[str]) -> str:
-    return "\n".join([title, *(_wrapped(f"  {entry}", "    ") for entry in entries)]) if entries else ""
+    return "\n".join([title, *(f"  {entry}" for entry in entries)]) if entries else ""
 
 
-def _alarms(estimates: FilterSnapshot) -> str:
-    return _listed("ALARMS", [*estimates["alarms"], *estimates["confounded"]])
+def _alarms(found: Verdict, estimates: FilterSnapshot) -> str:
+    """Alarms beside those that are said above already."""
+    above = " ".join(check.said for check in found.checks)
+    alarms = dict.fromkeys([*estimates["alarms"], *estimates["confounded"]])
+    return _listed("ALARMS", [alarm for alarm in alarms if alarm not in above])
 
 
 def _effects(estimates: FilterSnapshot) -> str:
@@ -78,9 +75,9 @@ def _more(estimates: FilterSnapshot) -> str:
 
 
 def effect_text(effect: EffectSnapshot) -> str:
-    """Label, value ± 3 sd, unit; as many decimals as the certainty is worth."""
-    value, sd, unit = effect["value"], effect["sd"], effect["unit"]
+    """What it is in words, value ± 3 sd, unit; as many decimals as the certainty is worth."""
+    value, sd, unit, label = effect["value"], effect["sd"], effect["unit"], effect_words.state(effect["label"])
     if value is None or not sd:
-        return f"{effect['label']} {formatting.plain(value)} {unit}".rstrip()
+        return f"{label} {formatting.plain(value)} {unit}".rstrip()
     decimals = min(max(1 - math.floor(math.log10(3.0 * sd)), 0), 9)
-    return f"{effect['label']} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()
+    return f"{label} {value:z.{decimals}f} ±{3.0 * sd:.{decimals}f} {unit}".rstrip()

@@ -1,9 +1,8 @@
 """Why the badge is what it is: every rule with what it found."""
 
-import textwrap
-
 from textual.content import Content
 
+from imutui.report import wrapping
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
 from imutui.verdict.rules import LEVEL_MARKS, Check
@@ -24,6 +23,6 @@ class RuleLines(TextLines):
 
     def _rule(self, check: Check, width: int) -> list[Content]:
         mark = f"{LEVEL_MARKS[check.level]:<5}"
-        said = textwrap.wrap(f"{check.name}: {check.said}", max(width - len(mark), 10))
+        said = wrapping.wrap(f"{check.name}: {check.said}", max(width - len(mark), 10))
         style = LEVEL_STYLES[check.level] if check.level != "none" else ""
         return [self.line((mark if i == 0 else " " * len(mark), style), line) for i, line in enumerate(said)]

@@ -8,9 +8,11 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import OptionList, Static
 
+from imutui.report import effect_words
 from imutui.tui import formatting
 from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.widgets.option_rows import OptionRows
+from imutui.tui.widgets.wrapped_text import WrappedText
 
 if TYPE_CHECKING:
     from imutui.jobs.sidecar_files import EffectsFile
@@ -45,9 +47,9 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
     def body(self) -> Iterable[Widget]:
         """Title, files, what is in the one with the cursor."""
         yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
-        yield Static(Content(_LEAD if self._files else _NONE), classes="text")
+        yield WrappedText(_LEAD if self._files else _NONE, classes="text")
         yield OptionRows(id="files")
-        yield Static(id="about", classes="text")
+        yield WrappedText("", id="about", classes="text")
 
     def on_mount(self) -> None:
         """List the effects files that lie with the recordings."""
@@ -79,8 +81,8 @@ class EffectsDialog(Dialog["EffectsFile | str | None"]):
         elif file.error:
             said = f"can't be used: {file.error}"
         else:
-            said = f"{', '.join(file.effects) or 'no effect'}\n{file.source}"
-        self.query_one("#about", Static).update(Content(said))
+            said = f"{effect_words.included(file.effects) or 'no effect'}\n{file.source}"
+        self.query_one("#about", WrappedText).update(said)
 
     def action_take(self) -> None:
         """Take it, if it can be used."""

@@ -12,6 +12,7 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Static
 
+from imutui.report import effect_words
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -186,7 +187,7 @@ class ResultPage(Page):
 
     def action_load_effects(self) -> None:
         """Have the filter take the effects."""
-        name = ", ".join(self.outcome.included) or "no effect"
+        name = effect_words.included(self.outcome.included) or "no effect"
         self.post_message(requests.LoadEffects(name, self.outcome.effects))
 
 

@@ -1,13 +1,12 @@
 """Results of jobs as text for a page. Pure functions."""
 
-import textwrap
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imutui.jobs.tasks import TraceResult
-from imutui.report import sentences
+from imutui.report import effect_words, numbers, sentences, wrapping
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.logs import result_plots
@@ -138,10 +137,16 @@ def _filtered(d: "ResultDocument") -> list[str]:
     lines = ["Filter"]
     if nis["mean"] is not None:
         lines.append(f"  NIS {nis['mean']:.4f} of {nis['dof']}: {nis_meaning(nis, whole=True)}")
-    if noise["gyro_arw_deg_sqrt_h"][0] is not None:
-        lines.append(f"  noise of this log: gyro {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
+    sure = numbers.noise_certainty(noise.get("relative_sd"))
+    if sure is None:
+        lines.append(f"  noise of this log: {numbers.TOO_SHORT}")
+    else:
+        lines.append(f"  noise of this log: gyro  {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
         lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")
-    lines += [f"  effect {e['name']}: {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd, SI)" for e in d.get("effects", [])]
+        lines.append(f"                     each {sure}")
+    for e in d.get("effects", []):
+        unit = e["name"].removesuffix(")").partition(" (")[2]
+        lines.append(f"  effect {effect_words.state(e['name'])}, {e['value']:.4g} ± {3.0 * e['sd']:.2g} (3 sd) {unit}")
     if d.get("times_real_time"):
         lines.append(f"  {d['times_real_time']:.0f} times real time, {d['filter_s']:.1f} s of filtering")
     return lines
@@ -163,8 +168,8 @@ def _data(d: "ResultDocument") -> list[str]:
 
 
 def _warnings(d: "ResultDocument") -> list[str]:
-    told = [f"ALARM: {alarm}" for alarm in d["alarms"]]
-    told += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d.get("confounded", [])]
+    told = [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"])]
+    told += [f"CANNOT BE TOLD APART: {said}" for said in d.get("confounded", []) if said not in d["alarms"]]
     return ["", *told] if told else []
 
 
@@ -178,5 +183,5 @@ def wrapped(body: str, width: int) -> str:
     for line in body.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
         for part in formatting.folded(line, width, indent + "  ").split("\n"):
-            out += textwrap.wrap(part, width, subsequent_indent=indent + "  ", drop_whitespace=True) or [""]
+            out += wrapping.wrap(part, width, subsequent_indent=indent + "  ") or [""]
     return "\n".join(out)

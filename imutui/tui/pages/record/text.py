@@ -177,4 +177,4 @@ def finished(recording: RecordingSnapshot | None, result: RecordingResult | None
     ]
     biases = messages.final_biases(found)
     done = "" if found.get("converged", True) else ", not converged"
-    return [*rows, *((name, f"{values}{done}") for name, values in biases)]
+    return [*rows, *((name.removesuffix(" bias"), f"bias {values}{done}") for name, values in biases)]

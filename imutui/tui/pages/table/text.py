@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from imutui.report import wrapping
 from imutui.session.snapshot import GuideSnapshot, ProfileDescription, SegmentDescription, Snapshot
 from imutui.tui import formatting
 
@@ -143,7 +144,7 @@ def warning(now: Snapshot, width: int) -> list[str]:
     begins = can(now["guide"], now["recording"] is not None) == {"begin"}
     if now["kind"] != "simulated" or not begins:
         return []
-    return textwrap.wrap(_VIRTUAL, width)
+    return wrapping.wrap(_VIRTUAL, width)
 
 
 def _before(guide: GuideSnapshot | None, recorded: bool) -> str:
