@@ -59,6 +59,7 @@ def _biases(d: "ResultDocument") -> Table:
 
 def _lines(d: "ResultDocument") -> list[str]:
     from imutui.report import numbers
+    from imutui.verdict import sources
 
     nis = d["nis"]
     out = []
@@ -95,8 +96,9 @@ def _lines(d: "ResultDocument") -> list[str]:
             "effects of this filter remember temperature, and what came before this log is not known: they begin as if"
             " it had rested, and biases do not compare with those of another log"
         )
+    above = sources.reasons(d)
     out += [f"CANNOT BE TOLD APART: {sentence}" for sentence in d["confounded"]]
-    return out + [f"ALARM: {alarm}" for alarm in d["alarms"]]
+    return out + [f"ALARM: {alarm}" for alarm in d["alarms"] if alarm not in above]
 
 
 def _remembers(d: "ResultDocument") -> bool:

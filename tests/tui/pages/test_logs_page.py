@@ -338,21 +338,22 @@ def test_a_replay_reads_as_table_1_has_it() -> None:
         "nis": {"mean": 9.1, "dof": 9, "band95": [8.9, 9.2], "is_test": True, "why": ""},
         "noise": {"gyro_arw_deg_sqrt_h": [None] * 3, "accel_vrw_mps_sqrt_h": [None] * 3},
         "gaps": [{"t": 3.0, "seconds": 0.5}], "lost_packets": 1, "bad_checksums": 0, "rejected": 0,
-        "alarms": ["gz moves"], "confounded": [],
+        "alarms": ["gz moves", "gy too"], "confounded": [],
     }  # fmt: skip
     said = result_text.replayed(document)
     for line in (
         "RED: a.mcap",
-        "alarm: gz moves",
+        "2 alarms: gz moves; also gy limit",
         "x gyro      0.5000   0.0300 deg/s         ±1      50 %   at 9.8 s",
         "125 % OUT",
         "not observable with this reference",
         "x accel       6.00     0.30 mg           ±12      50 %   not yet",
         "inside its 95 % band 8.9 to 9.2",
         "1 packet lost, 0 bad checksums, 1 gap, 0 outliers left out",
-        "ALARM: gz moves",
+        "ALARM: gy too",
     ):
         assert line in said, line
+    assert said.count("gz moves") == 1
 
 
 def test_a_file_that_is_being_written_is_not_called_damaged() -> None:

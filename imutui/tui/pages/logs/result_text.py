@@ -168,8 +168,9 @@ def _data(d: "ResultDocument") -> list[str]:
 
 
 def _warnings(d: "ResultDocument") -> list[str]:
-    told = [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"])]
-    told += [f"CANNOT BE TOLD APART: {said}" for said in d.get("confounded", []) if said not in d["alarms"]]
+    above = sources.reasons(d)
+    told = [f"ALARM: {alarm}" for alarm in dict.fromkeys(d["alarms"]) if alarm not in above]
+    told += [f"CANNOT BE TOLD APART: {said}" for said in d.get("confounded", []) if said not in (above, *d["alarms"])]
     return ["", *told] if told else []
 
 
