@@ -31,6 +31,8 @@ def service(port: str) -> Iterator["Popen[str]"]:
     line = command_line("record", "--unattended", "--name", NAME, "--port", port, "--filter", "none", "--json")
     with started(line) as command:
         wait_until(lambda: samples() > 2)
+        assert command.stderr is not None
+        assert NAME in command.stderr.readline()  # it follows by now
         yield command
 
 

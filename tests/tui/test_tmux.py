@@ -243,7 +243,7 @@ def trace_and_load(terminal: Terminal) -> None:
     connection = client.attach("demo")
     assert connection.snapshot(2**62)["effects"] == ["gy tone"]
     terminal.press("4")
-    terminal.wait_for("tone", "Table 1")
+    terminal.wait_for("oscillates", "Table 1")
     terminal.press("q")
     terminal.wait_for("stop the acquisition and quit", "cancel", "leave it")
     terminal.press("s")

@@ -135,6 +135,10 @@ class LogsPage(Page):
     async def _look(self) -> None:
         folder = self.folder
         found = await in_thread(lambda: self._recordings.find(folder))
+        if not self.query("#logs-lead"):  # the page is still being made, or is going
+            if self.is_running:
+                self.call_later(self._look)
+            return
         here = self._here  # the line that the cursor is on moves when a newer recording comes
         self._recordings.take(found)
         wanted, self._wanted = self._wanted, None
