@@ -14,6 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+# at the beginning: what is loaded while packets come makes stamps of polled ones late
+from numpy import fft
+
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
@@ -108,7 +111,7 @@ class _Segments:
         every, begin = np.concatenate([self._kept, samples]), 0
         while len(every) - begin >= self._length:
             segment = every[begin : begin + self._length]
-            found = np.fft.rfft((segment - segment.mean(axis=0)) * self._window, axis=0)
+            found = fft.rfft((segment - segment.mean(axis=0)) * self._window, axis=0)
             self._power += found.real**2 + found.imag**2
             self.count += 1
             begin += self._length // 2

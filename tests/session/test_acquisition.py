@@ -387,6 +387,10 @@ def test_zeroed_rate_sensors_read_zero_and_nothing_counts_as_lost(start: Start, 
     zeroed = connection.snapshot(2**62)["packets"]
     wait_until(lambda: connection.snapshot(2**62)["packets"] > zeroed + 150)
     state = connection.snapshot(2**62)
+    noise = connection.statistics(0)
+    assert noise["stretches"] >= 2
+    assert noise["allan"] is not None
+    assert max(noise["allan"]["deviation"]) < 1.5 * state["channels"][0]["sd"]  # type: ignore[operator]
     means = np.array([[c["mean"] for c in s["channels"][:3]] for s in (before, state)])
     sds = np.array([c["sd"] for c in state["channels"][:3]]) / np.sqrt(150)
     # 600 samples were averaged, and at least 150 since
