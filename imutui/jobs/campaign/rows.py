@@ -1,0 +1,159 @@
+"""The row that a campaign makes of a log, and the document of its rows, `results.json`; records only.
+
+A row holds numbers and words, never arrays of samples. Two runs over the same log with the same settings, wherever they
+run, give rows that are equal in all fields but `TIMINGS`.
+"""
+
+from typing import NotRequired, TypedDict
+
+from imutui.logbook.results import SdFields, SpreadFields, StateFields
+
+VERSION = 1
+TIMINGS = ("wall_s", "filter_s", "read_s", "versions")
+"""Fields of a row that depend on where and when it was made."""
+
+
+class TemperatureField(TypedDict):
+    """Temperature of a log's samples, degC."""
+
+    mean: float
+    min: float
+    max: float
+
+
+class NisField(TypedDict):
+    """Mean normalised innovation squared with its 95 % band, as `imutui replay --json` has it."""
+
+    mean: float | None
+    dof: float
+    band95: list[float | None]
+    is_test: bool
+
+
+class NoiseField(TypedDict):
+    """White noise that was measured on the log, instrument axes, and its sd as a share of it; None where unknown."""
+
+    gyro_arw_deg_sqrt_h: list[float | None]
+    accel_vrw_mps_sqrt_h: list[float | None]
+    relative_sd: float | None
+
+
+class GapsField(TypedDict):
+    """How many gaps the samples have, and how long they are together, s."""
+
+    count: int
+    seconds: float
+
+
+class VerdictField(TypedDict):
+    """The verdict on the filter: GREEN, AMBER or RED, whether a command that ends with it exits with 0, and why."""
+
+    word: str
+    passes: bool
+    reason: str
+
+
+class ParameterField(TypedDict):
+    """A parameter of an effect with its standard deviation."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+
+
+class FindingField(TypedDict):
+    """An effect that a trace found; the names are those of `imutui trace --json`."""
+
+    effect: str
+    label: str
+    channels: list[str]
+    params: list[ParameterField]
+    confirmed: bool | None
+
+
+class VersionsField(TypedDict):
+    """What a row was computed with: `imutui`, `numpy`, `numba` and `python`."""
+
+    imutui: str
+    numpy: str
+    numba: str
+    python: str
+
+
+class Row(TypedDict):
+    """What a campaign tells of a log; of one that could not be used, all that is not known of it is None or empty."""
+
+    log: str
+    """Path relative to the campaign's root, with slashes."""
+    error: str | None
+    """Why the log has no result, in words; None if it has one."""
+    retry: bool
+    """Whether the next run tries again though nothing has changed: the error is not the log's, but the machine's."""
+    log_sha256: str | None
+    config_sha256: str | None
+    """Hash of all that decides the estimates of this log apart from its samples."""
+    settings_sha256: str
+    """Hash of what the campaign was asked for: see `results.json`'s `settings`."""
+    kind: str
+    """"measured", "simulated" or "unknown"."""
+    instrument: str
+    serial_number: str
+    operator: str
+    start_utc: str | None
+    """ISO text; None where it is not known, as for an import."""
+    power_on: str | None
+    """Id of the power-on that the log is a part of."""
+    duration_s: float | None
+    samples: int | None
+    rate_hz: float | None
+    temperature_degc: TemperatureField | None
+    finished: bool | None
+    damage: str | None
+    """What is wrong with the file, if anything; what could be read of it is used."""
+    filter: str | None
+    reference: str | None
+    accel_sign: int | None
+    mount: str | None
+    unobservable: list[str]
+    final: StateFields | None
+    sd: SdFields | None
+    spread: SpreadFields | None
+    converged: bool | None
+    converged_s: dict[str, list[float | None]] | None
+    nis: NisField | None
+    noise: NoiseField | None
+    gaps: GapsField | None
+    lost_packets: int | None
+    bad_checksums: int | None
+    alarms: list[str]
+    verdict: VerdictField | None
+    findings: NotRequired[list[FindingField] | None]
+    """With a trace only; None where the log cannot be traced."""
+    trace_error: NotRequired[str | None]
+    """With a trace only: why the log could not be traced."""
+    wall_s: float
+    filter_s: float | None
+    read_s: float | None
+    versions: VersionsField
+
+
+class SettingsFields(TypedDict):
+    """What a campaign was asked for, the same for all of its logs; None and empty leave it to the log."""
+
+    overrides: dict[str, str | float]
+    reference_sha256: str | None
+    effects_sha256: str | None
+    start_s: float | None
+    end_s: float | None
+    trace: bool
+
+
+class ResultsDocument(TypedDict):
+    """`results.json`: rows in the order of their `log`."""
+
+    version: int
+    root: str
+    settings: SettingsFields
+    settings_sha256: str
+    rows: list[Row]
