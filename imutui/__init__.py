@@ -15,6 +15,8 @@ def __getattr__(name: str) -> str:
     from importlib.metadata import PackageNotFoundError, version
 
     try:
-        return version("imutui")
+        found = version("imutui")
     except PackageNotFoundError:  # a source tree that nobody installed
-        return "0+unknown"
+        found = "0+unknown"
+    globals()[name] = found  # whoever writes many results asks each time
+    return found

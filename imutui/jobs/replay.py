@@ -119,12 +119,44 @@ class Part:
     unread: tuple[bool, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """A replay's result, with what of the log is not in it.
+
+    Attributes
+    ----------
+    result : ResultDocument
+        As in docs/formats.md; `damage` says what is wrong with the file, if anything.
+    info : SessionInfo
+        With the settings in force.
+    first_ns : int
+        Sampling instant of the first sample that was taken, UTC, ns.
+    temperature : tuple of float or None
+        Mean, least and greatest of the samples that were taken, degC; None if it is not known.
+    """
+
+    result: ResultDocument
+    info: SessionInfo
+    first_ns: int
+    temperature: tuple[float, float, float] | None
+
+
 def replay(
     path: Path,
     options: ReplayOptions,
     progress: Callable[[float], None] = lambda share: None,
     say: Callable[[str], None] | None = None,
 ) -> ResultDocument:
+    """Result of the filter over one log: see `replayed`, which tells of the log too."""
+    return replayed(path, options, progress, say).result
+
+
+def replayed(
+    path: Path,
+    options: ReplayOptions,
+    progress: Callable[[float], None] = lambda share: None,
+    say: Callable[[str], None] | None = None,
+) -> Replayed:
     """Run the filter over one log.
 
     Parameters
@@ -137,11 +169,6 @@ def replay(
         Told the share done, 0 to 1, now and then.
     say : callable or None
         Told in a sentence how far compiling has come, the first time on a machine.
-
-    Returns
-    -------
-    ResultDocument
-        As in docs/formats.md; `damage` says what is wrong with the file, if anything.
 
     Raises
     ------
@@ -201,7 +228,13 @@ def replay(
         sink.finish(result)
     if course is not None:
         result["course"] = course.rows(result)
-    return result
+    return Replayed(result, info, part.first_ns, _temperature(part))
+
+
+def _temperature(part: Part) -> tuple[float, float, float] | None:
+    """Mean, least and greatest temperature, degC."""
+    known = part.temperature[np.isfinite(part.temperature)]
+    return (float(known.mean()), float(known.min()), float(known.max())) if known.size else None
 
 
 def _nothing_used(info: SessionInfo) -> str:

@@ -1,9 +1,10 @@
 """Which walk over a log's records pays: the plain one, which is there at once, or the compiled one, which is faster.
 
 Both say the same. Loading the compiler takes as long as the plain walk takes over many megabytes; where a filter is to
-run it is loaded anyway.
+run it is loaded anyway. Where the kernels are loaded already, as when one log after the other is read, they always pay.
 """
 
+import sys
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -64,9 +65,13 @@ def compiled() -> Walk:
 
 def for_reading(size: int) -> Walk:
     """Walks over a log of so many bytes where nothing else needs the compiler."""
-    return compiled() if size >= COMPILER_PAYS_BYTES else PLAIN
+    return compiled() if size >= COMPILER_PAYS_BYTES or _is_loaded() else PLAIN
 
 
 def for_filtering(size: int) -> Walk:
     """Walks over a log of so many bytes that a filter is to take."""
-    return compiled() if size >= KERNELS_PAY_BYTES else PLAIN
+    return compiled() if size >= KERNELS_PAY_BYTES or _is_loaded() else PLAIN
+
+
+def _is_loaded() -> bool:
+    return "imutui.logbook.mcap_kernels" in sys.modules

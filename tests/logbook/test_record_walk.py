@@ -50,9 +50,9 @@ def as_read(path: Path, walk: Walk) -> Any:
         return str(error)
 
 
-def as_audited(path: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """What scan and audit say where the compiler pays from so many bytes on."""
-    monkeypatch.setattr(record_walk, "COMPILER_PAYS_BYTES", size)
+def as_audited(path: Path, walk: Walk, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What scan and audit say by one of the walks."""
+    monkeypatch.setattr(record_walk, "for_reading", lambda size: walk)
     try:
         found = scan.scan(path)
     except UnreadableLogError as error:
@@ -78,7 +78,7 @@ def test_both_walks_read_the_same_from_damaged_files(
             damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
         spoilt.write_bytes(damaged)
         same(as_read(spoilt, PLAIN), as_read(spoilt, compiled()))
-        plain, fast = (as_audited(spoilt, size, monkeypatch) for size in (2**40, 0))
+        plain, fast = (as_audited(spoilt, walk, monkeypatch) for walk in (PLAIN, compiled()))
         same(plain, fast)
 
 
@@ -180,3 +180,8 @@ def test_a_change_of_the_layout_changes_the_file_that_is_compiled() -> None:
     assert len(numbers) > 10
     found = zlib.crc32(repr(numbers).encode())
     assert found == mcap_kernels.LAYOUT_CRC, f"write 0x{found:08X} into mcap_kernels.LAYOUT_CRC"
+
+
+def test_the_compiled_walk_is_taken_where_it_is_loaded() -> None:
+    """One small log after the other is read by it, in a process that has paid for it already."""
+    assert record_walk.for_reading(1) == record_walk.for_filtering(1) == compiled()

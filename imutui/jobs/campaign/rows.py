@@ -54,11 +54,11 @@ class VerdictField(TypedDict):
 
 
 class ParameterField(TypedDict):
-    """A parameter of an effect with its standard deviation."""
+    """A parameter of an effect; `sd` is None where it fixes the effect's shape and was not fitted."""
 
     name: str
     value: float
-    sd: float
+    sd: float | None
     unit: str
 
 
