@@ -51,6 +51,7 @@ Where things are
     `effects`     the catalogue of what may be wrong with a unit
     `simulation`  units with known truth
     `tracing`     from residual to effect; its docstring has the steps in order
+    `fleet`       many units and power-ons: what is the unit's own, its model's, and the day's
     `multiposition`  a unit turned by hand between rests: calibrated from gravity alone
 
 Residual and effects

@@ -34,6 +34,7 @@ FLOORS = {
     "filters.effects": GROUND | {"filters.motion"},
     "filters.simulation": GROUND | {"filters.motion", "filters.effects.inputs"},
     "filters.tracing": GROUND | {"filters.motion", "filters.kalman", "filters.effects"},
+    "filters.fleet": GROUND,
     "filters.multiposition": GROUND | {"filters.motion", "filters.effects", "filters.tracing"},
     "imutui.instrument": {"filters.imu"},
     "imutui.logbook": {"filters"},

@@ -1,0 +1,213 @@
+"""Model, unit and day: a value of many units as three parts, with intervals, and what is not determined.
+
+Integrated is over the two components with Jeffreys' prior √det I(σ_u², σ_p²), I being the information of the restricted
+likelihood (`likelihood`). For equal variances and no error of measurement this gives Student's interval for the model's
+value; fixing the components at their estimates would give intervals that are too short for a few units. The components
+themselves are told by their restricted maximum likelihood, with intervals from the same integral.
+
+Given both components, and u_i = μ + a_i:
+
+    u_i = μ̂ + (σ_u²/T_i) (m_i - μ̂),   var u_i = σ_u² / (W_i T_i) + c / (W_i T_i)²
+    a_i = u_i - μ,                      var a_i = σ_u² / (W_i T_i) + c (σ_u²/T_i)²
+    b_ij = h_ij (y_ij - u_i),           var b_ij = σ_p² (1 - h_ij) + h_ij² var u_i,   h_ij = σ_p² w_ij
+
+which are the best linear unbiased predictions.
+
+References: G. E. P. Box, G. C. Tiao, "Bayesian inference in statistical analysis", chapter 5; O. Bodnar, A. Link, B.
+Arendacká, A. Possolo, C. Elster, "Bayesian estimation in random effects meta-analysis using a non-informative prior",
+Statistics in Medicine 36, 2017.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from filters.fleet import grid, likelihood, mixture
+from filters.fleet.grid import Grid
+from filters.fleet.mixture import Estimate
+from filters.fleet.readings import PowerOns
+from filters.types import Array
+
+_RANGE = 1e5
+_TOLD = 1.92
+"""Log likelihood that a component must add to be told from none: half the 95 % quantile of chi-square."""
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A standard deviation between units, or between power-ons.
+
+    Attributes
+    ----------
+    sd : float
+        Restricted maximum likelihood.
+    low, high : float
+        Ends of the interval that holds 95 %; `low` is 0 where the component is not told from none.
+    dof : int
+        Degrees of freedom behind it: units less one, or power-ons less units.
+    """
+
+    sd: float
+    low: float
+    high: float
+    dof: int
+
+
+@dataclass(frozen=True, slots=True)
+class UnitEstimate:
+    """Of one unit.
+
+    Attributes
+    ----------
+    name : str
+        Its serial number.
+    power_ons : int
+        How many it has.
+    value : Estimate or None
+        The mean that its power-ons scatter about; None where no unit was switched on twice.
+    own : Estimate or None
+        The same less the model's value; None as above, and where there is only one unit.
+    """
+
+    name: str
+    power_ons: int
+    value: Estimate | None
+    own: Estimate | None
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """A value of many units.
+
+    Attributes
+    ----------
+    model : Estimate or None
+        Mean over all units that could be made; None of one unit.
+    between_units, between_power_ons : Component or None
+        Standard deviation of units about the model, and of power-ons about their unit; None where not determined.
+    together : Component or None
+        Of both at once, where each unit has one power-on only.
+    units : tuple of UnitEstimate
+        In the order of the data.
+    days : tuple of Estimate or None
+        b_ij of each power-on, in the order of the data; None where not determined.
+    """
+
+    model: Estimate | None
+    between_units: Component | None
+    between_power_ons: Component | None
+    together: Component | None
+    units: tuple[UnitEstimate, ...]
+    days: tuple[Estimate, ...] | None
+
+
+def estimate(data: PowerOns) -> Fleet:
+    """Parts of a value, as far as they are determined.
+
+    Parameters
+    ----------
+    data : PowerOns
+        Values with known variances, of one model of instrument.
+    """
+    units, repeated = len(data.units), data.values.size > len(data.units)
+    if units == 1 and not repeated:
+        return Fleet(None, None, None, None, (UnitEstimate(data.units[0], 1, None, None),), None)
+    free = (*((0,) if units > 1 else ()), *((1,) if repeated else ()))
+    points = _integrated(data, free)
+    given = likelihood.conditional(data, *_variances(points.sds, free))
+    found = [_component(data, points, free, axis) for axis in free]
+    means = mixture.estimates(points.weights, given.mean[:, None], given.mean_variance[:, None])
+    model = means[0] if units > 1 else None
+    if not repeated:
+        alone = tuple(UnitEstimate(name, 1, None, None) for name in data.units)
+        return Fleet(model, None, None, found[0], alone, None)
+    sigma = _variances(points.sds, free)
+    return Fleet(
+        model,
+        found[0] if units > 1 else None,
+        found[-1],
+        None,
+        _units(data, points, given, sigma[0]),
+        _days(data, points, given, sigma),
+    )
+
+
+def _variances(sds: Array, free: tuple[int, ...]) -> tuple[Array, Array]:
+    """σ_u² and σ_p² at points, 0 for what is not free."""
+    made = np.zeros((2, len(sds)))
+    for column, axis in enumerate(free):
+        made[axis] = sds[:, column] ** 2
+    return made[0], made[1]
+
+
+def _integrated(data: PowerOns, free: tuple[int, ...]) -> Grid:
+    def density(sds: Array) -> Array:
+        given = likelihood.conditional(data, *_variances(sds, free))
+        uu, up, pp = given.information
+        det = uu * pp - up**2 if len(free) == 2 else (uu, pp)[free[0]]
+        prior = 0.5 * np.log(np.maximum(det, _TINY))
+        told: Array = given.log_likelihood + prior + np.sum(2.0 * np.log(sds), axis=1)
+        return told
+
+    spread = max(float(np.ptp(data.values)), float(np.sqrt(data.variances.max())))
+    low = 1e-3 * min(float(np.sqrt(data.variances.min())), spread)
+    return grid.integrate(density, low, _RANGE * spread, len(free), data.values.size)
+
+
+def _component(data: PowerOns, points: Grid, free: tuple[int, ...], axis: int) -> Component:
+    """Restricted maximum likelihood, from the best point of the grid, and interval."""
+    column = free.index(axis)
+
+    def lost(sds: Array) -> float:
+        return -float(likelihood.conditional(data, *_variances(np.abs(sds)[None, :], free)).log_likelihood[0])
+
+    told = likelihood.conditional(data, *_variances(points.sds, free)).log_likelihood
+    start = points.sds[int(np.argmax(told))]
+    best = minimize(lambda x: lost(x * start), np.ones(len(free)), method="Nelder-Mead", options={"xatol": 1e-5})
+    none = np.array(points.sds[np.argsort(told)[-200:]])
+    none[:, column] = 0.0
+    without = likelihood.conditional(data, *_variances(none, free)).log_likelihood.max()
+    zero = lost(np.where(np.arange(len(free)) == column, 0.0, start * np.abs(best.x)))
+    without = max(float(without), -zero)
+    low, high = points.quantiles(column, np.array([0.025, 0.975]))
+    dof = len(data.units) - 1 if axis == 0 else data.values.size - len(data.units)
+    sd = 0.0 if without >= -best.fun else float(start[column] * abs(best.x[column]))
+    return Component(sd, 0.0 if -best.fun - without < _TOLD else float(low), float(high), dof)
+
+
+def _units(
+    data: PowerOns, points: Grid, given: likelihood.Conditional, unit_variance: Array
+) -> tuple[UnitEstimate, ...]:
+    if len(data.units) == 1:
+        value = mixture.estimates(points.weights, given.unit_means, given.unit_variances)
+        return (UnitEstimate(data.units[0], data.values.size, value[0], None),)
+    T = unit_variance[:, None] + given.unit_variances
+    k = unit_variance[:, None] / T
+    mean, c = given.mean[:, None], given.mean_variance[:, None]
+    own, left = k * (given.unit_means - mean), k * given.unit_variances
+    values = mixture.estimates(points.weights, mean + own, left + (1.0 - k) ** 2 * c)
+    owns = mixture.estimates(points.weights, own, left + k**2 * c)
+    counts = map(int, data.counts)
+    return tuple(UnitEstimate(*one) for one in zip(data.units, counts, values, owns, strict=True))
+
+
+def _days(
+    data: PowerOns, points: Grid, given: likelihood.Conditional, sigma: tuple[Array, Array]
+) -> tuple[Estimate, ...]:
+    """Of each power-on, a unit at a time: all at once would take too much memory."""
+    made: list[Estimate] = []
+    T = sigma[0][:, None] + given.unit_variances
+    one = len(data.units) == 1
+    k = np.ones_like(T) if one else sigma[0][:, None] / T
+    mean, c = given.mean[:, None], given.mean_variance[:, None]
+    values = mean + k * (given.unit_means - mean)
+    variances = given.unit_variances if one else k * given.unit_variances + (1.0 - k) ** 2 * c
+    for number in range(len(data.units)):
+        part = data.of_unit(number)
+        h = sigma[1][:, None] / (sigma[1][:, None] + data.variances[part])
+        u, v = values[:, [number]], variances[:, [number]]
+        means = h * (data.values[part] - u)
+        made += mixture.estimates(points.weights, means, sigma[1][:, None] * (1.0 - h) + h**2 * v)
+    return tuple(made)
