@@ -1,0 +1,81 @@
+"""Biases of rows as values with a unit, a power-on and a time: what a fleet's statistics are made of."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from filters.channels import CHANNELS
+from imutui.jobs.campaign.rows import Row
+from imutui.jobs.campaign.summary_document import MONTH_DAYS
+
+MOST_SD = {"deg/s": 0.5, "mg": 6.0}
+"""A third of the standard deviation that the filter begins with: above, a bias is still drawn to the first guess."""
+_SECONDS = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class BiasValue:
+    """A bias of a log.
+
+    Attributes
+    ----------
+    row : Row
+        What it is of.
+    value, sd : float
+        deg/s or mg.
+    converged : bool
+        Whether the filter's estimate had settled.
+    """
+
+    row: Row
+    value: float
+    sd: float
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelValues:
+    """All values of a channel, and of how many logs there is none, and why."""
+
+    channel: str
+    unit: str
+    values: tuple[BiasValue, ...]
+    unobservable: int
+    unmeasured: int
+
+
+def channels(rows: Sequence[Row]) -> Iterator[ChannelValues]:
+    """Biases of the six channels; every row has a result."""
+    for number, channel in enumerate(CHANNELS):
+        axis, gyro = number % 3, number < 3
+        unit = "deg/s" if gyro else "mg"
+        every = [_value(row, axis, gyro) for row in rows]
+        seen = [one for one in every if one is not None]
+        measured = tuple(one for one in seen if one.sd <= MOST_SD[unit])
+        yield ChannelValues(channel, unit, measured, len(every) - len(seen), len(seen) - len(measured))
+
+
+def _value(row: Row, axis: int, gyro: bool) -> BiasValue | None:
+    final, sds = row["final"], row["sd"]
+    assert final is not None
+    assert sds is not None
+    value = (final["gyro_bias_dps"] if gyro else final["accel_bias_mg"])[axis]
+    sd = (sds["gyro_bias_dps"] if gyro else sds["accel_bias_mg"])[axis]
+    if value is None or sd is None or sd <= 0.0:
+        return None
+    since = (row.get("converged_s") or {}).get("gyro_bias" if gyro else "accel_bias")
+    return BiasValue(row, value, sd, since is not None and since[axis] is not None)
+
+
+def power_on(row: Row) -> str:
+    """Id of a row's power-on; a log that states none is one of its own."""
+    return row.get("power_on") or f"log {row['log']}"
+
+
+def months(start_utc: str | None) -> float | None:
+    """A time as months since 1970; None where there is none or it is not ISO."""
+    try:
+        moment = datetime.fromisoformat(start_utc or "")
+    except ValueError:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / (_SECONDS * MONTH_DAYS)

@@ -1,0 +1,130 @@
+"""Units beyond the limits of Table 1: biases of each power-on, white noise over all logs.
+
+A bias is beyond a limit if it is so by three standard deviations, in any power-on: so much the paper's table allows on
+no day. Noise is the unit's, and a mean over its logs is compared.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from filters.channels import CHANNELS, DPS, MG
+from filters.imu import IMU400CD_200
+from imutui.jobs.campaign import fleet_values
+from imutui.jobs.campaign.fleet_values import BiasValue
+from imutui.jobs.campaign.rows import Row
+from imutui.jobs.campaign.summary_document import LimitField
+
+SURE = 3.0
+"""Standard deviations beyond a limit at which a value fails it; as many on the inner side are not told."""
+BIAS_LIMITS = {"deg/s": IMU400CD_200.gyro_bias_limit / DPS, "mg": IMU400CD_200.accel_bias_limit / MG}
+GYRO_NOISE = IMU400CD_200.gyro_arw / DPS * 60.0
+"""deg/√h."""
+ACCEL_NOISE = IMU400CD_200.accel_vrw * 60.0
+"""m/s/√h."""
+
+
+class _Worst(NamedTuple):
+    """What is compared: how far it is beyond the limit, in sd, and its value."""
+
+    excess: float
+    value: float
+    sd: float
+    row: Row
+    converged: bool
+
+
+def limits(rows: Sequence[Row]) -> list[LimitField]:
+    """Units that fail a limit, and those that are too near to tell; a log without a serial number stands for itself.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Of one group, with a result.
+    """
+    units: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        serial = row.get("serial_number") or ""
+        units.setdefault((serial, "" if serial else row["log"]), []).append(row)
+    found = [one for key in sorted(units) for one in _of_unit(units[key])]
+    return sorted(found, key=lambda one: one["verdict"] != "fails")
+
+
+def _of_unit(rows: Sequence[Row]) -> Iterator[LimitField]:
+    for told in fleet_values.channels(rows):
+        yield from _bias(told.channel, told.unit, told.values)
+    for number, channel in enumerate(CHANNELS):
+        yield from _noise(channel, number, rows)
+
+
+def _bias(channel: str, unit: str, values: Sequence[BiasValue]) -> Iterator[LimitField]:
+    limit = BIAS_LIMITS[unit]
+    each = [_Worst((abs(v.value) - limit) / v.sd, v.value, v.sd, v.row, v.converged) for v in values]
+    if not each:
+        return
+    beyond = [one for one in each if one.excess > SURE]
+    # what has settled counts first: an estimate on its way may pass a limit
+    worst = max(beyond or each, key=lambda one: (one.converged, one.excess))
+    if not beyond:
+        worst = max(each, key=lambda one: one.excess)
+    if worst.excess <= -SURE:
+        return
+    fails = bool(beyond) and worst.converged
+    above = len({fleet_values.power_on(one.row) for one in beyond})
+    yield {
+        **_field(worst, channel, unit, limit),
+        "quantity": "bias",
+        "verdict": "fails" if fails else "not_told",
+        "above": above,
+        "of": len({fleet_values.power_on(v.row) for v in values}),
+    }
+
+
+def _noise(channel: str, number: int, rows: Sequence[Row]) -> Iterator[LimitField]:
+    """Mean of the noise over logs, each weighted by how well it is known as a share of itself."""
+    limit, unit = (GYRO_NOISE, "deg/√h") if number < 3 else (ACCEL_NOISE, "m/s/√h")
+    known = [(value, sd, row) for row in rows if (told := _noise_of(row, number)) for value, sd in [told]]
+    if not known:
+        return
+    total = sum(sd**-2 for _, sd, _ in known)
+    mean = sum(value / sd**2 for value, sd, _ in known) / total
+    worst = _Worst((mean - limit) / (limit * total**-0.5), mean, mean * total**-0.5, max(known, key=_size)[2], True)
+    if worst.excess <= -SURE:
+        return
+    yield {
+        **_field(worst, channel, unit, limit),
+        "quantity": "noise",
+        "verdict": "fails" if worst.excess > SURE else "not_told",
+        "above": len({fleet_values.power_on(row) for value, sd, row in known if value - limit > SURE * limit * sd}),
+        "of": len({fleet_values.power_on(row) for *_, row in known}),
+    }
+
+
+def _size(known: tuple[float, float, Row]) -> float:
+    return known[0]
+
+
+def _noise_of(row: Row, number: int) -> tuple[float, float] | None:
+    """White noise of a channel, and its standard deviation as a share of it."""
+    noise = row.get("noise")
+    if not noise or not (relative := noise.get("relative_sd")) or relative <= 0.0:
+        return None
+    value = (noise["gyro_arw_deg_sqrt_h"] if number < 3 else noise["accel_vrw_mps_sqrt_h"])[number % 3]
+    return None if value is None else (value, relative)
+
+
+def _field(worst: _Worst, channel: str, unit: str, limit: float) -> LimitField:
+    return {
+        "serial_number": worst.row.get("serial_number") or "",
+        "channel": channel,
+        "quantity": "bias",
+        "verdict": "not_told",
+        "value": worst.value,
+        "sd": worst.sd,
+        "limit": limit,
+        "unit": unit,
+        "above": 0,
+        "of": 0,
+        "log": worst.row["log"],
+        "start_utc": worst.row.get("start_utc"),
+        "converged": worst.converged,
+    }
