@@ -4,4 +4,6 @@
 `numbers` as people read them · `blocks` what a page consists of, apart from how it is written · `identity`,
 `trace_report`, `replay_report` results as such blocks · `trace_figures`, `axes` what figures show · `figures` the only
 user of matplotlib · `html`, `html_style` a page as one file · `page` the folder to hand over
+
+A fleet: `fleet_sentences` what its summary says · `fleet_figures`, `fleet_report`, `fleet_page` its page
 """

@@ -6,6 +6,7 @@ import imutui
 from imutui.jobs.campaign import fleet_values, summary_channels, summary_effects, summary_limits
 from imutui.jobs.campaign.rows import Row
 from imutui.jobs.campaign.summary_document import ErrorField, GroupField, Kind, SummaryDocument, UnitField
+from imutui.jobs.quantities import that_many
 
 VERSION = 1
 _KINDS: tuple[Kind, ...] = ("measured", "simulated", "unknown")
@@ -86,12 +87,12 @@ def _notes(rows: Sequence[Row], known: Sequence[Row]) -> Iterator[str]:
     lost = len(rows) - len(known)
     if lost:
         yield (
-            f"{lost} of {len(rows)} logs state no serial number: which unit each is of is not known, and they are in no"
-            " estimate here but that of the limits, each for itself."
+            f"{that_many(lost, 'log', 'states', 'state')} no serial number. Which unit it is of is not known: no"
+            " estimate has it, and it is held to the limits for itself."
         )
     alone = sum(not row.get("power_on") for row in known)
     if alone:
-        yield f"{alone} logs do not say which power-on they are a part of; each is taken for one of its own."
+        yield f"{that_many(alone, 'log', 'does', 'do')} not say of which power-on; each is taken for one of its own."
     if len({row.get("settings_sha256") for row in rows}) > 1:
         yield "These rows were made with different settings, which may change biases: make them anew with one."
     references = sorted({told for row in known if (told := row.get("reference"))})
@@ -100,6 +101,5 @@ def _notes(rows: Sequence[Row], known: Sequence[Row]) -> Iterator[str]:
             f"References differ ({', '.join(references)}): what a bias holds beside the unit's own, such as the tilt of"
             " a table, differs with them."
         )
-    if any(not row.get("start_utc") for row in known):
-        count = sum(not row.get("start_utc") for row in known)
-        yield f"{count} logs do not say when they were recorded: of their units no drift is told."
+    if count := sum(not row.get("start_utc") for row in known):
+        yield f"{that_many(count, 'log', 'does', 'do')} not say when it was recorded: of such a unit no drift is told."

@@ -1,0 +1,203 @@
+"""A fleet's summary as articles, one a group: what fails, what drifts, what stands out, parts, charts, effects."""
+
+from collections.abc import Iterator
+
+from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
+from imutui.jobs.quantities import plural
+from imutui.report import fleet_figures, fleet_sentences, identity
+from imutui.report.blocks import Article, Block, Column, Facts, Items, Page, Paragraph, Section, Subheading, Table
+from imutui.report.fleet_sentences import DASH
+
+_MOST_LISTED = 200
+_ALL = "All are in `summary.json`, beside this page."
+
+
+def page(document: SummaryDocument) -> Page:
+    """The page of a summary.
+
+    Parameters
+    ----------
+    document : SummaryDocument
+        With or without groups: without, all logs are bad, and that is what it says.
+    """
+    left_out = Section("Logs without a result", tuple(_errors(document)))
+    articles = [_article(group, document) for group in document["groups"]]
+    if not articles:
+        nothing = Section("Verdict", (Paragraph("No log has a result: there is nothing to summarise."),))
+        articles = [Article(_title(document), "unknown", "No readings are behind this page.", (nothing, left_out))]
+    elif document["errors"] or document["trace_errors"]:
+        last = articles[-1]
+        articles[-1] = Article(last.title, last.kind, last.origin, (*last.sections, left_out))
+    return Page(_title(document), tuple(articles))
+
+
+def _title(document: SummaryDocument) -> str:
+    return f"Fleet: {document['results']}"
+
+
+def _article(group: GroupField, document: SummaryDocument) -> Article:
+    sections = (
+        Section("Fleet", tuple(_fleet(group, document))),
+        Section("Which units fail Table 1", (_items(fleet_sentences.limits(group)),)),
+        Section("Which units drift", (_items(fleet_sentences.drifts(group)),)),
+        Section("Which days stand out", tuple(_days(group))),
+        Section("Model, unit and day", tuple(_parts(group))),
+        Section("Control charts", tuple(_charts(group))),
+        Section("Which effects recur", tuple(_effects(group))),
+        Section("Method", tuple(_method(document))),
+    )
+    title = f"Fleet of {fleet_sentences.name(group)}"
+    return Article(title, group["kind"], identity.ORIGINS[group["kind"]], sections)
+
+
+def _items(sentences: list[str]) -> Items:
+    shown = sentences[:_MOST_LISTED]
+    more = len(sentences) - len(shown)
+    return Items((*shown, *((f"And {more:,} more. {_ALL}",) if more else ())))
+
+
+def _fleet(group: GroupField, document: SummaryDocument) -> Iterator[Block]:
+    yield Paragraph(f"{fleet_sentences.extent(group)}. {fleet_sentences.left_out(document)}")
+    told = [*group["notes"], *fleet_sentences.undetermined(group), *fleet_sentences.repeats(group)]
+    if told := [*told, *fleet_sentences.omissions(group)]:
+        yield Items(tuple(told))
+    rows = tuple(
+        (
+            str(n),
+            unit["serial_number"],
+            str(unit["power_ons"]),
+            str(unit["logs"]),
+            _from_to(unit["first_utc"], unit["last_utc"]),
+        )
+        for n, unit in enumerate(group["units"][:_MOST_LISTED], 1)
+    )
+    if rows:
+        columns = (Column("No.", "number"), Column("Unit", "code"), Column("Power-ons", "number"),
+                   Column("Logs", "number"), Column("Recorded, UTC"))  # fmt: skip
+        more = f" The first {_MOST_LISTED} of {len(group['units'])}. {_ALL}" if len(group["units"]) > len(rows) else ""
+        yield Table(columns, rows, "Units by serial number." + more)
+
+
+def _from_to(first: str | None, last: str | None) -> str:
+    if not first:
+        return identity.NOT_STATED
+    begin, end = fleet_sentences.day(first), fleet_sentences.day(last)
+    return begin if begin == end else f"{begin} to {end}"
+
+
+def _days(group: GroupField) -> Iterator[Block]:
+    yield Paragraph(fleet_sentences.charts(group))
+    told = fleet_sentences.days_out(group)
+    if told:
+        yield _items(told)
+    elif any(one["chart_dof"] for one in group["channels"]):
+        yield Paragraph("None does.")
+
+
+def _parts(group: GroupField) -> Iterator[Block]:
+    together = any(one["together"] for one in group["channels"])
+    between = (
+        (Column("Between units and days together", "number"),)
+        if together
+        else (Column("Between units", "number"), Column("Between days", "number"))
+    )
+    columns = (Column("Channel", "code"), Column("Unit"), Column("Mean of the model", "number"), *between)
+    rows = tuple((one["channel"], one["unit"], fleet_sentences.value(one["model"]), *_spreads(one, together))
+                 for one in group["channels"])  # fmt: skip
+    caption = (
+        "Mean ± sd of the model's biases, and the standard deviations of units about the model and of power-ons about"
+        " their unit, each with its interval of 95 %. An interval that begins at 0 does not tell a part from none."
+    )
+    yield Table(columns, rows, caption)
+    if told := fleet_sentences.in_control(group):
+        yield Items(tuple(told))
+    if figure := fleet_figures.units(group):
+        yield figure
+        yield _own(group)
+
+
+def _spreads(one: ChannelField, together: bool) -> tuple[str, ...]:
+    parts = (one["together"],) if together else (one["between_units"], one["between_power_ons"])
+    return tuple(fleet_sentences.component(part) for part in parts)
+
+
+def _own(group: GroupField) -> Table:
+    """Value of each unit in each channel."""
+    numbers = fleet_figures.numbers(group)
+    shown = list(numbers)[:_MOST_LISTED]
+    values = {(unit["serial_number"], one["channel"]): fleet_sentences.value(unit["value"])
+              for one in group["channels"] for unit in one["units"]}  # fmt: skip
+    channels = [(one["channel"], one["unit"]) for one in group["channels"]]
+    rows = tuple((serial, *(values.get((serial, channel), DASH) for channel, _ in channels)) for serial in shown)
+    columns = (Column("Unit", "code"), *(Column(f"{channel}, {unit}", "number") for channel, unit in channels))
+    return Table(columns, rows, "What each unit's power-ons scatter about, ± sd; this holds on a day not yet seen.")
+
+
+def _charts(group: GroupField) -> Iterator[Block]:
+    figures = fleet_figures.charts(group)
+    several = sum(unit["power_ons"] > 1 for unit in group["units"])
+    if not figures:
+        yield Paragraph("No unit has two power-ons: there is no course to draw.")
+        return
+    if several > len(figures):
+        yield Paragraph(
+            f"Drawn are {len(figures)} of {several} units, those first of which there is most to tell. {_ALL}"
+        )
+    yield from figures
+
+
+def _effects(group: GroupField) -> Iterator[Block]:
+    if not group["traced_logs"]:
+        yield Paragraph("No log was traced: `imutui campaign --trace` does it.")
+        return
+    yield Paragraph(f"{plural(group['traced_logs'], 'log')} of known units traced.")
+    if not group["effects"]:
+        yield Paragraph("No effect was found in any.")
+        return
+    columns = (Column("Channel", "code"), Column("Effect"), Column("Where found"), Column("Whose"))
+    rows = tuple(
+        (" ".join(e["channels"]), f"{e['label']} ({e['effect']})", fleet_sentences.effect_where(e),
+         fleet_sentences.LEVELS[e["level"]])
+        for e in group["effects"]
+    )  # fmt: skip
+    yield Table(columns, rows, "Effects that traces found, the most frequent first.")
+    yield from _parameters(group["effects"])
+
+
+def _parameters(effects: list[EffectField]) -> Iterator[Block]:
+    columns = (Column("Channel", "code"), Column("Parameter"), Column("Unit"), Column("Mean of the model", "number"),
+               Column("Between units", "number"), Column("Between days", "number"))  # fmt: skip
+    rows = tuple(
+        (
+            " ".join(e["channels"]),
+            f"{e['effect']} {p['name']}",
+            p["unit"],
+            fleet_sentences.value(p["model"]),
+            fleet_sentences.component(p["between_units"]),
+            fleet_sentences.component(p["between_power_ons"]),
+        )
+        for e in effects
+        for p in e["params"]
+    )
+    if rows:
+        yield Subheading("What they amount to")
+        yield Table(columns, rows, "Of logs in which the effect was found: small ones come out too large.")
+
+
+def _errors(document: SummaryDocument) -> Iterator[Block]:
+    yield Paragraph(fleet_sentences.left_out(document))
+    for told, what in ((document["errors"], "No result"), (document["trace_errors"], "No trace")):
+        if told:
+            columns = (Column("Log", "file"), Column("Why"))
+            rows = tuple((one["log"], one["error"]) for one in told[:_MOST_LISTED])
+            yield Table(columns, rows, f"{what}: {plural(len(told), 'log')}.")
+
+
+def _method(document: SummaryDocument) -> Iterator[Block]:
+    yield Paragraph(
+        "A bias is taken as model + unit + day + error of measurement. The error has the standard deviation that the"
+        " filter says; those of units and days are estimated by restricted maximum likelihood, and intervals are"
+        " integrated over what is not known of them. ± is one standard deviation, or half the interval that holds"
+        " 68 %. Simulated and measured logs are never in one estimate. All values are in the unit's own axes and sign."
+    )
+    yield Facts((("Rows", document["results"]), ("Made with", document["library"])))
