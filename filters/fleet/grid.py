@@ -4,6 +4,7 @@ The weight of a point is restricted likelihood times Jeffreys' prior √det I, w
 intervals; see `components`.
 """
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,12 +13,12 @@ import numpy as np
 from filters.types import Array
 
 _ROUNDS = 6
-_COARSE = 25
 _DROP = 17.0
 """Logarithm of the density below its greatest at which nothing is left to integrate."""
-_LEAST = 1e-7
+_LEAST = 1e-6
 _CELLS = 4_000_000
-_FINE, _FINE_MANY, _MANY = 51, 27, 40
+_STEPS = ((40, 25, 51), (400, 25, 27), (sys.maxsize, 13, 15))
+"""Up to so many values: points of an axis while looking, and when integrating. Many make a density narrow."""
 
 Density = Callable[[Array], Array]
 """Logarithm of a density at standard deviations of shape (G, axes), shape (G,)."""
@@ -51,7 +52,7 @@ def integrate(density: Density, low: float, high: float, axes: int, size: int) -
     """Grid over the part of the range where a density is.
 
     The grid is laid anew, several times, over the box that holds all but e⁻¹⁷ of the greatest density. Points with
-    less than 1e-7 of the greatest weight are left out.
+    less than a millionth of the greatest weight are left out.
 
     Parameters
     ----------
@@ -65,17 +66,17 @@ def integrate(density: Density, low: float, high: float, axes: int, size: int) -
         Values that the density is made of: a grid is finer where these are few.
     """
     box = np.log([[low, high]] * axes)
+    coarse, fine = next((a, b) for most, a, b in _STEPS if size <= most)
     for _ in range(_ROUNDS):
-        coordinates = [np.linspace(a, b, _COARSE) for a, b in box]
-        told = _evaluated(density, coordinates, size).reshape([_COARSE] * axes)
+        coordinates = [np.linspace(a, b, coarse) for a, b in box]
+        told = _evaluated(density, coordinates, size).reshape([coarse] * axes)
         near = told > told.max() - _DROP
         shrunk = []
         for axis, x in enumerate(coordinates):
             seen = np.flatnonzero(near.any(axis=tuple(k for k in range(axes) if k != axis)))
-            shrunk.append([x[max(seen[0] - 1, 0)], x[min(seen[-1] + 1, _COARSE - 1)]])
+            shrunk.append([x[max(seen[0] - 1, 0)], x[min(seen[-1] + 1, coarse - 1)]])
         box = np.array(shrunk)
-    fine = (_FINE if size <= _MANY else _FINE_MANY) * (1 if axes == 2 else 4)
-    coordinates = [np.linspace(a, b, fine) for a, b in box]
+    coordinates = [np.linspace(a, b, fine if axes == 2 else 4 * fine) for a, b in box]
     told = _evaluated(density, coordinates, size)
     weights = np.exp(told - told.max())
     kept = weights > _LEAST

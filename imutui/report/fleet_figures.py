@@ -23,11 +23,11 @@ _SHORT_DAYS = 120.0
 
 
 def units(group: GroupField) -> Figure | None:
-    """Each unit's own value with its interval about the model's; None where no channel tells them."""
+    """Each unit's own value with its interval about the model's; None of one unit, or where no channel tells it."""
     panels = tuple(
         Panel(one["channel"], partial(_units, one=one, numbers=numbers(group)))
         for one in _ordered(group["channels"])
-        if any(unit["value"] for unit in one["units"])
+        if one["model"] and any(unit["value"] for unit in one["units"])
     )
     if not panels:
         return None

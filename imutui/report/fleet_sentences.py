@@ -16,7 +16,7 @@ from imutui.jobs.campaign.summary_document import (
     UnitChannelField,
 )
 from imutui.jobs.quantities import plural
-from imutui.report.numbers import plus_minus
+from imutui.report.numbers import plus_minus, three_digits
 
 KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 DASH = "–"
@@ -99,17 +99,17 @@ def drifts(group: GroupField) -> list[str]:
     elif tests:
         told.append(f"{tested[:1].upper()}{tested[1:]}.")
     for verdict, why in (
-        ("too_few", "has fewer than three power-ons at different times, or nothing tells how its days scatter"),
-        ("no_times", "has logs that do not say when they were recorded"),
+        ("too_few", "fewer than three power-ons at different times, or nothing tells how days scatter"),
+        ("no_times", "logs that do not say when they were recorded"),
     ):
         units = sorted({unit["serial_number"] for _, unit in each if unit["drift"]["verdict"] == verdict})
-        told += [f"{_units(units)}: {why}, and no drift can be told."] if units else []
+        told += [f"{_units(units)}: {why}; no drift can be told."] if units else []
     return told
 
 
 def _units(units: Sequence[str]) -> str:
     named = ", ".join(units[:8]) + (f" and {len(units) - 8} more" if len(units) > 8 else "")
-    return ("Unit " if len(units) == 1 else "Each of units ") + named
+    return ("Unit " if len(units) == 1 else "Units ") + named
 
 
 def _drift(one: ChannelField, unit: UnitChannelField) -> str:
@@ -141,8 +141,8 @@ def _of(found: EstimateField, unit: str) -> str:
 def days_out(group: GroupField) -> list[str]:
     """Power-ons that fall out of their control chart."""
     return [
-        f"Unit {unit['serial_number']}, {one['channel']}, {day(point['start_utc'])}: {point['value']:.4g} {one['unit']}"
-        f" is outside {point['low']:.4g} to {point['high']:.4g} ({point['log']}"
+        f"Unit {unit['serial_number']}, {one['channel']}, {day(point['start_utc'])}: {three_digits(point['value'])}"
+        f" {one['unit']} is outside {three_digits(point['low'])} to {three_digits(point['high'])} ({point['log']}"
         + ("" if point["converged"] else "; it has not settled")
         + ")."
         for one in group["channels"]
@@ -215,7 +215,12 @@ def component(found: ComponentField | None, between: str = "\n") -> str:
     """A standard deviation with its interval."""
     if found is None:
         return DASH
-    return f"{found['sd']:.2g}{between}({found['low']:.2g} to {found['high']:.2g})"
+    sd, low, high = map(_two_digits, (found["sd"], found["low"], found["high"]))
+    return f"{sd}{between}({low} to {high})"
+
+
+def _two_digits(sd: float) -> str:
+    return "0" if sd == 0.0 else f"{sd:.0f}" if sd >= 99.5 else f"{sd:#.2g}".removesuffix(".")
 
 
 def effect_where(one: EffectField) -> str:
