@@ -21,6 +21,7 @@ _ROWS = 5
 _TWO = 76
 TWO_RESULTS = 110
 """Characters that plots of two results side by side need."""
+_RUN_NAME = 18  # of a plot that has half of 80 columns
 _BAR = 30
 
 
@@ -104,16 +105,18 @@ def _residuals(d: "TraceDocument", look: PlotLook) -> list[Line]:
     """Each channel that has changed before and after on one scale, then those that have not."""
     changed: list[Line] = []
     unchanged: list[tuple[str, _Course]] = []
-    for run in d.get("curves", []):
+    runs = d.get("curves", [])
+    for run in runs:
         held = ", held out" if run["heldout"] else ""
+        of_run = f", {formatting.shorten(run['run'], _RUN_NAME)}{held}" if len(runs) > 1 else held
         for channel, curves in run["channels"].items():
             curve = curves["residual"]
-            title = f"{channel}, {'deg/s' if channel.startswith('g') else 'mg'}, {run['run']}{held}"
+            title = f"{channel}, {'deg/s' if channel.startswith('g') else 'mg'}"
             if curve["x"] and curve["before"] == curve["after"]:
-                unchanged.append((f"{title}: unchanged", _Course(curve["x"], curve["before"], _limits(curve))))
+                unchanged.append((f"{title}: unchanged{of_run}", _Course(curve["x"], curve["before"], _limits(curve))))
             elif curve["x"]:
                 both = (("before", curve["before"]), ("after", curve["after"]))
-                items = [(f"{title}: {name}", _Course(curve["x"], y, _limits(curve))) for name, y in both]
+                items = [(f"{title}: {name}{of_run}", _Course(curve["x"], y, _limits(curve))) for name, y in both]
                 changed += _grid(items, look, _course)
     lines = [*changed, *_grid(unchanged, look, _course)]
     heading = _heading(look, "Residuals over time: what the readings have beyond the reference")
