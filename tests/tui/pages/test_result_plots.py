@@ -55,7 +55,7 @@ def test_a_trace_has_errors_curves_and_residuals() -> None:
     document = {**traces.document(), "curves": [{"run": "a", "heldout": True, "channels": channels}]}
     said = "\n".join(drawn("trace", document))
     for text in ("gy  before ████", "8.41 x, 0.084 deg/s", "az: error is a function of since_motion, mg",
-                 "since_motion 5 s", "gy, deg/s, a, held out: before", "gx, deg/s, a, held out: unch"):  # fmt: skip
+                 "since_motion 5 s", "gy, deg/s: before, held out", "gx, deg/s: unchanged, held"):  # fmt: skip
         assert text in said, text
     assert said.index("gy, deg/s") < said.index("gx, deg/s")
 
