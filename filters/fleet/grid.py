@@ -76,7 +76,7 @@ def integrate(density: Density, low: float, high: float, axes: int, size: int) -
             seen = np.flatnonzero(near.any(axis=tuple(k for k in range(axes) if k != axis)))
             shrunk.append([x[max(seen[0] - 1, 0)], x[min(seen[-1] + 1, coarse - 1)]])
         box = np.array(shrunk)
-    coordinates = [np.linspace(a, b, fine if axes == 2 else 4 * fine) for a, b in box]
+    coordinates = [np.linspace(a, b, fine if axes == 2 else 2 * fine) for a, b in box]
     told = _evaluated(density, coordinates, size)
     weights = np.exp(told - told.max())
     kept = weights > _LEAST

@@ -7,7 +7,7 @@ from scipy.special import ndtr, ndtri
 
 from filters.types import Array
 
-_HALVINGS = 36
+_HALVINGS = 30
 _PROBABILITIES = (0.025, float(ndtr(-1.0)), 0.5, float(ndtr(1.0)), 0.975)
 
 

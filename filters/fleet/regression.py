@@ -117,11 +117,14 @@ def _scatter(lines: Sequence[Line]) -> Grid:
 def _given(line: Line, sds: Array) -> _Given:
     X, y = line.X, line.y
     w = 1.0 / (sds[:, None] ** 2 + line.variances)
-    M, M2, M3 = (np.einsum("jk,gj,jl->gkl", X, w**n, X, optimize=True) for n in (1, 2, 3))
-    inverse = np.linalg.inv(M)
-    beta = np.einsum("gkl,gl->gk", inverse, np.einsum("jk,gj->gk", X, w * y, optimize=True), optimize=True)
+    columns = X.shape[1]
+    products = (X[:, :, None] * X[:, None, :]).reshape(-1, columns**2)
+    M, M2, M3 = ((w**n @ products).reshape(-1, columns, columns) for n in (1, 2, 3))
+    inverse = np.asarray(np.linalg.inv(M), np.float64)
+    beta = (inverse @ ((w * y) @ X)[:, :, None])[:, :, 0]
     chi2 = np.sum(w * (y - beta @ X.T) ** 2, axis=1)
     told = -np.sum(np.log(w), axis=1) + np.linalg.slogdet(M)[1] + chi2
     A = inverse @ M2
-    squares = np.sum(w**2, axis=1) - 2.0 * np.trace(inverse @ M3, axis1=1, axis2=2) + np.trace(A @ A, axis1=1, axis2=2)
+    squares: Array = np.sum(w**2, axis=1) - 2.0 * np.trace(inverse @ M3, axis1=1, axis2=2)
+    squares += np.trace(A @ A, axis1=1, axis2=2)
     return _Given(-0.5 * told, 0.5 * np.maximum(squares, 0.0), beta, inverse, chi2)
