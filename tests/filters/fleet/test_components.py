@@ -147,3 +147,11 @@ def test_errors_of_very_different_size_are_no_obstacle() -> None:
     ]
     ((one, _),) = drift.drifts([courses])
     assert one.verdict in ("too_few", "none")
+
+
+def test_a_component_that_adds_nothing_is_zero() -> None:
+    """Not a number as small as rounding makes it."""
+    values = np.array([1.0, 1.001, 0.999, 2.0, 2.001, 1.999])
+    found = components.estimate(readings.power_ons(values, np.full(6, 0.1), list("aaabbb"), list("123123")))
+    assert found.between_power_ons is not None
+    assert (found.between_power_ons.sd, found.between_power_ons.low) == (0.0, 0.0)
