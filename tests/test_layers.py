@@ -42,6 +42,7 @@ FLOORS = {
     "imutui.session.snapshot": set(),
     "imutui.verdict": {"imutui.session.snapshot", "imutui.logbook.results"},
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling", "imutui.instrument.crossbow"},
+    "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
     "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},
     "imutui.tui": {
         "imutui.session.client",
@@ -69,6 +70,9 @@ DOORS = {
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},
     "matplotlib": {"imutui.report"},
+    "pyarrow": {"imutui.logbook.parquet"},
+    "dask": {"imutui.jobs.campaign.cluster"},
+    "distributed": {"imutui.jobs.campaign.cluster"},
     "numba": {"filters", "imutui.logbook.mcap_kernels", "imutui.compile_cache"},
 }
 

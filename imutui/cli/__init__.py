@@ -16,7 +16,9 @@ import typer
 
 from imutui.cli import (
     attach,
+    campaign,
     check,
+    collect,
     config,
     demo,
     devices,
@@ -56,6 +58,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "replay": replay.command,
     "trace": trace.command,
     "report": report.command,
+    "campaign": campaign.command,
+    "collect": collect.command,
     "profile": profile.command,
     "config": config.command,
 }

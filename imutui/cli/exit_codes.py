@@ -111,6 +111,8 @@ def in_words(error: Exception) -> tuple[int, str]:
     """Exit code of an error, and what to tell the user."""
     if _raised("imutui.session.client", "SessionError", error):
         return int(error.exit_code), str(error)  # type: ignore[attr-defined]
+    if _raised("imutui.jobs.campaign.cluster", "ClusterError", error):
+        return INSTRUMENT, str(error)
     if any(_raised(module, name, error) for module, name in _INPUT_ERRORS):
         return UNREADABLE, str(error)
     if isinstance(error, ValueError) or _raised("imutui.config", "ConfigError", error):

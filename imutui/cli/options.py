@@ -7,6 +7,7 @@ import typer
 
 if TYPE_CHECKING:
     from imutui.logbook.reference_file import ReferenceFile
+    from imutui.logbook.session_info import Overrides
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
@@ -25,6 +26,14 @@ Effects = Annotated[
     typer.Option(
         "--effects", metavar="FILE|none", help="Effects that join the filter: a file that `imutui trace -o` wrote."
     ),
+]
+FilterName = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter."),
+]
+Set = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
 ]
 AccelSign = Annotated[
     Optional[int],  # noqa: UP045
@@ -82,6 +91,39 @@ def effects_of(text: str | None) -> bytes | None:
     from imutui.logbook import effects_file
 
     return effects_file.NONE if text == "none" else effects_file.from_file(Path(text))
+
+
+def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
+    """What --filter, --reference and --set replace of a log's own settings.
+
+    Raises
+    ------
+    ConfigError
+        If --set names what a log that is made has for good.
+    """
+    from imutui.config import ConfigError, parse_pairs
+
+    fields = {
+        "filter.name": "filter",
+        "filter.reference": "reference",
+        "filter.measurements": "measurements",
+        "filter.seed": "seed",
+        "filter.kappa": "kappa",
+        "filter.noise": "noise",
+        "site.gravity_mps2": "gravity_mps2",
+    }
+    values = parse_pairs(pairs)
+    unusable = sorted(set(values) - set(fields))
+    if unusable:
+        raise ConfigError(
+            f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}"
+        )
+    overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
+    if filter_name is not None:
+        overrides["filter"] = filter_name
+    if reference is not None:
+        overrides["reference"] = reference
+    return overrides
 
 
 def parse_site(text: str | None) -> tuple[float, float, float] | None:

@@ -5,29 +5,35 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imutui.cli.options import Effects, End, Force, Json, Output, Reference, Start, effects_of, reference_of
+from imutui.cli.options import (
+    Effects,
+    End,
+    FilterName,
+    Force,
+    Json,
+    Output,
+    Reference,
+    Set,
+    Start,
+    effects_of,
+    overrides_of,
+    reference_of,
+)
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
-    from imutui.logbook.session_info import Overrides
 
 
 def command(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs, finished or not.")],
-    filter_name: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--filter", metavar="spkf|spkf-paper|ekf", help="Filter."),
-    ] = None,
+    filter_name: FilterName = None,
     reference: Reference = None,
     effects: Effects = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Setting, such as filter.kappa=-12 or filter.noise=log."),
-    ] = None,
+    set_: Set = None,
     start: Start = None,
     end: End = None,
     speed: Annotated[
@@ -63,7 +69,7 @@ def command(
     if not 0.0 <= estimates < math.inf:
         raise fail(USAGE, f"--estimates is {estimates:g}; it must be 0 (all) or more a second.")
     file, name = reference_of(reference)
-    overrides = _overrides(filter_name, name, set_ or [])
+    overrides = overrides_of(filter_name, name, set_ or [])
     mode = config.load().file_mode
     options = ReplayOptions(start, end, overrides, file, effects_of(effects), speed, output, estimates, force, mode)
     documents, code = [], FINE
@@ -128,32 +134,6 @@ def _tell(log: Path, document: "ResultDocument") -> None:
         say(f"imutui: alarm: {alarm}")
     for sentence in document["confounded"]:
         say(f"imutui: cannot be told apart: {sentence}")
-
-
-def _overrides(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
-    from imutui.config import ConfigError, parse_pairs
-
-    fields = {
-        "filter.name": "filter",
-        "filter.reference": "reference",
-        "filter.measurements": "measurements",
-        "filter.seed": "seed",
-        "filter.kappa": "kappa",
-        "filter.noise": "noise",
-        "site.gravity_mps2": "gravity_mps2",
-    }
-    values = parse_pairs(pairs)
-    unusable = sorted(set(values) - set(fields))
-    if unusable:
-        raise ConfigError(
-            f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}"
-        )
-    overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
-    if filter_name is not None:
-        overrides["filter"] = filter_name
-    if reference is not None:
-        overrides["reference"] = reference
-    return overrides
 
 
 def _progress(log: Path) -> Any:

@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -31,7 +32,7 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(len(items), os.cpu_count() or 1), context) as pool:
         try:
-            with _interrupts_ignored():  # by the processes, which inherit it
+            with interrupts_ignored():  # by the processes, which inherit it
                 results = [pool.submit(job, item) for item in items]
             for result in results:
                 yield result.result()
@@ -46,7 +47,11 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
 
 
 @contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
+def interrupts_ignored() -> Iterator[None]:
+    """Start processes in this block, which inherit that Ctrl+C is nothing to them; nothing outside the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -4,6 +4,7 @@ A lock of the open file (not of the process), so that asking about it neither ta
 """
 
 import contextlib
+import errno
 import fcntl
 import struct
 from typing import IO, Any
@@ -17,6 +18,15 @@ def claim(stream: IO[Any]) -> None:
     """Mark an open file as being written until it is closed; a file system without such locks does without."""
     with contextlib.suppress(OSError):
         fcntl.fcntl(stream, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, _BEGINNING, 0, 0, 0))
+
+
+def take(stream: IO[Any]) -> bool:
+    """As `claim`, but tells whether it is ours: False only if another open file claims it."""
+    try:
+        fcntl.fcntl(stream, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, _BEGINNING, 0, 0, 0))
+    except OSError as error:
+        return error.errno not in (errno.EACCES, errno.EAGAIN)
+    return True
 
 
 def is_held(stream: IO[Any]) -> bool:

@@ -1,6 +1,8 @@
 """Many logs: a row of results for each, made on one machine, by a cluster or in shards; a map of the modules.
 
-`rows` the shape of a row, and of the document that holds them.
+`rows` the shape of a row, and of the document that holds them · `log_list` which logs there are · `settings` how they
+are to be taken · `one_log` the row of a log · `run` the rows that lack, by one way or another: `local` processes of
+this machine, `cluster` workers of dask · `results_folder` where they go, `table` as a table · `collect` folders joined.
 
 A fleet: `summary` rows as a summary · `summary_document` its shape · `row_file` how rows come in · `fleet_values`
 biases with unit, power-on and time · `summary_channels`, `summary_limits`, `summary_effects`, `summary_parts` what

@@ -63,8 +63,9 @@ def _value(row: Row, axis: int, gyro: bool) -> BiasValue | None:
     sd = (sds["gyro_bias_dps"] if gyro else sds["accel_bias_mg"])[axis]
     if value is None or sd is None or sd <= 0.0:
         return None
-    since = (row.get("converged_s") or {}).get("gyro_bias" if gyro else "accel_bias")
-    return BiasValue(row, value, sd, since is not None and since[axis] is not None)
+    found = row.get("converged_s")
+    since = None if found is None else (found["gyro_bias"] if gyro else found["accel_bias"])[axis]
+    return BiasValue(row, value, sd, since is not None)
 
 
 def power_on(row: Row) -> str:

@@ -6,7 +6,7 @@ from typing import Any, NotRequired, TypedDict, cast
 
 from imutui import outside_file
 from imutui.jobs import document_shape
-from imutui.jobs.campaign.rows import FindingField, NoiseField, Row, TemperatureField
+from imutui.jobs.campaign.rows import ConvergedField, FindingField, NoiseField, Row, TemperatureField
 from imutui.logbook.reader import UnreadableLogError
 
 FILE = "results.json"
@@ -35,7 +35,7 @@ class _Needed(TypedDict):
     start_utc: NotRequired[str | None]
     power_on: NotRequired[str | None]
     temperature_degc: NotRequired[TemperatureField | None]
-    converged_s: NotRequired[dict[str, list[float | None]] | None]
+    converged_s: NotRequired[ConvergedField | None]
     noise: NotRequired[NoiseField | None]
     findings: NotRequired[list[FindingField] | None]
     trace_error: NotRequired[str | None]

@@ -1,4 +1,4 @@
-"""The row that a campaign makes of a log, and the document of its rows, `results.json`; records only.
+"""The row that a campaign makes of a log, and the document of its rows, `results.json`.
 
 A row holds numbers and words, never arrays of samples. Two runs over the same log with the same settings, wherever they
 run, give rows that are equal in all fields but `TIMINGS`.
@@ -9,8 +9,8 @@ from typing import NotRequired, TypedDict
 from imutui.logbook.results import SdFields, SpreadFields, StateFields
 
 VERSION = 1
-TIMINGS = ("wall_s", "filter_s", "read_s", "versions")
-"""Fields of a row that depend on where and when it was made."""
+TIMINGS = ("wall_s", "filter_s", "read_s", "log_mtime_ns", "versions")
+"""Fields of a row that depend on where and when it was made, or where the log lay."""
 
 
 class TemperatureField(TypedDict):
@@ -43,6 +43,13 @@ class GapsField(TypedDict):
 
     count: int
     seconds: float
+
+
+class ConvergedField(TypedDict):
+    """When each bias had converged, s since the first sample, instrument axes; None where it has not."""
+
+    accel_bias: list[float | None]
+    gyro_bias: list[float | None]
 
 
 class VerdictField(TypedDict):
@@ -91,6 +98,9 @@ class Row(TypedDict):
     retry: bool
     """Whether the next run tries again though nothing has changed: the error is not the log's, but the machine's."""
     log_sha256: str | None
+    log_bytes: int | None
+    log_mtime_ns: int | None
+    """When the log was last changed: with its size, what tells without reading it that it is still the same."""
     config_sha256: str | None
     """Hash of all that decides the estimates of this log apart from its samples."""
     settings_sha256: str
@@ -120,7 +130,7 @@ class Row(TypedDict):
     sd: SdFields | None
     spread: SpreadFields | None
     converged: bool | None
-    converged_s: dict[str, list[float | None]] | None
+    converged_s: ConvergedField | None
     nis: NisField | None
     noise: NoiseField | None
     gaps: GapsField | None
@@ -138,22 +148,38 @@ class Row(TypedDict):
     versions: VersionsField
 
 
+def is_fine(row: Row) -> bool:
+    """Whether `imutui replay`, and `imutui trace` where it was asked for, would end with 0 on this log."""
+    whole = row["finished"] is True and row["damage"] is None and row.get("trace_error") is None
+    return row["error"] is None and whole and row["verdict"] is not None and row["verdict"]["passes"]
+
+
 class SettingsFields(TypedDict):
     """What a campaign was asked for, the same for all of its logs; None and empty leave it to the log."""
 
     overrides: dict[str, str | float]
     reference_sha256: str | None
     effects_sha256: str | None
-    start_s: float | None
-    end_s: float | None
     trace: bool
 
 
-class ResultsDocument(TypedDict):
-    """`results.json`: rows in the order of their `log`."""
+class HeadFields(TypedDict):
+    """What `results.json` says before its rows, and each run at its beginning in `rows.jsonl`."""
 
     version: int
     root: str
+    """Folder that `log` of the rows is relative to."""
+    shard: str | None
+    """Which part of the logs, such as "2/4"; None for all of them."""
+    logs: int
+    """How many logs the last run was asked for."""
     settings: SettingsFields
     settings_sha256: str
+    complete: bool
+    """Whether each of these logs has its row."""
+
+
+class ResultsDocument(HeadFields):
+    """`results.json`: rows in the order of their `log`."""
+
     rows: list[Row]

@@ -1,0 +1,219 @@
+"""`imutui campaign`."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from imutui.cli.options import Effects, FilterName, Json, Reference, Set, effects_of, overrides_of, reference_of
+
+if TYPE_CHECKING:
+    from imutui.jobs.campaign.log_list import LogList
+    from imutui.jobs.campaign.run import RunDocument, Standing, Way
+
+_LIVE_S, _SPARSE_S = 0.1, 60.0
+
+
+def command(
+    logs: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Argument(metavar="DIR|GLOB...", help="Folders, of which all *.mcap are taken, logs, or quoted patterns."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="RESULTS", help="Folder for the results."),
+    ] = None,
+    trace: Annotated[bool, typer.Option("--trace", help="Trace each log too, on its own.")] = False,
+    workers: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--workers", metavar="N", help="Processes on this machine; as many as it has cores unless given."),
+    ] = None,
+    cluster: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Scheduler of dask, whose workers do the work."),
+    ] = None,
+    shard: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--shard", metavar="I/N", help="Part I of N of the logs, from 1/N to N/N, chosen by their paths."),
+    ] = None,
+    filter_name: FilterName = None,
+    reference: Reference = None,
+    effects: Effects = None,
+    set_: Set = None,
+    summary: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--summary", metavar="RESULTS", help="Compute nothing: tell what the rows of RESULTS say."),
+    ] = None,
+    report: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--report", metavar="DIR", help="With --summary: folder for a page of it."),
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try rows with an error again though nothing changed.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Compute all rows anew; replace a page.")] = False,
+    json: Json = False,
+) -> None:
+    """Run the filter over many logs, on this machine, on a cluster or in shards: a row of results for each.
+
+    RESULTS is a folder: results.json, and results.parquet where pyarrow is installed. Rows that are there stay, unless
+    their log or the settings changed: run it again to go on after an interruption, or with logs that are new. A log
+    that cannot be read is a row with its error. --summary tells which units drift or fail, and which effects recur.
+
+    Exit code 0: every log converged and is whole, 1: some did not, or have an error.
+
+    Example: imutui campaign logs -o results
+    """
+    if summary is not None:
+        _summarise(summary, report, given=bool(logs) or output is not None, force=force, json=json)
+        return
+    from imutui import config
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, tell
+    from imutui.jobs.campaign import log_list, results_folder
+    from imutui.jobs.campaign.run import Campaign, run
+    from imutui.jobs.campaign.settings import CampaignSettings
+    from imutui.jobs.replay import ReplayOptions
+    from imutui.logbook.json_text import dumps
+
+    if not logs or output is None:
+        raise fail(USAGE, "what is asked for? Name logs and -o RESULTS, or --summary RESULTS. imutui campaign -h")
+    if report is not None:
+        raise fail(USAGE, "--report goes with --summary: first the campaign, then its page.")
+    if workers is not None and (cluster is not None or workers < 1):
+        raise fail(USAGE, f"--workers is {workers}: it takes 1 or more, and goes without --cluster, which has its own.")
+    part = None if shard is None else log_list.parse_shard(shard)
+    check_results(output)
+    file, name = reference_of(reference)
+    overrides = overrides_of(filter_name, name, set_ or [])
+    settings = CampaignSettings(ReplayOptions(overrides=overrides, reference=file, effects=effects_of(effects)), trace)
+    head = results_folder.head_of(output)
+    found = log_list.find(logs)
+    found = found if head is None else found.below(head["root"])
+    campaign = Campaign(found, settings, output, part, retry, force, config.load().file_mode)
+    document = run(campaign, _way(found, workers, cluster), _progress())
+    if document["table"] is None:
+        say_no_table()
+    if json:
+        print(dumps(document))
+    else:
+        tell(campaign_words(document))
+    raise typer.Exit(FINDINGS if document["errors"] or document["not_fine"] else FINE)
+
+
+def _summarise(results: Path, report: Path | None, *, given: bool, force: bool, json: bool) -> None:
+    from imutui.cli import fleet_summary
+    from imutui.cli.exit_codes import USAGE, fail
+
+    if given:
+        raise fail(USAGE, "--summary computes nothing: it takes no logs and no -o. Run the campaign first.")
+    fleet_summary.summarise(results, report, force=force, json=json)
+
+
+def _way(found: "LogList", workers: int | None, address: str | None) -> "Way":
+    from imutui.cli.exit_codes import USAGE, fail, say
+    from imutui.cli.installed_from import command_for
+    from imutui.jobs.campaign import cluster, local
+
+    if address is None:
+        return local.Processes(workers or len(os.sched_getaffinity(0)))
+    if not cluster.available():
+        how = command_for("cluster")
+        raise fail(
+            USAGE, f"--cluster takes dask.distributed, which is not installed here. Type this, then again: {how}"
+        )
+    return cluster.Cluster(address, found.root, lambda text: say(f"imutui: {text}"))
+
+
+def _progress() -> "Callable[[Standing], None]":
+    """Show how far it is: in place on a terminal, else a line now and then."""
+    from imutui.cli.exit_codes import say, show_progress
+
+    live = sys.stderr.isatty()
+    shown = time.monotonic() if not live else 0.0
+
+    def show(standing: "Standing") -> None:
+        nonlocal shown
+        now = time.monotonic()
+        over = standing["done"] == standing["wanted"]
+        if live and (over or not standing["done"] or now - shown >= _LIVE_S):
+            show_progress("" if over else progress_text(standing))
+            shown = now
+        elif not live and now - shown >= _SPARSE_S:
+            say(f"imutui: {progress_text(standing)}")
+            shown = now
+
+    return show
+
+
+def progress_text(standing: "Standing") -> str:
+    """How many logs are done, how many of these have an error, how fast, and how long it will take."""
+    words = [f"{standing['done']:,} of {standing['wanted']:,} logs"]
+    if not standing["done"]:
+        words.append("workers start: the first time on a machine they compile the filter, some seconds")
+    if standing["errors"]:
+        words.append(f"{standing['errors']:,} with an error")
+    if standing["per_minute"] is not None and standing["left_s"] is not None:
+        words += [f"{standing['per_minute']:,.0f} a minute", f"{_duration(standing['left_s'])} left"]
+    return ", ".join(words)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def check_results(folder: Path) -> None:
+    """Raise the exit for a folder that -o names and that can't be made, or is none; no folder above it is made."""
+    from imutui.cli.exit_codes import USAGE, check_output, fail
+
+    if folder.exists() and not folder.is_dir():
+        raise fail(USAGE, f"{folder} is a file; -o names a folder.")
+    if not folder.exists():
+        check_output(folder, force=False)
+
+
+def say_no_table() -> None:
+    """Say why there is no `results.parquet`."""
+    from imutui.cli.exit_codes import say
+    from imutui.cli.installed_from import command_for
+
+    say(f"imutui: results.parquet is left out: it takes pyarrow, which is not installed here: {command_for('cluster')}")
+
+
+def campaign_words(document: "RunDocument") -> str:
+    """What a run has come to, some lines."""
+    from imutui.jobs.quantities import plural, that_many
+
+    made = f"{document['computed']:,} computed, {document['kept']:,} kept"
+    pace = "" if document["per_minute"] is None else f" ({document['per_minute']:,.0f} a minute)"
+    head = f"{document['results']}: {counted(document['logs'], document['errors'], document['not_fine'])}"
+    lines = [head, f"{made}, in {_duration(document['wall_s'])}{pace}"]
+    lines += [f"error: {error}" for error in document["first_errors"]]
+    more = document["errors"] - len(document["first_errors"])
+    if more > 0:
+        lines.append(f"{that_many(more, 'more error', 'is', 'are')} in results.json")
+    if document["beyond"]:
+        lines.append(f"{that_many(document['beyond'], 'row', 'is', 'are')} of logs that were not asked for; they stay")
+    if document["other_settings"]:
+        lines.append(f"{that_many(document['other_settings'], 'row', 'is', 'are')} of other settings and left out")
+    if document["broken_lines"]:
+        lines.append(f"{plural(document['broken_lines'], 'line')} of rows.jsonl could not be read; computed again")
+    return "\n".join(lines)
+
+
+def counted(logs: int, errors: int, not_fine: int) -> str:
+    """How many logs there are, and how many of them are not as they should be."""
+    from imutui.jobs.quantities import plural
+
+    words = [plural(logs, "log")]
+    if errors:
+        words.append(f"{errors:,} with an error")
+    if not_fine:
+        words.append(f"{not_fine:,} not converged, RED or damaged")
+    return ", ".join(words if errors or not_fine else [*words, "all fine"])

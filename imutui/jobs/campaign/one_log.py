@@ -1,0 +1,285 @@
+"""The row of one log: the one function that every way of running a campaign calls, here or on another machine.
+
+A path goes in and a small record comes out; whatever is wrong with a log is said in its row.
+"""
+
+import gc
+import json
+import platform
+import socket
+import time
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+import imutui
+from filters.kalman.spkf import DivergenceError
+from imutui.jobs import replay
+from imutui.jobs.campaign.rows import (
+    ConvergedField,
+    FindingField,
+    NisField,
+    NoiseField,
+    Row,
+    TemperatureField,
+    VerdictField,
+    VersionsField,
+)
+from imutui.jobs.campaign.settings import CampaignSettings
+from imutui.jobs.quantities import utc_text
+from imutui.jobs.replay import Replayed
+from imutui.logbook import power_on, reader, record_walk
+from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.results import ResultDocument
+from imutui.verdict import sources
+
+_OF_THE_LOG = (UnreadableLogError, ValueError, DivergenceError)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A log to compute.
+
+    Attributes
+    ----------
+    log : str
+        Its name in the row.
+    path : str
+        Where it lies.
+    settings : CampaignSettings
+        How to take it.
+    settings_sha256 : str
+        Hash of these.
+    unless_sha256 : str or None
+        Hash of the log that there is a row for: if it is still the same, none is made.
+    """
+
+    log: str
+    path: str
+    settings: CampaignSettings
+    settings_sha256: str
+    unless_sha256: str | None = None
+
+
+@cache
+def prepare() -> VersionsField:
+    """Load what is compiled, once in a process; returns what rows will be computed with."""
+    from filters.kalman import runner
+
+    record_walk.compiled()
+    runner.warm_up()
+    # what is loaded stays: looking through it again and again for garbage costs time in each log
+    gc.collect()
+    gc.freeze()
+    return versions()
+
+
+@cache
+def versions() -> VersionsField:
+    """Of what decides the numbers in a row; loads nothing."""
+    return {
+        "imutui": imutui.__version__,
+        "numpy": np.__version__,
+        "numba": metadata.version("numba"),
+        "python": platform.python_version(),
+    }
+
+
+def row_of(task: Task) -> Row | None:
+    """The row of a log; None if the log is the one that there is a row for.
+
+    Nothing that is wrong with a log raises: it is the row's `error`.
+    """
+    prepare()
+    started = time.perf_counter()
+    try:
+        row = _made(task)
+    except _OF_THE_LOG as error:
+        row = error_row(task, str(error), retry=False)
+    except MemoryError:
+        row = error_row(task, f"memory ran out on {socket.gethostname()}", retry=True)
+    except FileNotFoundError:
+        row = error_row(task, f"{task.path} is not there on {socket.gethostname()}", retry=True)
+    except OSError as error:
+        words = f"{task.path}: {error.strerror or error} on {socket.gethostname()}"
+        row = error_row(task, words, retry=True)
+    except Exception as error:  # noqa: BLE001 - one log must never end a campaign of a million
+        row = error_row(task, f"an error of imutui's own: {type(error).__name__}: {error}", retry=False)
+    if row is not None:
+        row["wall_s"] = time.perf_counter() - started
+    return row
+
+
+def _made(task: Task) -> Row | None:
+    path = Path(task.path)
+    # before it is read: what is written into it meanwhile shows as a change the next time
+    known = path.stat()
+    if task.unless_sha256 is not None and reader.sha256(path) == task.unless_sha256:
+        return None
+    try:
+        found = replay.replayed(path, task.settings.options)
+        row = _row(task, found)
+        if task.settings.trace:
+            row["findings"], row["trace_error"] = _traced(path, task.settings)
+        json.dumps(row, allow_nan=False)
+    except _OF_THE_LOG as error:
+        row = error_row(task, str(error), retry=False)
+        row["log_sha256"] = reader.sha256(path)
+    row["log_bytes"], row["log_mtime_ns"] = known.st_size, known.st_mtime_ns
+    return row
+
+
+def error_row(task: Task, error: str, *, retry: bool) -> Row:
+    """The row of a log without a result.
+
+    Parameters
+    ----------
+    task : Task
+        The log.
+    error : str
+        Why, in words.
+    retry : bool
+        Whether another try may do, though nothing about the log has changed.
+    """
+    row: Row = {
+        "log": task.log,
+        "error": error,
+        "retry": retry,
+        "log_sha256": None,
+        "log_bytes": None,
+        "log_mtime_ns": None,
+        "config_sha256": None,
+        "settings_sha256": task.settings_sha256,
+        "kind": "unknown",
+        "instrument": "",
+        "serial_number": "",
+        "operator": "",
+        "start_utc": None,
+        "power_on": None,
+        "duration_s": None,
+        "samples": None,
+        "rate_hz": None,
+        "temperature_degc": None,
+        "finished": None,
+        "damage": None,
+        "filter": None,
+        "reference": None,
+        "accel_sign": None,
+        "mount": None,
+        "unobservable": [],
+        "final": None,
+        "sd": None,
+        "spread": None,
+        "converged": None,
+        "converged_s": None,
+        "nis": None,
+        "noise": None,
+        "gaps": None,
+        "lost_packets": None,
+        "bad_checksums": None,
+        "alarms": [],
+        "verdict": None,
+        "wall_s": 0.0,
+        "filter_s": None,
+        "read_s": None,
+        "versions": versions(),
+    }
+    if task.settings.trace:
+        row["findings"], row["trace_error"] = None, None
+    return row
+
+
+def _row(task: Task, found: Replayed) -> Row:
+    d, info = found.result, found.info
+    identity, sha256 = d["identity"], d["log_sha256"] or ""
+    gaps = d["gaps"]
+    row = error_row(task, "", retry=False)
+    row |= {
+        "error": None,
+        "log_sha256": sha256,
+        "config_sha256": d["config_sha256"],
+        "kind": d["kind"],
+        "instrument": identity["instrument"],
+        "serial_number": identity["serial_number"],
+        "operator": identity["operator"],
+        # an import's stamps begin when its file was last changed
+        "start_utc": None if info.sampling == "imported" else utc_text(found.first_ns),
+        "power_on": power_on.power_on_id(info, sha256),
+        "duration_s": d["duration_s"],
+        "samples": d["samples"],
+        "rate_hz": d["rate_hz"],
+        "temperature_degc": _temperature(found.temperature),
+        "finished": d["finished"],
+        "damage": d.get("damage"),
+        "filter": d["filter"],
+        "reference": d["reference"],
+        "accel_sign": d["accel_sign"],
+        "mount": d["mount"],
+        "unobservable": d["unobservable"],
+        "final": d["final"],
+        "sd": d["sd"],
+        "spread": d["spread"],
+        "converged": d["converged"],
+        "converged_s": cast("ConvergedField", d["converged_s"]),
+        "nis": _nis(d),
+        "noise": _noise(d),
+        "gaps": {"count": len(gaps), "seconds": sum(gap["seconds"] for gap in gaps)},
+        "lost_packets": d["lost_packets"],
+        "bad_checksums": d["bad_checksums"],
+        "alarms": d["alarms"],
+        "verdict": _verdict(d),
+        "filter_s": d["filter_s"],
+        "read_s": d["read_s"],
+    }
+    return row
+
+
+def _temperature(found: tuple[float, float, float] | None) -> TemperatureField | None:
+    return None if found is None else {"mean": found[0], "min": found[1], "max": found[2]}
+
+
+def _nis(d: ResultDocument) -> NisField:
+    nis = d["nis"]
+    return {"mean": nis["mean"], "dof": nis["dof"], "band95": nis["band95"], "is_test": nis["is_test"]}
+
+
+def _noise(d: ResultDocument) -> NoiseField:
+    noise = d["noise"]
+    return {
+        "gyro_arw_deg_sqrt_h": noise["gyro_arw_deg_sqrt_h"],
+        "accel_vrw_mps_sqrt_h": noise["accel_vrw_mps_sqrt_h"],
+        "relative_sd": noise.get("relative_sd"),
+    }
+
+
+def _verdict(d: ResultDocument) -> VerdictField:
+    found = sources.of_document(d)
+    return {"word": found.word, "passes": found.passes, "reason": found.reason}
+
+
+def _traced(path: Path, settings: CampaignSettings) -> tuple[list[FindingField] | None, str | None]:
+    """Findings of a trace of this log alone, or why it has none."""
+    from imutui.jobs.trace import TraceOptions, trace
+
+    options = settings.options
+    overrides = {key: value for key, value in (options.overrides or {}).items() if key == "reference"}
+    try:
+        found = trace([path], TraceOptions(reference=options.reference, overrides=overrides))
+    except _OF_THE_LOG as error:
+        return None, str(error)
+    return [
+        {
+            "effect": finding["effect"],
+            "label": finding["label"],
+            "channels": finding["channels"],
+            "params": [
+                {"name": p["name"], "value": p["value"], "sd": p["sd"], "unit": p["unit"]} for p in finding["params"]
+            ],
+            "confirmed": finding["confirmed"],
+        }
+        for finding in found.document["findings"]
+    ], None

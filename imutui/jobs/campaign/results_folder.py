@@ -1,0 +1,362 @@
+"""The folder of a campaign's results: `rows.jsonl`, which only ever grows, and what is made of it, `results.json`.
+
+A row is appended as soon as it is there, so that neither a kill nor a power cut costs more than the logs at hand;
+`results.json` is written anew, whole, now and then and at the end. A run holds the folder locked. Of a row only what
+decides whether its log is to be computed again is kept in memory.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, NamedTuple, Self, cast
+
+from imutui.jobs import document_shape
+from imutui.jobs.campaign import rows, table
+from imutui.jobs.campaign.rows import HeadFields, Row
+from imutui.logbook import atomic_file, file_lock, parquet
+from imutui.logbook.reader import UnreadableLogError
+
+JOURNAL, DOCUMENT, TABLE = "rows.jsonl", "results.json", "results.parquet"
+LOCK = ".lock"
+LONGEST_ROW = 4 * 2**20
+"""Longest line of a journal, bytes: a trace's findings of one log are some kilobytes."""
+LONGEST_DOCUMENT = 2**30
+"""Longest `results.json` that is read where there is no journal, bytes."""
+_SYNC_S = 1.0
+_PUBLISH_S = 30.0
+_PUBLISH_SHARE = 0.02
+
+
+class Known(NamedTuple):
+    """What is kept of a row: where it stands, and what decides whether its log is computed again."""
+
+    offset: int
+    length: int
+    bytes: int | None
+    mtime_ns: int | None
+    sha256: str | None
+    failed: bool
+    retry: bool
+    fine: bool
+
+
+class Part(NamedTuple):
+    """A folder of results that is only read: what its last run said of itself, and its rows.
+
+    `broken` counts lines that could not be read.
+    """
+
+    folder: Path
+    head: HeadFields
+    rows: Mapping[str, Row]
+    broken: int
+
+
+class _RowsOfJournal(Mapping[str, Row]):
+    """Rows by their log, each read when it is looked at."""
+
+    def __init__(self, journal: Path, places: dict[str, tuple[int, int]]) -> None:
+        self._stream = journal.open("rb")
+        self._places = places
+
+    def __getitem__(self, log: str) -> Row:
+        offset, length = self._places[log]
+        return cast("Row", json.loads(os.pread(self._stream.fileno(), length, offset)))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class ResultsFolder:
+    """A folder of results that a run writes.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if absent.
+    head : HeadFields
+        What the run is asked for; rows of other settings are left aside.
+    mode : int
+        Permissions of its files.
+
+    Attributes
+    ----------
+    known : dict
+        What is known of each log's row, by the row's `log`.
+    broken : int
+        How many lines could not be read; their logs are computed again.
+
+    Raises
+    ------
+    ValueError
+        If another run holds it, or it has results of another root.
+    UnreadableLogError
+        If a `results.json` is there that is none.
+    OSError
+        If the disk does not take it.
+    """
+
+    def __init__(self, folder: Path, head: HeadFields, mode: int) -> None:
+        self.folder = folder
+        self.known: dict[str, Known] = {}
+        self.broken = 0
+        self._others: set[str] = set()
+        self._head = head
+        self._mode = mode
+        self._synced = self._published = time.monotonic()
+        self._publishing_s = 0.0
+        folder.mkdir(exist_ok=True)
+        self._lock = _locked(folder)
+        try:
+            begun = self._read()
+            self._journal = _opened(folder / JOURNAL, mode)
+            self._append(head)
+            for row in begun:
+                self.add(row)
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """The folder, to be closed at the block's end."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let go of the folder; what was added is on the disk."""
+        with contextlib.closing(self._lock), contextlib.closing(self._journal):
+            os.fsync(self._journal.fileno())
+
+    @property
+    def others(self) -> int:
+        """How many logs have rows of other settings only."""
+        return len(self._others - self.known.keys())
+
+    def add(self, row: Row) -> None:
+        """Append a row, in place of an older one of the same log."""
+        offset, length = self._append(row)
+        self.known[row["log"]] = _known(row, offset, length)
+        now = time.monotonic()
+        if now - self._synced >= _SYNC_S:
+            os.fsync(self._journal.fileno())
+            self._synced = now
+
+    def row(self, log: str) -> Row:
+        """The row of a log that is known."""
+        return cast("Row", json.loads(self._line(self.known[log])))
+
+    def rows(self) -> Iterator[Row]:
+        """All rows, in the order of their logs."""
+        return (self.row(log) for log in sorted(self.known))
+
+    def publish_now_and_then(self) -> None:
+        """Write `results.json` if that was long enough ago, in proportion to how long it takes."""
+        since = time.monotonic() - self._published
+        if since >= max(_PUBLISH_S, self._publishing_s / _PUBLISH_SHARE):
+            self.publish()
+
+    def finish(self, *, complete: bool) -> Path | None:
+        """Write `results.json`, and the table of a run that is complete; where that is, None without pyarrow."""
+        self._head["complete"] = complete
+        self._append(self._head)
+        self.publish()
+        path = self.folder / TABLE
+        if not complete or not parquet.available():
+            path.unlink(missing_ok=True)  # of other rows than those that are there now
+            return None
+        notes = {"root": self._head["root"], "settings_sha256": self._head["settings_sha256"]}
+        table.write(path, self.rows(), notes, self._mode)
+        return path
+
+    def publish(self) -> None:
+        """Write `results.json`, row by row, so that it is there whole or not at all."""
+        started = time.monotonic()
+        path = self.folder / DOCUMENT
+        with atomic_file.part_of(path, overwrite=True, mode=self._mode) as part, part.open("wb") as stream:
+            head = json.dumps(self._head, indent=2)
+            stream.write(head.removesuffix("\n}").encode() + b',\n  "rows": [')
+            for number, log in enumerate(sorted(self.known)):
+                stream.write(b",\n    " if number else b"\n    ")
+                stream.write(self._line(self.known[log]))
+            stream.write(b"\n  ]\n}\n")
+        self._published = time.monotonic()
+        self._publishing_s = self._published - started
+
+    def _read(self) -> list[Row]:
+        """Fill `known` from the journal; or, where there is none, the rows of `results.json`, to begin one with."""
+        journal, document = self.folder / JOURNAL, self.folder / DOCUMENT
+        if not journal.exists():
+            part = _of_document(document) if document.exists() else None
+            if part is not None:
+                self._check_root(part.head)
+            found = [] if part is None else list(part.rows.values())
+            self._others = {row["log"] for row in found if not self._is_mine(row)}
+            return [row for row in found if self._is_mine(row)]
+        for offset, length, line in _lines(journal):
+            if line is None:
+                self.broken += 1
+            elif "log" not in line:
+                self._check_root(cast("HeadFields", line))
+            elif self._is_mine(cast("Row", line)):
+                self.known[line["log"]] = _known(cast("Row", line), offset, length)
+            else:
+                self._others.add(line["log"])
+        return []
+
+    def _is_mine(self, row: Row) -> bool:
+        return row["settings_sha256"] == self._head["settings_sha256"]
+
+    def _check_root(self, head: HeadFields) -> None:
+        if head["root"] != self._head["root"]:
+            raise ValueError(
+                f"{self.folder} has results of the logs below {head['root']}, and these lie below {self._head['root']}:"
+                " name another folder with -o"
+            )
+
+    def _append(self, record: "HeadFields | Row") -> tuple[int, int]:
+        text = json.dumps(record, allow_nan=False).replace("\x7f", r"\u007f").encode()
+        offset = self._journal.seek(0, os.SEEK_END)
+        self._journal.write(text + b"\n")
+        self._journal.flush()
+        return offset, len(text)
+
+    def _line(self, known: Known) -> bytes:
+        return os.pread(self._journal.fileno(), known.length, known.offset)
+
+
+def head_of(folder: Path) -> HeadFields | None:
+    """What the last run in a folder of results was asked for; None if there was none.
+
+    Raises
+    ------
+    UnreadableLogError
+        If what is there cannot be read.
+    """
+    journal, document = folder / JOURNAL, folder / DOCUMENT
+    if not journal.exists():
+        return _of_document(document).head if document.exists() else None
+    heads = (line for _, _, line in _lines(journal) if line is not None and "log" not in line)
+    return cast("HeadFields | None", next(heads, None))
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a campaign has written to a folder."""
+    return (folder / JOURNAL).exists() or (folder / DOCUMENT).exists()
+
+
+def remove_results(folder: Path) -> None:
+    """Remove what a campaign has written to a folder; raises ValueError if one is writing to it."""
+    with contextlib.closing(_locked(folder)):
+        for name in (JOURNAL, DOCUMENT, TABLE):
+            (folder / name).unlink(missing_ok=True)
+
+
+def read(folder: Path) -> Part:
+    """Results of a folder, from its journal, or from its `results.json` where that was not copied along.
+
+    Raises
+    ------
+    UnreadableLogError
+        If there are none.
+    """
+    journal = folder / JOURNAL
+    if not journal.exists():
+        return _of_document(folder / DOCUMENT)
+    head: HeadFields | None = None
+    places: dict[str, tuple[int, int]] = {}
+    broken = 0
+    for offset, length, line in _lines(journal):
+        if line is None:
+            broken += 1
+        elif "log" not in line:
+            # rows of other settings, which an earlier run made, are not of this one
+            places = {} if head is not None and head["settings_sha256"] != line["settings_sha256"] else places
+            head = cast("HeadFields", line)
+        elif head is not None and line["settings_sha256"] == head["settings_sha256"]:
+            places[line["log"]] = offset, length
+    if head is None:
+        raise UnreadableLogError(f"{journal} says nowhere what it is of. {_HOW}")
+    return Part(folder, head, _RowsOfJournal(journal, places), broken)
+
+
+_HOW = "Name a folder that `imutui campaign ... -o RESULTS` made."
+
+
+def _of_document(path: Path) -> Part:
+    from imutui import outside_file
+
+    try:
+        content = json.loads(outside_file.read(path, LONGEST_DOCUMENT))
+    except OSError as error:
+        raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
+    except (ValueError, RecursionError) as error:
+        raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
+    told = document_shape.problem(content, rows.ResultsDocument, "results")
+    if told:
+        raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
+    return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
+
+
+def _lines(journal: Path) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
+    """Place, length and record of each line; None for one that is neither row nor head."""
+    with journal.open("rb") as stream:
+        offset = 0
+        while line := stream.readline(LONGEST_ROW):
+            yield offset, len(line.rstrip(b"\n")), _record(line)
+            offset += len(line)
+
+
+def _record(line: bytes) -> dict[str, Any] | None:
+    if not line.endswith(b"\n"):
+        return None
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    shape = rows.Row if isinstance(record, dict) and "log" in record else rows.HeadFields
+    return None if document_shape.problem(record, shape, "line") else record
+
+
+def _known(row: Row, offset: int, length: int) -> Known:
+    return Known(
+        offset,
+        length,
+        row["log_bytes"],
+        row["log_mtime_ns"],
+        row["log_sha256"],
+        row["error"] is not None,
+        row["retry"],
+        rows.is_fine(row),
+    )
+
+
+def _opened(journal: Path, mode: int) -> IO[bytes]:
+    """The journal, to be read and appended to; what a run that was killed left of a line is ended."""
+    stream = os.fdopen(os.open(journal, os.O_RDWR | os.O_CREAT, mode), "r+b")
+    end = stream.seek(0, os.SEEK_END)
+    if end and os.pread(stream.fileno(), 1, end - 1) != b"\n":
+        stream.write(b"\n")
+        stream.flush()
+    return stream
+
+
+def _locked(folder: Path) -> IO[bytes]:
+    try:
+        stream = os.fdopen(os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600), "r+b")
+    except OSError as error:
+        if error.errno != errno.EACCES:
+            raise
+        raise ValueError(f"{folder} is being written by somebody else, or may not be. Name another with -o") from error
+    if not file_lock.take(stream):
+        stream.close()
+        raise ValueError(f"another campaign is writing to {folder}: wait for its end, or name another folder with -o")
+    return stream

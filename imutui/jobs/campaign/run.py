@@ -1,0 +1,251 @@
+"""A campaign: which logs lack their row, the rows made one way or another, and the folder that they go into.
+
+The way (`local`, `cluster`) takes tasks as it needs them and gives them back with their rows; nothing accumulates.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypedDict
+
+from imutui.jobs.campaign.log_list import LogList, Shard
+from imutui.jobs.campaign.one_log import Task
+from imutui.jobs.campaign.results_folder import Known, ResultsFolder
+from imutui.jobs.campaign.rows import VERSION, HeadFields, Row
+from imutui.jobs.campaign.settings import CampaignSettings
+
+_SHOWN = 3
+
+
+class Way(Protocol):
+    """How tasks become rows: takes them from an iterator, gives each back with its row or None for an unchanged log."""
+
+    def __call__(self, tasks: Iterator[Task], count: int, /) -> Iterator[tuple[Task, Row | None]]:
+        """Rows of `count` tasks, in any order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """What is asked for.
+
+    Attributes
+    ----------
+    logs : LogList
+        All logs, of which a shard takes its own.
+    settings : CampaignSettings
+        How each is taken.
+    results : Path
+        Folder for the results.
+    shard : Shard or None
+        Which part of the logs; None for all.
+    retry : bool
+        Whether rows with an error are tried again though nothing has changed.
+    again : bool
+        Whether all rows are made anew.
+    mode : int
+        Permissions of what is written.
+    """
+
+    logs: LogList
+    settings: CampaignSettings
+    results: Path
+    shard: Shard | None = None
+    retry: bool = False
+    again: bool = False
+    mode: int = 0o640
+
+    def own_logs(self) -> list[str]:
+        """Logs of the shard."""
+        return [log for log in self.logs.logs if self.shard is None or self.shard.has(log)]
+
+    def head(self, logs: int) -> HeadFields:
+        """What the results say of it."""
+        return {
+            "version": VERSION,
+            "root": self.logs.root,
+            "shard": None if self.shard is None else str(self.shard),
+            "logs": logs,
+            "settings": self.settings.fields(),
+            "settings_sha256": self.settings.sha256(),
+            "complete": False,
+        }
+
+
+class Standing(TypedDict):
+    """How far a run is: logs to compute, done, of these with an error; how many a minute; seconds left."""
+
+    wanted: int
+    done: int
+    errors: int
+    per_minute: float | None
+    left_s: float | None
+
+
+class RunDocument(TypedDict):
+    """What a run has come to, as `imutui campaign --json` prints it."""
+
+    version: int
+    results: str
+    table: str | None
+    """Where `results.parquet` is; None without pyarrow."""
+    root: str
+    shard: str | None
+    logs: int
+    kept: int
+    computed: int
+    unchanged: int
+    """Of those kept: touched since, and still the same."""
+    errors: int
+    not_fine: int
+    """Without an error, but not converged, RED, damaged or not traceable."""
+    beyond: int
+    """Rows in the results of logs that this run was not asked for."""
+    other_settings: int
+    """Rows of other settings, which are left out of `results.json`."""
+    broken_lines: int
+    wall_s: float
+    per_minute: float | None
+    first_errors: list[str]
+
+
+def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda standing: None) -> RunDocument:
+    """Compute the rows that lack, into the folder of results; what is there already stays.
+
+    Interrupted at any time, it leaves the rows that were done, and `results.json` of them.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What is asked for.
+    way : callable
+        `local.Processes` or `cluster.Cluster`.
+    tell : callable
+        Told how far it is, after each log.
+
+    Raises
+    ------
+    ValueError
+        If another run writes to the folder, or it has results of another root.
+    UnreadableLogError
+        If what is in the folder is no result of a campaign.
+    OSError
+        If the disk does not take the results.
+    """
+    logs = campaign.own_logs()
+    with ResultsFolder(campaign.results, campaign.head(len(logs)), campaign.mode) as folder:
+        wanted = _wanted(campaign, folder, logs)
+        pace = _Pace(len(wanted))
+        tell(pace.standing())
+        try:
+            for task, row in way(_tasks(campaign, folder, wanted), len(wanted)) if wanted else ():
+                if row is None:
+                    row = _touched(folder.row(task.log), Path(task.path))
+                    pace.unchanged += 1
+                folder.add(row)
+                tell(pace.after(row))
+                folder.publish_now_and_then()
+        except BaseException:
+            folder.finish(complete=False)
+            raise
+        table = folder.finish(complete=True)
+        return _document(campaign, folder, logs, pace, table)
+
+
+def _wanted(campaign: Campaign, folder: ResultsFolder, logs: list[str]) -> list[str]:
+    return [log for log in logs if _is_wanted(campaign, folder.known.get(log), campaign.logs.path(log))]
+
+
+def _is_wanted(campaign: Campaign, known: Known | None, path: str) -> bool:
+    """Whether a log has no row that would be the same again."""
+    if known is None or known.retry or campaign.again or (campaign.retry and known.failed):
+        return True
+    try:
+        now = Path(path).stat()
+    except OSError:
+        return False  # it was there a moment ago, and its row still says what it held
+    return (now.st_size, now.st_mtime_ns) != (known.bytes, known.mtime_ns)
+
+
+def _tasks(campaign: Campaign, folder: ResultsFolder, wanted: list[str]) -> Iterator[Task]:
+    settings_sha256 = campaign.settings.sha256()
+    for log in wanted:
+        known = folder.known.get(log)
+        anew = known is None or known.retry or campaign.again or (campaign.retry and known.failed)
+        unless = None if anew or known is None else known.sha256
+        yield Task(log, campaign.logs.path(log), campaign.settings, settings_sha256, unless)
+
+
+def _touched(row: Row, path: Path) -> Row:
+    """The row of a log that has another time than it says, and the same content."""
+    now = path.stat()
+    return {**row, "log_bytes": now.st_size, "log_mtime_ns": now.st_mtime_ns}
+
+
+class _Pace:
+    """Counts rows as they come, and how fast they do."""
+
+    def __init__(self, wanted: int) -> None:
+        self.wanted = wanted
+        self.done = self.errors = self.unchanged = 0
+        self.started = time.monotonic()
+        self._first: float | None = None
+
+    def after(self, row: Row) -> Standing:
+        """Count a row."""
+        self.done += 1
+        self.errors += row["error"] is not None
+        self._first = self._first or time.monotonic()
+        return self.standing()
+
+    def standing(self) -> Standing:
+        """How far the run is."""
+        rate = self.per_second()
+        return {
+            "wanted": self.wanted,
+            "done": self.done,
+            "errors": self.errors,
+            "per_minute": None if rate is None else 60.0 * rate,
+            "left_s": None if rate is None else (self.wanted - self.done) / rate,
+        }
+
+    def per_second(self) -> float | None:
+        """Rows a second since the first one, with which the workers were ready; None before the second one."""
+        if self._first is None or self.done < 2:
+            return None
+        return (self.done - 1) / max(time.monotonic() - self._first, 1e-6)
+
+
+def _document(
+    campaign: Campaign, folder: ResultsFolder, logs: list[str], pace: _Pace, table: Path | None
+) -> RunDocument:
+    own = [folder.known[log] for log in logs]
+    failed = [log for log in logs if folder.known[log].failed]
+    rate = pace.per_second()
+    computed = pace.done - pace.unchanged
+    return {
+        "version": VERSION,
+        "results": str(campaign.results.resolve()),
+        "table": None if table is None else str(table.resolve()),
+        "root": campaign.logs.root,
+        "shard": None if campaign.shard is None else str(campaign.shard),
+        "logs": len(logs),
+        "kept": len(logs) - computed,
+        "computed": computed,
+        "unchanged": pace.unchanged,
+        "errors": len(failed),
+        "not_fine": sum(not known.fine and not known.failed for known in own),
+        "beyond": len(folder.known) - len(own),
+        "other_settings": folder.others,
+        "broken_lines": folder.broken,
+        "wall_s": time.monotonic() - pace.started,
+        "per_minute": None if rate is None else 60.0 * rate,
+        "first_errors": [_error(folder.row(log)) for log in failed[:_SHOWN]],
+    }
+
+
+def _error(row: Row) -> str:
+    """What is wrong with a log, which is named in it."""
+    error = row["error"] or ""
+    return error if row["log"] in error else f"{row['log']}: {error}"

@@ -1,0 +1,67 @@
+"""Tables in Parquet files: the only user of pyarrow, which is an extra.
+
+Written in batches of rows, so that a table of any length takes the memory of one of them.
+"""
+
+import importlib.util
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+Kind = Literal["double", "int64", "bool", "string"]
+
+
+class Column(NamedTuple):
+    """A column: its name, what its cells are, and their unit where they have one."""
+
+    name: str
+    kind: Kind
+    unit: str = ""
+
+
+def available() -> bool:
+    """Whether pyarrow is installed; loads nothing."""
+    return importlib.util.find_spec("pyarrow") is not None
+
+
+def write(
+    path: Path,
+    columns: Sequence[Column],
+    batches: Iterable[Mapping[str, Sequence[object] | np.ndarray]],
+    notes: Mapping[str, str],
+) -> None:
+    """Write a table.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; one that is there is replaced.
+    columns : sequence of Column
+        In the order in which they are to stand. A unit is kept as the column's metadata, `unit`.
+    batches : iterable of mappings
+        Cells by the name of their column, as many in each; None is an empty cell.
+    notes : mapping
+        Metadata of the table.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    types = {"double": pa.float64(), "int64": pa.int64(), "bool": pa.bool_(), "string": pa.string()}
+    schema = pa.schema(
+        [
+            pa.field(column.name, types[column.kind], metadata={"unit": column.unit} if column.unit else None)
+            for column in columns
+        ],
+        metadata=dict(notes),
+    )
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for batch in batches:
+            arrays = [pa.array(batch[field.name], field.type) for field in schema]
+            writer.write_batch(pa.record_batch(arrays, schema=schema))
