@@ -77,6 +77,11 @@ class Columns:
         self._raw = Growing(message_layout.RAW_SIZE, np.uint8)
         self._table = Growing(7, np.uint64)
 
+    @property
+    def rows(self) -> int:
+        """Samples or packets, whichever are more."""
+        return max(len(self._imu), len(self._raw))
+
     def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
         """Take the samples, temperatures, packets and table angles of a batch, if all are plain.
 

@@ -9,7 +9,7 @@ import time
 import warnings
 import zipfile
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import imutui
-from imutui.logbook import arrival_stamps, power_on, schemas, unread_channels
+from imutui.logbook import arrival_stamps, parquet, power_on, schemas, unread_channels
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reference_file import ReferenceFile
@@ -108,7 +108,8 @@ def load(path: Path, start: float | None = None, end: float | None = None) -> Re
     ImportDataError
         If the file cannot be read, or its content is not what the names promise.
     """
-    arrays = _read_csv(path) if path.suffix.lower() == ".csv" else _read_npz(path)
+    read = {".csv": _read_csv, ".parquet": _read_parquet}.get(path.suffix.lower(), _read_npz)
+    arrays = read(path)
     for name, width in _REQUIRED.items():
         if name not in arrays:
             near = ", ".join(sorted(arrays)) or "nothing"
@@ -360,16 +361,42 @@ def _read_csv(path: Path) -> dict[str, Any]:
         if path.stat().st_size > LIMIT:
             raise ImportDataError(f"{path} is longer than {LIMIT:,} bytes, the most that is read: split the recording.")
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            columns = _columns(path, csv.reader(stream))
+            columns = _columns(path, csv.reader(_without_remarks(stream)))
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ImportDataError(f"{path} is not a CSV text file ({error}). Name an NPZ or CSV file.") from error
+    return _vectors(columns)
+
+
+def _read_parquet(path: Path) -> dict[str, Any]:
+    if not parquet.available():
+        raise ImportDataError(f"{path}: Parquet needs pyarrow, the extra `{parquet.EXTRA}`. Or save it as NPZ or CSV.")
+    try:
+        return _vectors(parquet.read(path, lambda name: name.partition("_")[0] in _STEMS, LIMIT))
+    except OSError as error:
+        raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ, CSV or Parquet file.") from error
+    except ValueError as error:
+        raise ImportDataError(f"{path} cannot be read as Parquet ({error}). Name another file.") from error
+
+
+def _vectors(columns: dict[str, Any]) -> dict[str, Any]:
+    """Columns of a vector's components as one array."""
     for vector, width in (_REQUIRED | _REFERENCES).items():
         parts = [f"{vector}_{part}" for part in _PARTS.get(width, "")]
         if parts and all(part in columns for part in parts):
             columns[vector] = np.stack([columns.pop(part) for part in parts], axis=1)
     return columns
+
+
+def _without_remarks(lines: Iterable[str]) -> Iterator[str]:
+    """All lines but those before the first row that begin with #, in which `imutui export` says units and origin."""
+    lines = iter(lines)
+    for line in lines:
+        if not line.startswith("#"):
+            yield line
+            break
+    yield from lines
 
 
 def _columns(path: Path, rows: Iterator[list[str]]) -> dict[str, Any]:

@@ -4,13 +4,16 @@ Written in batches of rows, so that a table of any length takes the memory of on
 """
 
 import importlib.util
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-Kind = Literal["double", "int64", "bool", "string"]
+Kind = Literal["double", "int64", "uint64", "bool", "string"]
+
+EXTRA = "parquet"
+"""What brings pyarrow, and nothing else."""
 
 
 class Column(NamedTuple):
@@ -53,7 +56,8 @@ def write(
     import pyarrow as pa
     from pyarrow import parquet
 
-    types = {"double": pa.float64(), "int64": pa.int64(), "bool": pa.bool_(), "string": pa.string()}
+    types = {"double": pa.float64(), "int64": pa.int64(), "uint64": pa.uint64()}
+    types |= {"bool": pa.bool_(), "string": pa.string()}
     schema = pa.schema(
         [
             pa.field(column.name, types[column.kind], metadata={"unit": column.unit} if column.unit else None)
@@ -65,3 +69,37 @@ def write(
         for batch in batches:
             arrays = [pa.array(batch[field.name], field.type) for field in schema]
             writer.write_batch(pa.record_batch(arrays, schema=schema))
+
+
+def read(path: Path, wanted: Callable[[str], bool], limit: int) -> dict[str, np.ndarray]:
+    """Columns by name, those that are wanted; of the others the name alone.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    wanted : callable
+        Whether a column of this name is.
+    limit : int
+        Most bytes that the columns may take.
+
+    Raises
+    ------
+    ValueError
+        If it is no Parquet file, or larger.
+    OSError
+        If it cannot be read.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path) as file:
+            names = [name for name in file.schema_arrow.names if wanted(name)]
+            if file.metadata.num_rows * len(names) * 8 > limit:
+                raise ValueError(f"its columns take more than {limit:,} bytes: split the recording")
+            columns = file.read(columns=names)
+            known = {name: columns[name].to_numpy() for name in names}
+            return dict.fromkeys(file.schema_arrow.names, np.empty(0)) | known
+    except pa.ArrowException as error:
+        raise ValueError(str(error).splitlines()[0]) from error

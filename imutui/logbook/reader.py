@@ -158,8 +158,8 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     """
     log = Log(path)
     walk = walk or record_walk.for_filtering(_size(path))
-    content = _Content(log, raw, walk)
-    for record in _records(path, log, walk):
+    content = Content(log, raw, walk)
+    for record in records(path, log, walk):
         try:
             content.take(record)
         except schemas.UNDECODABLE as error:
@@ -168,12 +168,13 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     content.close()
     log.finished = log.finished and not log.damage
     if not log.stamp_ns.size:
-        raise UnreadableLogError(_nothing(path, log, content))
-    _check_samples(log)
+        raise UnreadableLogError(nothing(path, log, content))
+    check_samples(log)
     return log
 
 
-def _check_samples(log: Log) -> None:
+def check_samples(log: Log) -> None:
+    """Refuse stamps that are no times and readings that are no numbers; raises UnreadableLogError."""
     first, last = int(log.stamp_ns.min()), int(log.stamp_ns.max())
     if first < 0 or last - first > _LONGEST_NS:
         raise UnreadableLogError(
@@ -214,15 +215,25 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-class _Content:
-    """Collects records into a `Log`."""
+class Content:
+    """Collects records into a `Log`.
+
+    Parameters
+    ----------
+    log : Log
+        To be filled.
+    raw : bool
+        Whether packets are collected too.
+    walk : Walk
+        How messages are found in bytes.
+    """
 
     def __init__(self, log: Log, raw: bool, walk: Walk) -> None:
         self.log = log
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str, str]] = {}
         self.imu_channel: int | None = None
-        self._tally = walk.tally
+        self._walk, self._tally = walk, walk.tally
         self._columns = Columns(walk)
         self._topics = {
             schemas.RAW: RAW if raw else IGNORED,
@@ -313,13 +324,22 @@ class _Content:
             # each of these replaces the one before
             self._last[self.channels[message.channel_id][0]] = message
 
+    @property
+    def rows(self) -> int:
+        """Samples or packets that were collected, whichever are more."""
+        return self._columns.rows
+
+    def drain(self) -> Log:
+        """What was collected since the last time, as a log of its own; samples that follow begin anew."""
+        part = replace(self.log)
+        _fill(part, self._columns)
+        self._columns = Columns(self._walk)
+        return part
+
     def close(self) -> None:
         """Make arrays of what was collected."""
-        log, columns = self.log, self._columns
-        log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
-        log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
-        log.packets = columns.packets()
-        log.table = Table(*columns.tables())
+        log = self.log
+        _fill(log, self._columns)
         try:
             if (last := self._last.get(schemas.REFERENCE)) is not None:
                 log.reference = schemas.decode(schemas.TYPES[schemas.REFERENCE], last.data).kind
@@ -332,6 +352,13 @@ class _Content:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 
+def _fill(log: Log, columns: Columns) -> None:
+    log.stamp_ns, log.gyro, log.accel, log.valid = columns.imu()
+    log.temperature_stamp_ns, log.temperature_degc = columns.temperatures()
+    log.packets = columns.packets()
+    log.table = Table(*columns.tables())
+
+
 def _size(path: Path) -> int:
     try:
         return path.stat().st_size
@@ -339,7 +366,7 @@ def _size(path: Path) -> int:
         return 0  # whoever opens it says why not
 
 
-def _records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
+def records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
     """Records in file order up to the footer, or to the last one that is whole; says in `log.damage` what ended it."""
     with contextlib.closing(opened(path)) as stream:
         if not MAGIC.startswith(stream.read(len(MAGIC))):
@@ -396,7 +423,8 @@ def _reason(error: OSError) -> str:
     }.get(type(error).__name__, error.strerror or str(error))
 
 
-def _nothing(path: Path, log: Log, content: _Content) -> str:
+def nothing(path: Path, log: Log, content: Content) -> str:
+    """Why a file has no samples, and what to do next."""
     if log.damage and not content.channels:
         return f"{path}: {log.damage} before any sample. Nothing can be read from it; record again."
     if log.own:

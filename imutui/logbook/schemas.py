@@ -4,6 +4,7 @@ Every channel is `ros2msg`/`cdr`: the one encoding that the common viewers, rosb
 """
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -156,6 +157,39 @@ def decode(typename: str, data: bytes) -> Any:
         return typestore().deserialize_cdr(data, typename)
     except SerdeError as error:
         raise UndecodableError(str(error)) from error
+
+
+def decoder_of(typename: str, definition: str) -> Callable[[bytes], Any]:
+    """What makes messages from CDR bytes of a type that another program defined.
+
+    Parameters
+    ----------
+    typename : str
+        Its name.
+    definition : str
+        Its text with all that it is built from, as MCAP's `ros2msg` encoding has it.
+
+    Raises
+    ------
+    UndecodableError
+        If the text is no definition.
+    """
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(definition, typename))
+    except (TypesysError, *UNDECODABLE) as error:
+        raise UndecodableError(f"the definition of {typename} cannot be read: {error}") from error
+
+    def decode_foreign(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(data, typename)
+        except SerdeError as error:
+            raise UndecodableError(str(error)) from error
+
+    return decode_foreign
 
 
 def decode_event(data: bytes) -> LogEvent:

@@ -1,0 +1,85 @@
+"""`imutui export`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from imutui.cli.options import End, Force, Json, Start
+
+if TYPE_CHECKING:
+    from imutui.jobs.export import Export, Exported
+
+
+def command(
+    log: Annotated[Path, typer.Argument(help="Log; another program's MCAP file with sensor_msgs/msg/Imu does too.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write.")],
+    form: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--format", metavar="csv|npz|parquet", help="Unless the name of the file says it."),
+    ] = None,
+    topic: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--topic", help="Messages of this topic as they are, instead of the samples."),
+    ] = None,
+    start: Start = None,
+    end: End = None,
+    json: Json = False,
+    force: Force = False,
+) -> None:
+    """Write a log's samples for other programs: CSV, NPZ or Parquet.
+
+    t in s, gyro in deg/s, accel in g, temp in degC, perhaps ang and rate of the table: in the instrument's own axes and
+    with its own sign. `imutui import` reads them back, with the flags that are printed.
+
+    Example: imutui export logs/sample.mcap -o sample.csv
+    """
+    from imutui import config
+    from imutui.cli.each_log import width
+    from imutui.cli.exit_codes import FINDINGS, USAGE, check_output, fail, say, show_progress
+    from imutui.jobs import export as job
+
+    kind = form or output.suffix.lstrip(".").lower()
+    if kind not in job.FORMATS:
+        said = f'--format is "{form}"' if form else f"{output} does not say the format, and --format is not given"
+        raise fail(USAGE, f"{said}; it is one of {', '.join(job.FORMATS)}.")
+    if (extra := job.lacks(kind)) is not None:
+        from imutui.cli.installed_from import command_for
+
+        raise fail(USAGE, f"Parquet needs pyarrow, which is not installed. Type: {command_for(extra)}")
+    if output.exists() and log.exists() and output.samefile(log):
+        raise fail(USAGE, f"-o names the log itself, {log}; name another file.")
+    check_output(output, force)
+    wanted = job.Export(log, output, kind, topic, start, end, force)
+    try:
+        made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
+    finally:
+        show_progress("")
+    if made.damage:
+        say(f"imutui: warning: {log}: {made.damage}. All before that is exported.")
+    if json:
+        from imutui.logbook.json_text import dumps
+
+        reference = None if made.reference is None else str(made.reference)
+        print(dumps({
+            "version": 1, "log": str(log), "output": str(output), "format": kind, "rows": made.rows,
+            "columns": list(made.columns), "units": made.units, "about": made.about, "reference": reference,
+            "damage": made.damage,
+        }))  # fmt: skip
+    else:
+        _tell(wanted, made, width())
+    raise typer.Exit(FINDINGS if made.damage else 0)
+
+
+def _tell(wanted: "Export", made: "Exported", width: int) -> None:
+    import shlex
+    import textwrap
+
+    from imutui.cli.exit_codes import tell
+
+    columns = ", ".join(f"{name} ({made.units[name]})" if name in made.units else name for name in made.columns)
+    tell(textwrap.fill(f"{wanted.output}: {made.rows} rows: {columns}", width))
+    if wanted.topic is None:
+        reference = f" --reference {shlex.quote(str(made.reference))}" if made.reference else ""
+        file = shlex.quote(str(wanted.output))
+        tell(f"To read it back: imutui import {file} -o LOG.mcap {made.about['import']}{reference}")

@@ -1,0 +1,130 @@
+"""A log, or one topic of it, as CSV, NPZ or Parquet: whole or not at all."""
+
+import errno
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from imutui.logbook import atomic_file, parquet, pieces
+from imutui.logbook.export import formats, samples, topic
+from imutui.logbook.export.columns import Table
+from imutui.logbook.log_stream import MODE
+from imutui.logbook.pieces import Outline
+from imutui.logbook.reader import UnreadableLogError
+
+__all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
+
+FORMATS = formats.FORMATS
+
+
+def lacks(kind: str) -> str | None:
+    """The extra that a format needs and that is not installed, if so."""
+    return parquet.EXTRA if kind == "parquet" and not parquet.available() else None
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """What is to be exported.
+
+    Attributes
+    ----------
+    log : Path
+        From there.
+    output : Path
+        The file to make.
+    kind : str
+        One of `FORMATS`.
+    topic : str or None
+        One topic as it is; None for the samples, as `imutui import` reads them.
+    start, end : float or None
+        Part to take, s.
+    overwrite : bool
+        Whether existing files may be replaced.
+    """
+
+    log: Path
+    output: Path
+    kind: str
+    topic: str | None = None
+    start: float | None = None
+    end: float | None = None
+    overwrite: bool = False
+
+    @property
+    def whole(self) -> bool:
+        """Whether all of the log is asked for."""
+        return self.start is None and self.end is None
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was made.
+
+    Attributes
+    ----------
+    rows : int
+        Samples or messages.
+    columns : tuple of str
+        Names of the columns.
+    units : dict
+        Unit of each that has one.
+    about : dict
+        What is said of them in the file.
+    damage : str
+        What is wrong with the log, if anything: all before it was exported.
+    reference : Path or None
+        File with the log's motion, for `imutui import --reference`.
+    """
+
+    rows: int
+    columns: tuple[str, ...]
+    units: dict[str, str]
+    about: dict[str, str]
+    damage: str
+    reference: Path | None
+
+
+def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, mode: int = MODE) -> Exported:
+    """Write a log's samples, or a topic's messages.
+
+    Parameters
+    ----------
+    wanted : Export
+        What, from where, to where.
+    progress : callable
+        Told the number of rows written, now and then.
+    mode : int
+        Permissions of what is made.
+
+    Raises
+    ------
+    UnreadableLogError
+        If the log cannot be read, or has nothing of what is asked for.
+    FileExistsError
+        If a file exists and may not be replaced.
+    """
+    known = pieces.outline(wanted.log) if wanted.topic is None else None
+    made = _table(wanted, known)
+    reference = _reference(wanted, known) if known is not None and wanted.whole else None
+    if reference is not None and reference[0].exists() and not wanted.overwrite:
+        raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(reference[0]))
+    with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
+        rows = formats.write(wanted.kind, made, part, progress)
+        if not rows:
+            raise UnreadableLogError(f"{wanted.log}: --start and --end leave nothing to export.")
+    if reference is not None:
+        atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
+    names = tuple(column.name for column in made.columns)
+    damage = "" if known is None else known.log.damage
+    return Exported(rows, names, made.units(), made.about, damage, reference and reference[0])
+
+
+def _table(wanted: Export, known: Outline | None) -> Table:
+    if known is None:
+        return topic.table(wanted.log, wanted.topic or "", wanted.start, wanted.end)
+    return samples.table(known, wanted.start, wanted.end)
+
+
+def _reference(wanted: Export, known: Outline) -> tuple[Path, bytes] | None:
+    found = samples.attached_reference(known)
+    return found and (wanted.output.with_name(f"{wanted.output.name}.reference{found[0]}"), found[1])

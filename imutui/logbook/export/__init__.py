@@ -1,0 +1,1 @@
+"""A log's content as CSV, NPZ or Parquet: what columns there are, and how each format holds them."""

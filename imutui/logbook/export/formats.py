@@ -1,0 +1,122 @@
+"""CSV, NPZ and Parquet of a table, written block by block: memory does not grow with the log."""
+
+import csv
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from imutui.logbook import parquet
+from imutui.logbook.export.columns import Column, Table, components
+
+FORMATS = ("csv", "npz", "parquet")
+Progress = Callable[[int], None]
+"""Told the number of rows written."""
+
+_COPIED = 2**20
+_KINDS: dict[str, parquet.Kind] = {"f8": "double", "i8": "int64", "u8": "uint64", "?": "bool", "U": "string"}
+
+
+def write(kind: str, table: Table, path: Path, progress: Progress = lambda rows: None) -> int:
+    """Write a table to a file, which is replaced; returns the number of rows.
+
+    Parameters
+    ----------
+    kind : str
+        One of `FORMATS`.
+    table : Table
+        What to write.
+    path : Path
+        Where to.
+    progress : callable
+        Told the number of rows written, now and then.
+    """
+    return {"csv": _csv, "npz": _npz, "parquet": _parquet}[kind](table, path, progress)
+
+
+def _csv(table: Table, path: Path, progress: Progress) -> int:
+    rows = 0
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        for line in (_units(table), *(f"{name}: {value}" for name, value in table.about.items())):
+            stream.write(f"# {line}\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([part for column in table.columns for part in column.parts])
+        for block in table.blocks():
+            columns = [part for column in table.columns for part in components(column, block[column.name])]
+            # Python's numbers write themselves with as few digits as lead back to the same bits
+            writer.writerows(zip(*(part.tolist() for part in columns), strict=True))
+            rows += len(columns[0])
+            progress(rows)
+    return rows
+
+
+def _units(table: Table) -> str:
+    return "units: " + ", ".join(f"{name} {unit}" for name, unit in table.units().items())
+
+
+def _npz(table: Table, path: Path, progress: Progress) -> int:
+    """Each array in a file of its own until its length is known, which its head begins with."""
+    rows = 0
+    with ExitStack() as stack:
+        spools: dict[str, IO[bytes]] = {}
+        texts: dict[str, list[np.ndarray]] = {}
+        for column in table.columns:
+            if column.dtype == "U":
+                texts[column.name] = []
+            else:
+                spools[column.name] = stack.enter_context(tempfile.TemporaryFile(dir=path.parent))
+        for block in table.blocks():
+            for name, spool in spools.items():
+                spool.write(np.ascontiguousarray(block[name]).tobytes())
+            for name, kept in texts.items():
+                kept.append(block[name].astype("U"))
+            rows += len(block[table.columns[0].name])
+            progress(rows)
+        archive = stack.enter_context(zipfile.ZipFile(path, "w", zipfile.ZIP_STORED, allowZip64=True))
+        for column in table.columns:
+            if column.dtype == "U":
+                _array(archive, column.name, np.concatenate(texts[column.name]) if rows else np.empty(0, "U1"))
+            else:
+                _spooled(archive, column, rows, spools[column.name])
+        for name, text in (("units", json.dumps(table.units())), ("about", json.dumps(table.about))):
+            _array(archive, name, np.array(text))
+    return rows
+
+
+def _spooled(archive: zipfile.ZipFile, column: Column, rows: int, spool: IO[bytes]) -> None:
+    shape = (rows,) if column.width == 1 else (rows, column.width)
+    head = {"descr": np.dtype(column.dtype).newbyteorder("<").str, "fortran_order": False, "shape": shape}
+    spool.seek(0)
+    with archive.open(f"{column.name}.npy", "w", force_zip64=True) as member:
+        np.lib.format.write_array_header_1_0(member, head)
+        shutil.copyfileobj(spool, member, _COPIED)
+
+
+def _array(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+        np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _parquet(table: Table, path: Path, progress: Progress) -> int:
+    """A row group a block, each component a column."""
+    columns = [
+        parquet.Column(part, _KINDS[column.dtype], column.unit) for column in table.columns for part in column.parts
+    ]
+    rows = 0
+
+    def batches() -> Iterator[dict[str, np.ndarray]]:
+        nonlocal rows
+        for block in table.blocks():
+            parts = [part for column in table.columns for part in components(column, block[column.name])]
+            yield {column.name: np.ascontiguousarray(part) for column, part in zip(columns, parts, strict=True)}
+            rows += len(parts[0])
+            progress(rows)
+
+    parquet.write(path, columns, batches(), {f"imutui.{name}": value for name, value in table.about.items()})
+    return rows

@@ -1,0 +1,126 @@
+"""The samples that the estimator takes, as `imutui import` reads them: its names, units, axes and sign."""
+
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from filters.imu import STANDARD_GRAVITY, AxisMap
+from filters.types import Array
+from imutui.logbook import pieces
+from imutui.logbook.export.columns import Block, Column, Table
+from imutui.logbook.pieces import Outline, Piece
+from imutui.logbook.reader import UnreadableLogError, seconds_since
+from imutui.logbook.reference_file import ATTACHMENTS
+from imutui.logbook.session_info import SessionInfo
+
+_KNOWN_MOTION = ("profile", "trajectory")
+DEFAULTS = SessionInfo()
+
+
+def table(known: Outline, start: float | None = None, end: float | None = None, rows: int = pieces.ROWS) -> Table:
+    """Samples of a log, those without a reading left out.
+
+    Parameters
+    ----------
+    known : Outline
+        Of the log.
+    start, end : float or None
+        Part to take, s since its first sample.
+    rows : int
+        About so many in a block.
+
+    Raises
+    ------
+    UnreadableLogError
+        If the log has no sample in that part.
+    """
+    path = known.log.path
+    seconds = seconds_since(known.last_ns, known.first_ns)
+    if (start or 0.0) > seconds or (end is not None and end < (start or 0.0)):
+        raise UnreadableLogError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
+    info = known.log.info
+    columns = [Column("t", "s"), Column("gyro", "deg/s", 3), Column("accel", "g", 3)]
+    columns += [Column("temp", "degC")] if np.isfinite(known.first_temperature) else []
+    if info.reference in _KNOWN_MOTION:
+        columns += [Column("ang", "deg", 3)] if known.has_angles else []
+        columns += [Column("rate", "deg/s", 3)] if known.has_rates else []
+    names = [column.name for column in columns]
+    return Table(tuple(columns), lambda: _blocks(known, names, start, end, rows), _about(known))
+
+
+def attached_reference(known: Outline) -> tuple[str, bytes] | None:
+    """Suffix and content of the file that the log's motion comes from, if it comes from one."""
+    for name in ATTACHMENTS:
+        if name in known.log.attachments:
+            return Path(name).suffix, known.log.attachments[name]
+    return None
+
+
+def import_flags(info: SessionInfo) -> list[str]:
+    """What `imutui import` has to be told to make the same log again, but for a reference that is a file."""
+    flags = ["--accel-sign", f"{info.accel_sign:+d}"]
+    for flag, value, usual in (("--mount", info.mount, DEFAULTS.mount),
+                               ("--gyro-sign", info.gyro_sign, DEFAULTS.gyro_sign)):  # fmt: skip
+        flags += [flag, value] if value != usual else []
+    site = ",".join(repr(value) for value in (info.latitude_deg, info.longitude_deg, info.height_m))
+    flags += ["--site", site, "--gravity", repr(info.gravity_mps2)]
+    flags += ["--reference", info.reference] if info.reference not in _KNOWN_MOTION else []
+    return [*flags, "--instrument", info.instrument, "--kind", info.kind]
+
+
+def _about(known: Outline) -> dict[str, str]:
+    info = known.log.info
+    said = {
+        "log": known.log.path.name,
+        "kind": info.kind,
+        "instrument": info.instrument,
+        "serial_number": info.serial_number,
+        "first_sample_utc": f"{np.datetime64(known.first_ns, 'ns')}Z",
+        "axes": "the instrument's own, with its own sign",
+        "import": shlex.join(import_flags(info)),
+    }
+    if info.g_unit != STANDARD_GRAVITY:
+        said["g_unit"] = f"{info.g_unit!r} m/s^2 (import: instrument.g_unit in imutui.toml)"
+    return {name: value for name, value in said.items() if value}
+
+
+def _blocks(known: Outline, names: list[str], start: float | None, end: float | None, rows: int) -> Iterator[Block]:
+    info = known.log.info
+    for piece in pieces.pieces(known, rows):
+        t = seconds_since(piece.stamp_ns, known.first_ns)
+        wanted = piece.valid & (t >= (start or 0.0)) & (t <= (np.inf if end is None else end))
+        if wanted.any():
+            yield {name: rows for name, rows in _columns(piece.rows(wanted), info, t[wanted]).items() if name in names}
+
+
+def _columns(piece: Piece, info: SessionInfo, t: Array) -> Block:
+    return {
+        "t": info.clock_s + t,
+        "gyro": dps_of(piece.gyro, info.axes()),
+        "accel": g_of(piece.accel, info.axes(), info.g_unit),
+        "temp": piece.temperature_degc,
+        "ang": piece.angles_deg,
+        "rate": piece.rates_dps,
+    }
+
+
+def dps_of(gyro: Array, axes: AxisMap) -> Array:
+    """Readings in the instrument's axes, deg/s, of angular rates in body axes, rad/s, both (N, 3)."""
+    rate = axes.gyro_to_instrument(gyro)
+    return _back_to(rate, np.rad2deg(rate), np.deg2rad)
+
+
+def g_of(accel: Array, axes: AxisMap, g_unit: float) -> Array:
+    """Readings in the instrument's axes and sign, g, of specific force in body axes, m/s², both (N, 3)."""
+    force = axes.accel_to_instrument(accel)
+    return _back_to(force, force / g_unit, lambda reading: reading * g_unit)
+
+
+def _back_to(wanted: Array, reading: Array, forward: Callable[[Array], Array]) -> Array:
+    """Readings that `import` makes the very same samples of, where a number of the next to the last bit does so."""
+    for other in (np.nextafter(reading, -np.inf), np.nextafter(reading, np.inf)):
+        better = np.abs(forward(other) - wanted) < np.abs(forward(reading) - wanted)
+        reading = np.where(better, other, reading)
+    return reading

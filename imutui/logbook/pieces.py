@@ -1,0 +1,260 @@
+"""A log in pieces: all of it once, a bounded part of it in memory; however long it is."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from imutui.logbook import reader, record_walk, schemas
+from imutui.logbook.reader import Content, Log, UnreadableLogError
+
+ROWS = 2**17
+"""Samples in a piece: a quarter of an hour at 133 Hz."""
+_LATE_NS = 10_000_000_000
+"""A temperature or a table's angles may stand so much later in the file than the samples that they belong to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Samples in a row, with what was the case at each.
+
+    Attributes
+    ----------
+    stamp_ns : np.ndarray
+        UTC, ns, int64, shape (N,).
+    gyro, accel : np.ndarray
+        rad/s and m/s² (specific force), body axes, shape (N, 3).
+    valid : np.ndarray
+        Whether there was a reading, bool, shape (N,).
+    temperature_degc : np.ndarray
+        The last one taken by then, shape (N,); the log's first for samples before it, NaN if there is none.
+    angles_deg, rates_dps : np.ndarray
+        What /table/reference said last, shape (N, 3); NaN where that is unknown.
+    """
+
+    stamp_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    valid: np.ndarray
+    temperature_degc: np.ndarray
+    angles_deg: np.ndarray
+    rates_dps: np.ndarray
+
+    def rows(self, which: np.ndarray) -> "Piece":
+        """Some of its samples, by a mask, shape (N,)."""
+        return Piece(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+
+@dataclass(slots=True)
+class Outline:
+    """What has to be known of a whole log before its first piece can be used.
+
+    Attributes
+    ----------
+    log : Log
+        Without samples, temperatures, angles and packets; `damage` and `finished` are those of the whole file.
+    samples : int
+        How many there are.
+    first_ns, last_ns : int
+        UTC of the first and the last, ns.
+    first_temperature : float
+        degC; NaN if the log has none.
+    has_angles, has_rates : bool
+        Whether the table's are known anywhere.
+    lacks : np.ndarray
+        Channels that are NaN throughout, bool, shape (6,).
+    """
+
+    log: Log
+    samples: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    first_temperature: float = float("nan")
+    has_angles: bool = False
+    has_rates: bool = False
+    lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
+
+
+def outline(path: Path, rows: int = ROWS) -> Outline:
+    """Walk through a log once, and keep what is no sample.
+
+    Raises
+    ------
+    UnreadableLogError
+        As `reader.read`.
+    """
+    found = Outline(Log(path))
+    for part in parts(path, rows):
+        found.log = part
+        if part.stamp_ns.size:
+            found.first_ns = found.first_ns if found.samples else int(part.stamp_ns[0])
+            found.last_ns = int(part.stamp_ns[-1])
+            found.samples += part.stamp_ns.size
+            found.lacks &= np.isnan(np.hstack([part.gyro, part.accel])).all(axis=0)
+        if part.temperature_degc.size and np.isnan(found.first_temperature):
+            found.first_temperature = float(part.temperature_degc[np.argmin(part.temperature_stamp_ns)])
+        found.has_angles |= bool(np.isfinite(part.table.angles_deg).all(axis=1).any())
+        found.has_rates |= bool(np.isfinite(part.table.rates_dps).all(axis=1).any())
+    found.log = _emptied(found.log)
+    return found
+
+
+def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
+    """All samples of a log in order, so many at a time or a few more.
+
+    Parameters
+    ----------
+    known : Outline
+        Of the log.
+    rows : int
+        Samples in a piece.
+
+    Raises
+    ------
+    UnreadableLogError
+        As `reader.read`.
+    """
+    waiting = _Waiting(known)
+    last_ns = None
+    for part in parts(known.log.path, rows):
+        if part.stamp_ns.size:
+            _check(part, known, last_ns)
+            last_ns = int(part.stamp_ns[-1])
+        waiting.take(part)
+        if (piece := waiting.ready()) is not None:
+            yield piece
+    if (piece := waiting.rest()) is not None:
+        yield piece
+
+
+def parts(path: Path, rows: int = ROWS, *, raw: bool = False) -> Iterator[Log]:
+    """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    rows : int
+        Samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart.
+    raw : bool
+        Read /imu/raw too.
+
+    Raises
+    ------
+    UnreadableLogError
+        As `reader.read`; samples themselves are not looked at.
+    """
+    log = Log(path)
+    walk = record_walk.for_reading(path.stat().st_size if path.exists() else 0)
+    content = Content(log, raw, walk)
+    any_samples = False
+    for record in reader.records(path, log, walk):
+        try:
+            content.take(record)
+        except schemas.UNDECODABLE as error:
+            log.damage = f"a message cannot be decoded ({error})"
+            break
+        if content.rows >= rows:
+            part = content.drain()
+            any_samples |= part.stamp_ns.size > 0
+            yield part
+    content.close()
+    log.finished = log.finished and not log.damage
+    if not (any_samples or log.stamp_ns.size):
+        raise UnreadableLogError(reader.nothing(path, log, content))
+    yield log
+
+
+def _check(part: Log, known: Outline, last_ns: int | None) -> None:
+    """As a log that is read at once is checked."""
+    lacks = known.lacks & ~part.unread
+    if lacks.any():  # cannot be: what lacks throughout lacks here
+        raise UnreadableLogError(f"{part.path} has changed while it was read. Try again.")
+    here = part.unread & ~known.lacks
+    if here.any():
+        raise UnreadableLogError(f"{part.path}: a channel has readings in one part of the log and none in another.")
+    reader.check_samples(part)
+    if last_ns is not None and int(part.stamp_ns[0]) <= last_ns:
+        raise UnreadableLogError(
+            f"{part.path}: time does not increase. Sort the samples by time and drop those that stand twice."
+        )
+
+
+def _emptied(log: Log) -> Log:
+    nothing = Log(log.path)
+    return replace(
+        log, stamp_ns=nothing.stamp_ns, gyro=nothing.gyro, accel=nothing.accel, valid=nothing.valid,
+        temperature_stamp_ns=nothing.temperature_stamp_ns, temperature_degc=nothing.temperature_degc,
+        packets=nothing.packets, table=nothing.table,
+    )  # fmt: skip
+
+
+class _Followed:
+    """A quantity that keeps its value until another one comes: rows of it by stamp.
+
+    Parameters
+    ----------
+    first : np.ndarray
+        What holds before the first one.
+    """
+
+    def __init__(self, first: np.ndarray) -> None:
+        self._stamps = np.array([np.iinfo(np.int64).min])
+        self._rows = first[None]
+
+    def take(self, stamps: np.ndarray, rows: np.ndarray) -> None:
+        """More of them."""
+        if stamps.size:
+            stamps, rows = np.concatenate([self._stamps, stamps]), np.concatenate([self._rows, rows])
+            order = np.argsort(stamps, kind="stable")
+            self._stamps, self._rows = stamps[order], rows[order]
+
+    def at(self, stamps: np.ndarray) -> np.ndarray:
+        """The last ones taken by then."""
+        return np.asarray(self._rows[np.searchsorted(self._stamps, stamps, side="right") - 1])
+
+    def forget(self, before: int) -> None:
+        """Let go what nothing after that time needs."""
+        first = max(int(np.searchsorted(self._stamps, before, side="right")) - 1, 0)
+        self._stamps, self._rows = self._stamps[first:], self._rows[first:]
+
+
+class _Waiting:
+    """Samples that wait for what may be said of them a little later in the file."""
+
+    def __init__(self, known: Outline) -> None:
+        self._held: list[tuple[np.ndarray, ...]] = []
+        self._temperature = _Followed(np.array([known.first_temperature]))
+        self._table = _Followed(np.full(6, np.nan))
+        self._newest = np.iinfo(np.int64).min
+
+    def take(self, part: Log) -> None:
+        """More of the log."""
+        if part.stamp_ns.size:
+            self._held.append((part.stamp_ns, part.gyro, part.accel, part.valid))
+            self._newest = max(self._newest, int(part.stamp_ns[-1]))
+        self._temperature.take(part.temperature_stamp_ns, part.temperature_degc[:, None])
+        self._table.take(part.table.stamp_ns, np.hstack([part.table.angles_deg, part.table.rates_dps]))
+
+    def ready(self) -> Piece | None:
+        """Those of which all is said."""
+        return self._until(self._newest - _LATE_NS)
+
+    def rest(self) -> Piece | None:
+        """All that is left."""
+        return self._until(np.iinfo(np.int64).max)
+
+    def _until(self, end: int) -> Piece | None:
+        if not self._held:
+            return None
+        columns = [np.concatenate(column) for column in zip(*self._held, strict=True)]
+        count = int(np.searchsorted(columns[0], end, side="right"))
+        self._held = [tuple(column[count:] for column in columns)] if count < columns[0].size else []
+        if not count:
+            return None
+        stamps, gyro, accel, valid = (column[:count] for column in columns)
+        temperature, table = self._temperature.at(stamps)[:, 0], self._table.at(stamps)
+        self._temperature.forget(int(stamps[-1]))
+        self._table.forget(int(stamps[-1]))
+        return Piece(stamps, gyro, accel, valid, temperature, table[:, :3], table[:, 3:])

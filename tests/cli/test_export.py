@@ -1,0 +1,286 @@
+"""`imutui export`: names, units, axes and sign of `import`, the same bits in every format, any topic, in pieces."""
+
+import csv
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from helpers.commands import imutui
+from helpers.paths import SAMPLE
+
+from imutui.jobs.export import Export, export
+from imutui.logbook import pieces, reader
+from imutui.logbook.export import samples
+from imutui.logbook.reader import Log
+
+FORMATS = ("csv", "npz", "parquet")
+VECTORS = ("gyro", "accel", "ang", "rate")
+
+
+def made(tmp_path: Path, *options: str, log: Path = SAMPLE) -> dict[str, dict[str, Any]]:
+    """A log in each format, as csv, numpy and pyarrow read it, a column a component."""
+    for kind in FORMATS:
+        imutui("export", str(log), "-o", str(tmp_path / f"a.{kind}"), *options)
+    with (tmp_path / "a.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    archive = np.load(tmp_path / "a.npz")
+    flat: dict[str, Any] = {}
+    for name in archive.files:
+        if name in VECTORS:
+            flat |= {f"{name}_{axis}": archive[name][:, i] for i, axis in enumerate("xyz")}
+        elif name not in ("units", "about"):
+            flat[name] = archive[name]
+    parquet = pq.read_table(tmp_path / "a.parquet")
+    return {
+        "csv": {name: [row[name] for row in rows] for name in rows[0]},
+        "npz": {name: column.tolist() for name, column in flat.items()},
+        "parquet": {name: parquet[name].to_pylist() for name in parquet.column_names},
+    }
+
+
+def assert_alike(found: dict[str, dict[str, Any]]) -> None:
+    """The same columns in the same order, the same numbers to the last bit."""
+    assert list(found["csv"]) == list(found["npz"]) == list(found["parquet"])
+    for name, column in found["npz"].items():
+        if isinstance(column[0], float):
+            assert np.array_equal(column, found["parquet"][name], equal_nan=True), name
+        else:
+            assert column == found["parquet"][name], name
+        texts = found["csv"][name]
+        assert texts == [str(value) for value in column] if isinstance(column[0], str | bool) else True
+        if isinstance(column[0], float):
+            assert np.array_equal(np.array(texts, float), column, equal_nan=True), name
+        elif isinstance(column[0], int) and not isinstance(column[0], bool):
+            assert list(map(int, texts)) == column
+
+
+def samples_of(log: Path) -> Log:
+    return reader.read(log)
+
+
+def test_samples_are_the_same_to_the_last_bit_in_every_format(tmp_path: Path) -> None:
+    """Names, units, the instrument's axes and sign: Z reads +1 g of a level unit, though specific force is -g."""
+    found = made(tmp_path)
+    assert_alike(found)
+    vectors = [f"{name}_{axis}" for name in ("gyro", "accel") for axis in "xyz"]
+    assert list(found["csv"]) == ["t", *vectors, "temp"]
+    log = samples_of(SAMPLE)
+    assert len(found["npz"]["t"]) == log.stamp_ns.size
+    assert np.mean(found["npz"]["accel_z"]) == pytest.approx(1.0, abs=0.03)
+    assert found["npz"]["t"] == pytest.approx(log.seconds(), abs=1e-12)
+    assert found["npz"]["temp"] == log.temperature().tolist()
+    assert np.allclose(found["npz"]["gyro_x"], np.rad2deg(log.gyro[:, 0]), rtol=1e-15)
+
+
+def test_every_format_says_the_units(tmp_path: Path) -> None:
+    """In the lines before the names, in an array, with each column."""
+    made(tmp_path)
+    head = (tmp_path / "a.csv").read_text().splitlines()[0]
+    assert head == "# units: t s, gyro deg/s, accel g, temp degC"
+    archive = np.load(tmp_path / "a.npz")
+    assert json.loads(str(archive["units"])) == {"t": "s", "gyro": "deg/s", "accel": "g", "temp": "degC"}
+    assert json.loads(str(archive["about"]))["kind"] == "simulated"
+    schema = pq.read_schema(tmp_path / "a.parquet")
+    assert schema.field("gyro_y").metadata == {b"unit": b"deg/s"}
+    assert schema.metadata[b"imutui.kind"] == b"simulated"
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_import_reads_back_what_was_exported(tmp_path: Path, kind: str) -> None:
+    """With the flags that are printed: the same stamps, temperatures and axes; readings to the last bit or the next."""
+    told = imutui("export", str(SAMPLE), "-o", str(tmp_path / f"a.{kind}")).stdout
+    line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
+    back = tmp_path / "back.mcap"
+    imutui(*(str(back) if part == "LOG.mcap" else part for part in line))
+    first, again = samples_of(SAMPLE), samples_of(back)
+    assert np.array_equal(np.diff(first.stamp_ns), np.diff(again.stamp_ns))
+    assert np.array_equal(first.temperature(), again.temperature())
+    for before, after in ((first.gyro, again.gyro), (first.accel, again.accel)):
+        assert np.all(np.abs(before - after) <= np.spacing(np.abs(before)))
+        assert np.mean(before == after) > 0.9
+    assert (again.info.reference, again.info.kind, again.info.accel_sign) == ("level", "simulated", -1)
+    # an imported log comes back with the same bits, and a second time with the same file
+    twice = tmp_path / f"b.{kind}"
+    imutui("export", str(back), "-o", str(twice))
+    line = ["import", str(twice), *line[2:]]
+    imutui(*(str(tmp_path / "third.mcap") if part == "LOG.mcap" else part for part in line))
+    third = samples_of(tmp_path / "third.mcap")
+    assert np.array_equal(again.gyro, third.gyro)
+    assert np.array_equal(again.accel, third.accel)
+    assert again.info.log_id == third.info.log_id
+
+
+def turned_recording(tmp_path: Path, n: int = 400) -> Path:
+    """A recording of a table that turns, mounted on its side with the other sign, as a log."""
+    t = 5.0 + np.arange(n) / 20.0
+    angle = np.where(t < 12.0, 0.0, np.minimum((t - 12.0) * 30.0, 90.0))
+    rng = np.random.default_rng(2)
+    gyro, accel = rng.standard_normal((n, 3)), rng.standard_normal((n, 3)) * 0.01 + [0.0, 1.0, 0.0]
+    ang = np.stack([angle, np.zeros(n), np.zeros(n)], axis=1)
+    np.savez(tmp_path / "in.npz", t=t, gyro=gyro, accel=accel, temp=25.0 + t / 10.0, ang=ang)
+    log = tmp_path / "turned.mcap"
+    flags = ("--accel-sign", "+1", "--mount", "x,-z,y", "--gyro-sign", "1,-1,1", "--kind", "measured")
+    imutui("import", str(tmp_path / "in.npz"), "-o", str(log), *flags)
+    return log
+
+
+def test_a_table_s_motion_travels_too(tmp_path: Path) -> None:
+    """Angles as an array, the trajectory as a file beside: the log that is made of both is the same."""
+    log = turned_recording(tmp_path)
+    source = np.load(tmp_path / "in.npz")
+    told = imutui("export", str(log), "-o", str(tmp_path / "a.npz")).stdout
+    archive = np.load(tmp_path / "a.npz")
+    for name in ("t", "temp", "ang"):
+        assert np.array_equal(archive[name], source[name]), name
+    for name in ("gyro", "accel"):  # two readings may have been one sample in SI
+        assert np.all(np.abs(archive[name] - source[name]) <= np.spacing(np.abs(source[name]))), name
+    line = shlex.split(told.splitlines()[-1].removeprefix("To read it back: imutui "))
+    assert Path(line[line.index("--reference") + 1]) == tmp_path / "a.npz.reference.csv"
+    imutui(*(str(tmp_path / "back.mcap") if part == "LOG.mcap" else part for part in line))
+    first, again = samples_of(log), samples_of(tmp_path / "back.mcap")
+    assert np.array_equal(first.gyro, again.gyro)
+    assert np.array_equal(first.accel, again.accel)
+    assert first.attachments["reference.csv"] == again.attachments["reference.csv"]
+    assert (again.info.mount, again.info.gyro_sign, again.info.clock_s) == ("x,-z,y", "1,-1,1", 5.0)
+    # of a part the trajectory's own time would be another
+    imutui("export", str(log), "-o", str(tmp_path / "part.csv"), "--start", "2", "--end", "3")
+    assert not (tmp_path / "part.csv.reference.csv").exists()
+    assert (tmp_path / "part.csv").read_text().splitlines()[-1].startswith("8.0,")
+
+
+def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
+    """Both ends count, t goes on; an empty part is refused and leaves no file."""
+    found = made(tmp_path, "--start", "2", "--end", "3")
+    assert_alike(found)
+    t = samples_of(SAMPLE).seconds()
+    assert found["npz"]["t"] == t[(t >= 2.0) & (t <= 3.0)].tolist()
+    for cut in (("--start", "1e6"), ("--start", "3", "--end", "2"), ("--start", "2.00001", "--end", "2.00002")):
+        done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "none.csv"), *cut, check=3)
+        assert "--start and --end leave" in done.stderr
+    assert not list(tmp_path.glob("none*"))
+
+
+TOPICS = {
+    "/imu/raw": {"counts_5": "counts", "host_monotonic_ns": "ns", "ticks": "ticks"},
+    "/imu/data_raw": {"angular_velocity_x": "rad/s", "linear_acceleration_z": "m/s^2", "stamp_ns": "ns"},
+    "/imu/temperature": {"temperature": "degC"},
+    "/table/reference": {"angles_deg_0": "deg", "rates_dps_2": "deg/s"},
+    "/filter/estimate": {"gyro_bias_dps_1": "deg/s", "position_deg_m_2": "m", "accel_bias_sd_mg_0": "mg"},
+    "/diagnostics": {"stamp_ns": "ns"},
+    "/rosout": {"stamp_ns": "ns"},
+}
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
+    """A row a message with both of its times; fields by name, with their units."""
+    found = made(tmp_path, "--topic", topic)
+    assert_alike(found)
+    assert list(found["npz"])[:2] == ["log_time", "publish_time"]
+    units = json.loads(str(np.load(tmp_path / "a.npz")["units"]))
+    assert units.items() >= TOPICS[topic].items()
+    if topic == "/imu/raw":
+        packets = reader.read(SAMPLE, raw=True).packets
+        assert found["npz"]["counts_5"] == packets["counts"][:, 5].tolist()
+        assert found["npz"]["ticks"] == packets["ticks"].tolist()
+    if topic == "/diagnostics":
+        assert found["csv"]["lost_packets"][-1] == samples_of(SAMPLE).diagnostics["lost_packets"]
+    if topic == "/rosout":
+        assert found["csv"]["msg"][0] == samples_of(SAMPLE).events[0].text
+
+
+def test_json_says_what_was_made(tmp_path: Path) -> None:
+    """One document; the file's columns and units."""
+    path = tmp_path / "a.csv"
+    document = json.loads(imutui("export", str(SAMPLE), "-o", str(path), "--json").stdout)
+    assert (document["format"], document["rows"], document["output"]) == ("csv", 520, str(path))
+    assert document["units"]["accel"] == "g"
+    assert document["reference"] is None
+
+
+def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
+    """What, where, what next; nothing is made, nothing is replaced."""
+    there = tmp_path / "there.csv"
+    there.write_text("mine")
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "text.mcap").write_text("no log at all, by far")
+    for log, options, code, words in (
+        (SAMPLE, ("-o", str(there)), 2, "--force replaces it"),
+        (SAMPLE, ("-o", str(tmp_path / "a.xlsx")), 2, "csv, npz, parquet"),
+        (SAMPLE, ("-o", str(tmp_path / "a"), "--format", "hdf5"), 2, "csv, npz, parquet"),
+        (SAMPLE, ("-o", str(tmp_path / "no" / "a.csv")), 2, "mkdir -p"),
+        (SAMPLE, ("-o", str(tmp_path / "a.csv"), "--topic", "/imu"), 3, "It has: /diagnostics"),
+        (tmp_path / "gone.mcap", ("-o", str(tmp_path / "a.csv")), 3, "no such file"),
+        (tmp_path / "empty.mcap", ("-o", str(tmp_path / "a.csv")), 3, "empty"),
+        (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv")), 3, "not an MCAP"),
+        (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv"), "--topic", "/imu/raw"), 3, "not an MCAP"),
+    ):
+        assert words in " ".join(imutui("export", str(log), *options, check=code).stderr.split())
+    assert there.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.mcap", "text.mcap", "there.csv"]
+
+
+def test_parquet_without_pyarrow_says_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before any work."""
+    from imutui.logbook import parquet
+
+    monkeypatch.setattr(parquet, "available", lambda: False)
+    done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "a.parquet"), check=2)
+    assert "pip install" in done.stderr
+    assert "parquet" in done.stderr
+
+
+def test_a_damaged_log_is_exported_up_to_its_damage(tmp_path: Path) -> None:
+    """The same samples that a replay takes; the damage is told, exit 1."""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(SAMPLE.read_bytes()[:60_000])
+    done = imutui("export", str(cut), "-o", str(tmp_path / "a.npz"), check=1)
+    assert "All before that is exported" in done.stderr
+    assert np.load(tmp_path / "a.npz")["t"].size == samples_of(cut).stamp_ns.size
+
+
+@pytest.mark.parametrize("rows", [1, 60, 10**6])
+def test_pieces_of_any_size_are_the_whole(tmp_path: Path, rows: int) -> None:
+    """Samples, temperatures and the table's angles at each are those of the log that is read at once."""
+    for log in (SAMPLE, turned_recording(tmp_path)):
+        whole = reader.read(log)
+        known = pieces.outline(log, rows)
+        found = list(pieces.pieces(known, rows))
+        assert max(len(piece.stamp_ns) for piece in found) <= max(rows, whole.stamp_ns.size) + 2000
+        for name, column in (("stamp_ns", whole.stamp_ns), ("gyro", whole.gyro), ("accel", whole.accel),
+                             ("temperature_degc", whole.temperature()), ("valid", whole.valid)):  # fmt: skip
+            assert np.array_equal(np.concatenate([getattr(piece, name) for piece in found]), column), name
+        assert (known.samples, known.first_ns) == (whole.stamp_ns.size, int(whole.stamp_ns[0]))
+        assert known.log.events == whole.events
+
+
+def test_what_is_in_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
+    """Blocks are as long as asked for and one chunk more, whatever the length of the log."""
+    largest: dict[int, int] = {}
+    for n in (2000, 16000):
+        folder = tmp_path / str(n)
+        folder.mkdir()
+        log = turned_recording(folder, n)
+        table = samples.table(pieces.outline(log), rows=500)
+        lengths = [len(block["t"]) for block in table.blocks()]
+        assert sum(lengths) == n
+        largest[n] = max(lengths)
+    assert largest[16000] <= 1.5 * largest[2000]
+    assert largest[16000] < 4000
+
+
+def test_a_permission_or_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was written so far is removed."""
+    from imutui.logbook.export import formats
+
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(formats, "write", full)
+    with pytest.raises(OSError, match="No space"):
+        export(Export(SAMPLE, tmp_path / "a.csv", "csv"))
+    assert not list(tmp_path.iterdir())
