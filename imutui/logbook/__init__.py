@@ -5,7 +5,8 @@
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
 `message_arrays`, `columns` all messages as arrays, `record_walk` how they are found in bytes (`plain_walk`, or
 compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory, `export` it as CSV, NPZ
-or Parquet, `parquet` the library of the last · `recover` a whole file made of what is left · `importer` recordings made elsewhere,
+or Parquet, `parquet` the library of the last · `recover` a whole file made of what is left ·
+`importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what
 they lack · `polled_rate` whether polling kept what was asked · `power_on` logs that continue others ·
 `reference_file`, `trajectory_file`, `effects_file` other formats · `named_profiles` profiles that need no file ·
