@@ -7,8 +7,8 @@ control, by Paule and Mandel: Σ_ij w_ij (y_ij - m_i)² = power-ons less units.
 
 A power-on that falls out would widen the limits that are to show it. So the one that stands out most is set aside and
 judged by all others, then the next, up to a fifth of all; the last of them that lies outside its limits is out, and
-so are those before it (the generalised extreme Studentised deviate test). Among power-ons in control 0.3 to 0.8 %
-fall out in simulated fleets, `benchmarks/fleet.py`.
+so are those before it (the generalised extreme Studentised deviate test). In simulated fleets that
+are in control up to 0.7 % of power-ons fall out, `benchmarks/fleet.py`.
 
 References: D. C. Montgomery, "Introduction to statistical quality control", chapter 6; R. C. Paule, J. Mandel,
 Journal of Research of the NBS 87, 1982; B. Rosner, Technometrics 25, 1983.

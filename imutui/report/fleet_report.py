@@ -79,10 +79,7 @@ def _fleet(group: GroupField, document: SummaryDocument) -> Iterator[Block]:
 
 
 def _from_to(first: str | None, last: str | None) -> str:
-    if not first:
-        return identity.NOT_STATED
-    begin, end = fleet_sentences.day(first), fleet_sentences.day(last)
-    return begin if begin == end else f"{begin} to {end}"
+    return fleet_sentences.from_to(first, last) if first and last else identity.NOT_STATED
 
 
 def _days(group: GroupField) -> Iterator[Block]:

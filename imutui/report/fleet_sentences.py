@@ -46,7 +46,13 @@ def extent(group: GroupField) -> str:
     power_ons = sum(unit["power_ons"] for unit in units)
     counts = f"{plural(len(units), 'unit')}, {plural(power_ons, 'power-on')}, {plural(group['logs'], 'log')}"
     times = sorted(t for unit in units for t in (unit["first_utc"], unit["last_utc"]) if t)
-    return counts + (f", {day(times[0])} to {day(times[-1])}" if times else "")
+    return counts + (f", {from_to(times[0], times[-1])}" if times else "")
+
+
+def from_to(first: str, last: str) -> str:
+    """Dates of two times, or the one they share."""
+    begin, end = day(first), day(last)
+    return begin if begin == end else f"{begin} to {end}"
 
 
 def day(utc: str | None) -> str:
@@ -66,19 +72,29 @@ def left_out(document: SummaryDocument) -> str:
 def limits(group: GroupField) -> list[str]:
     """Which units fail Table 1."""
     failed = [one for one in group["limits"] if one["verdict"] == "fails"]
-    told = [_limit(one) for one in group["limits"]]
+    vague = [one for one in group["limits"] if one["quantity"] == "noise" and one["verdict"] == "not_told"]
+    told = [_limit(one) for one in group["limits"] if one not in vague]
+    told += [_vague([one for one in vague if _who(one) == who]) for who in dict.fromkeys(map(_who, vague))]
     if failed:
         return told
     return ["No unit fails a limit of Table 1 (bias 1 deg/s and 12 mg, noise 4.5 deg/√h and 1 m/s/√h).", *told]
 
 
+def _vague(noises: Sequence[LimitField]) -> str:
+    channels = ", ".join(one["channel"] for one in noises)
+    return f"{_who(noises[0])}: noise of {channels} is too near the limit to tell; longer or more logs would do it."
+
+
+def _who(one: LimitField) -> str:
+    return f"Unit {one['serial_number']}" if one["serial_number"] else f"Log {one['log']} (unit not stated)"
+
+
 def _limit(one: LimitField) -> str:
-    who = (one["serial_number"] and f"Unit {one['serial_number']}") or f"Log {one['log']} (unit not stated)"
+    who = _who(one)
     value = plus_minus(one["value"], one["sd"], one["unit"])
     limit = f"limit {one['limit']:g} {one['unit']}"
     if one["quantity"] == "noise":
-        verdict = "fails" if one["verdict"] == "fails" else "is too near the limit to tell"
-        return f"{who} {verdict}: noise of {one['channel']} {value} over its logs, {limit}."
+        return f"{who} FAILS: noise of {one['channel']} {value} over its logs, {limit}."
     where = f"{day(one['start_utc'])}, {one['log']}"
     if one["verdict"] == "fails":
         days = f"in {one['above']} of {plural(one['of'], 'power-on')}"

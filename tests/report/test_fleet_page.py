@@ -100,3 +100,11 @@ def test_a_page_without_any_result_says_so() -> None:
     text = html.document(fleet_report.page(summed([fleets.bad("a.mcap")])))
     assert "nothing to summarise" in text
     assert "first bytes are not MCAP" in text
+
+
+def test_noise_that_cannot_be_judged_is_one_sentence_a_unit() -> None:
+    """Of logs of some seconds every channel is: six sentences would hide what is to be known."""
+    noise = {"gyro_arw_deg_sqrt_h": [4.0] * 3, "accel_vrw_mps_sqrt_h": [0.9] * 3, "relative_sd": 0.3}
+    none, told = fleet_sentences.limits(summed([fleets.row("a.mcap", noise=noise)])["groups"][0])
+    assert none.startswith("No unit fails")
+    assert told.startswith("Unit 0001: noise of gx, gy, gz, ax, ay, az is too near the limit to tell")
