@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from imutui.cli import (
+    apply,
     attach,
     campaign,
     check,
@@ -59,6 +60,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "recover": recover.command,
     "replay": replay.command,
     "trace": trace.command,
+    "apply": apply.command,
     "report": report.command,
     "campaign": campaign.command,
     "collect": collect.command,

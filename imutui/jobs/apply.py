@@ -1,0 +1,287 @@
+"""A log as a corrected unit would have read it: effects of a file taken out of its samples.
+
+The regressors are those of a replay with the same effects, by the same code: the filter runs, and is listened to. What
+only the filter can follow, a drift, stays in; so do the biases, which belong to a power-on.
+"""
+
+import errno
+import heapq
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.effects import plain_names
+from filters.effects.records import Included
+from filters.kalman.augmentation import Effects
+from filters.kalman.runner import Estimator
+from filters.kalman.settings import Settings
+from filters.motion.reference import COLUMNS
+from filters.types import Array
+from imutui.jobs import replay, unread_filled
+from imutui.jobs.replay import Part, ReplayOptions
+from imutui.logbook import atomic_file, effects_file, power_on, reader, reference_file, schemas
+from imutui.logbook.log_stream import MODE
+from imutui.logbook.reader import Log
+from imutui.logbook.reference_file import ReferenceFile
+from imutui.logbook.session_info import SessionInfo
+from imutui.logbook.writer import LogWriter
+from imutui.plain_text import in_line
+
+APPLIED = "applied_effects.toml"
+"""Attachment with the effects that were taken out: not the name under which a replay would take them again."""
+_DRIFTS = ("random_walk", "gauss_markov")
+_Message: TypeAlias = tuple[int, int, str, bytes]
+"""Stamp, rank among those of the same stamp, topic, bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What was made.
+
+    Attributes
+    ----------
+    samples : int
+        In the corrected log, with those that are no reading.
+    set_aside : int
+        Samples that the file calls no reading (spikes, a channel at its limit), and that now say so.
+    corrected : tuple of str
+        Effects that were taken out, in plain words with their channels.
+    left : tuple of str
+        Effects of the file that no correction takes out, and why.
+    largest : dict
+        By channel, the largest correction, deg/s and mg.
+    damage : str
+        What is wrong with the log, if anything: all before it was corrected.
+    """
+
+    samples: int
+    set_aside: int
+    corrected: tuple[str, ...]
+    left: tuple[str, ...]
+    largest: dict[str, float]
+    damage: str
+
+
+def apply(
+    path: Path,
+    effects: bytes,
+    output: Path,
+    *,
+    reference: ReferenceFile | None = None,
+    kind: str | None = None,
+    overwrite: bool = False,
+    mode: int = MODE,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Applied:
+    """Write a log whose samples are free of the effects of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    effects : bytes
+        Content of the effects file.
+    output : Path
+        The log to write.
+    reference : ReferenceFile or None
+        Profile or trajectory instead of what the log has.
+    kind : str or None
+        Reference instead of the log's own: "level" and so on.
+    overwrite : bool
+        Replace an existing file.
+    mode : int
+        Permissions.
+    progress : callable
+        Told the share done, 0 to 1.
+
+    Raises
+    ------
+    UnreadableLogError
+        If the log cannot be read.
+    ValueError
+        If the effects cannot be: the message says which, and why.
+    FileExistsError
+        If `output` exists and may not be replaced.
+    """
+    log = reader.read(path)
+    part = replay.select(log, None, None)
+    options = ReplayOptions(overrides={} if kind is None else {"reference": kind}, reference=reference, effects=effects)
+    info = replay.session_of(log, options)
+    whole = unread_filled.filled(part.t, part.gyro, part.accel, info, path)
+    filled = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
+    info, settings = replay.prepare(log, filled, options)
+    document = effects_file.parse(effects)
+    found = _listen(settings, filled, log, _states_taken_out(document.effects), progress)
+    gyro, accel, valid = log.gyro.copy(), log.accel.copy(), log.valid.copy()
+    taken = np.flatnonzero(log.valid)
+    gyro[taken] -= found.correction[:, 3:]
+    accel[taken] -= found.correction[:, :3]
+    valid[taken] = found.use
+    corrected = replace(log, gyro=gyro, accel=accel, valid=valid)
+    if output.exists() and not overwrite:
+        raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(output))
+    _write(corrected, _session(corrected, info, effects, document.source), effects, output, mode)
+    progress(1.0)
+    return Applied(
+        int(log.stamp_ns.size),
+        int(np.count_nonzero(~found.use)),
+        tuple(_named(effect) for effect in document.effects if _is_taken_out(effect)),
+        tuple(f"{_named(effect)}: {_why_left(effect)}" for effect in document.effects if not _is_taken_out(effect)),
+        _largest(found.correction, log.info),
+        log.damage,
+    )
+
+
+def _is_taken_out(effect: Included) -> bool:
+    return effect.include_as == "P" or (
+        bool(effect.states)
+        and effect.effect not in _DRIFTS
+        and all(math.isinf(s.tau_s) and not s.q for s in effect.states)
+    )
+
+
+def _why_left(effect: Included) -> str:
+    if effect.include_as == "N":
+        return "a level of noise, which no correction takes out"
+    return "a drift, which only a filter follows"
+
+
+def _named(effect: Included) -> str:
+    return plain_names.on_channels(effect.effect, effect.channels)
+
+
+def _states_taken_out(effects: tuple[Included, ...]) -> NDArray[np.bool_]:
+    """Of all states in order, those whose mean is a correction, shape (p,)."""
+    return np.array([_is_taken_out(effect) for effect in effects for _ in effect.states], bool)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Correction of each sample, accelerometer then gyro, body axes, SI, (N, 6), and whether it is a reading, (N,)."""
+
+    correction: Array
+    use: NDArray[np.bool_]
+
+
+class _Listened:
+    """Effects that note what they say of each sample; see `filters.kalman.augmentation.Effects`."""
+
+    def __init__(self, effects: Effects, wanted: NDArray[np.bool_]) -> None:
+        self._effects = effects
+        self.names, self.mean, self.covariance = effects.names, effects.mean, effects.covariance
+        self.tau, self.q = effects.tau, effects.q
+        self._mean = np.where(wanted, effects.mean, 0.0)
+        self.found: list[_Found] = []
+        self.count = 0
+
+    def rows(
+        self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """What the effects say, noted."""
+        phi, scale, use = self._effects.rows(t, gyro, accel, temperature, known)
+        self.found.append(_Found(phi @ self._mean, use))
+        self.count += t.size
+        return phi, scale, use
+
+
+def _listen(
+    settings: Settings, part: Part, log: Log, wanted: NDArray[np.bool_], progress: Callable[[float], None]
+) -> _Found:
+    """Run the filter with the effects over the samples; returns what the effects said of each."""
+    n = part.t.size
+    if settings.effects is None:
+        return _Found(np.zeros((n, 6)), np.ones(n, bool))
+    listened = _Listened(settings.effects(), wanted)
+    estimator = Estimator(replace(settings, effects=lambda: listened), np.inf)
+    for event in log.events:
+        if event.name == "mark":
+            estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
+    for _ in replay.run(estimator, part, None, progress):
+        pass
+    if listened.count < n:  # the reference has ended: what is sensed is then what is read
+        rest = slice(listened.count, None)
+        unknown = np.full((n - listened.count, COLUMNS), np.nan)
+        listened.rows(part.t[rest], part.gyro[rest], part.accel[rest], part.temperature[rest], unknown)
+    return _Found(
+        np.concatenate([each.correction for each in listened.found]),
+        np.concatenate([each.use for each in listened.found]),
+    )
+
+
+def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
+    axes = info.axes()
+    gyro = np.abs(np.rad2deg(axes.gyro_to_instrument(correction[:, 3:]))).max(axis=0, initial=0.0)
+    accel = np.abs(axes.accel_to_instrument(correction[:, :3]) / info.g_unit * 1e3).max(axis=0, initial=0.0)
+    return dict(zip(("gx", "gy", "gz", "ax", "ay", "az"), [*gyro.tolist(), *accel.tolist()], strict=True))
+
+
+def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> SessionInfo:
+    """The log's own session; it says what was done to it."""
+    own = power_on.content_id(log.seconds(), log.gyro, log.accel)
+    told = (
+        f"{in_line(log.path.name)} (SHA-256 {reader.sha256(log.path)[:16]}…) corrected by effects of {in_line(source)}"
+    )
+    told += f" (SHA-256 {effects_file.digest(effects)[:16]}…)"
+    return replace(info, source=told, log_id=own, effects_sha256="", memory="", continues="", continues_id="",
+                   continues_sha256="", previous="", previous_id="", previous_end="", restart="")  # fmt: skip
+
+
+def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int) -> None:
+    text = f"# {in_line(log.path.name)}, corrected: {APPLIED}\n"
+    first_ns = int(log.stamp_ns[0])
+    with atomic_file.part_of(output, overwrite=True, mode=mode) as part:
+        writer = LogWriter(part, info, text, time.time_ns(), overwrite=True, mode=mode, checksum=False)
+        writer.attach(APPLIED, effects_file.MEDIA_TYPE, effects, first_ns)
+        for name in reference_file.ATTACHMENTS:
+            if name in log.attachments:
+                media = "application/toml" if name.endswith(".toml") else "text/csv"
+                writer.attach(name, media, log.attachments[name], first_ns)
+        for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
+            writer.encoded(topic, data, stamp, stamp)
+        writer.finish(_summary(log), time.time_ns())
+
+
+def _summary(log: Log) -> dict[str, object]:
+    seconds = float(log.stamp_ns[-1] - log.stamp_ns[0]) / 1e9
+    return {"samples": int(log.stamp_ns.size), "duration_s": seconds, "source": in_line(log.path.name)}
+
+
+def _streams(log: Log, info: SessionInfo) -> Iterator[Iterator[_Message]]:
+    """Messages of the corrected log, a stream a topic, each in the order of its stamps."""
+    yield _in_order((e.stamp_ns, 0, schemas.EVENTS, _event(e)) for e in log.events)
+    table = log.table
+    kind = log.reference or info.reference
+    yield _in_order(
+        (int(stamp), 1, schemas.REFERENCE, schemas.encode_table_reference(int(stamp), kind, angles, rates))
+        for stamp, angles, rates in zip(
+            table.stamp_ns.tolist(), table.angles_deg.tolist(), table.rates_dps.tolist(), strict=True
+        )
+    )
+    yield _in_order(
+        (stamp, 2, schemas.TEMPERATURE, schemas.encode_temperature(stamp, degc))
+        for stamp, degc in zip(log.temperature_stamp_ns.tolist(), log.temperature_degc.tolist(), strict=True)
+    )
+    yield (
+        (stamp, 3, schemas.IMU, schemas.encode_imu(stamp, gyro, accel, valid=valid))
+        for stamp, gyro, accel, valid in zip(
+            log.stamp_ns.tolist(), log.gyro, log.accel, log.valid.tolist(), strict=True
+        )
+    )
+    if log.diagnostics:
+        last = int(log.stamp_ns[-1])
+        message = schemas.diagnostics(last, 0, "as it was recorded", log.diagnostics)
+        yield iter([(last, 4, schemas.DIAGNOSTICS, schemas.encode(schemas.DIAGNOSTICS, message))])
+
+
+def _event(event: Any) -> bytes:
+    return schemas.encode(schemas.EVENTS, schemas.event(event.stamp_ns, event.name, event.text))
+
+
+def _in_order(messages: Iterator[_Message]) -> Iterator[_Message]:
+    return iter(sorted(messages, key=lambda message: message[0]))

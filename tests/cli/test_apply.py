@@ -1,0 +1,138 @@
+"""`imutui apply`: the corrected log is what a filter with the effects sees, to rounding, and any program reads it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.commands import imutui
+from helpers.paths import SAMPLE
+from rosbags.highlevel import AnyReader
+
+from imutui.jobs import apply as job
+from imutui.logbook import effects_file, reader
+
+
+def effect(name: str, channel: str, unit: str, mean: float, kind: str = "A", more: str = "", state: str = "k") -> str:
+    """One effect of a file, known exactly."""
+    text = f'[[effect]]\neffect = "{name}"\nchannels = ["{channel}"]\ninclude_as = "{kind}"\n{more}'
+    return text + f'[[effect.state]]\nname = "{state}"\nunit = "{unit}"\nmean = {mean}\nsd = 0.0\n' if unit else text
+
+
+SCALE = effect("scale", "az", "1", 0.01)
+THERMAL = effect("thermal_lin", "gy", "deg/s/K", 0.02)
+RAMP = effect("ramp", "ax", "mg/s", 0.1)
+DRIFT = effect("gauss_markov", "gx", "deg/s", 0.0, "S", state="level") + "tau_s = 30.0\nq = 0.01\n"
+SPIKES = effect("spikes", "ay", "", 0.0, "P", "[effect.parameters]\nlimit = 15.0\n")
+
+
+def written(tmp_path: Path, *effects: str) -> Path:
+    path = tmp_path / "effects.toml"
+    path.write_text('version = 1\nsource = "by hand"\n' + "".join(effects))
+    effects_file.from_file(path)
+    return path
+
+
+def replayed(log: Path, *options: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(imutui("replay", str(log), *options, "--json", check=None).stdout)
+    return document
+
+
+def mounted(tmp_path: Path) -> Path:
+    """A still unit on its side with the other sign, that warms up."""
+    n = 800
+    t, rng = np.arange(n) / 20.0, np.random.default_rng(3)
+    gyro, accel = rng.standard_normal((n, 3)) * 0.1, rng.standard_normal((n, 3)) * 0.002 + [0.0, 0.998, 0.0]
+    np.savez(tmp_path / "in.npz", t=t, gyro=gyro, accel=accel, temp=20.0 + t / 4.0)
+    flags = ("--accel-sign", "+1", "--mount", "x,z,-y", "--reference", "gravity", "--kind", "measured")
+    imutui("import", str(tmp_path / "in.npz"), "-o", str(tmp_path / "mounted.mcap"), *flags)
+    return tmp_path / "mounted.mcap"
+
+
+@pytest.mark.parametrize("source", ["sample", "mounted"])
+def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Path, source: str) -> None:
+    """Biases and their sd agree to rounding, and not with those of the log as it is; whatever sign and mounting."""
+    log = SAMPLE if source == "sample" else mounted(tmp_path)
+    effects = written(tmp_path, SCALE, THERMAL, RAMP)
+    corrected = tmp_path / "corrected.mcap"
+    imutui("apply", str(log), "--effects", str(effects), "-o", str(corrected))
+    with_effects, after, before = (
+        replayed(*each) for each in ((log, "--effects", str(effects)), (corrected,), (log, "--effects", "none"))
+    )
+    # a unit whose attitude is unknown is levelled by its readings, with the effects still in them
+    rounding, moved = (1e-9 if source == "sample" else 1e-5), 0.0
+    for name, limit in (("accel_bias_mg", rounding * 1e3), ("gyro_bias_dps", rounding)):
+        for key in ("final", "sd"):
+            wanted, found, old = (
+                np.array(d[key][name], float) for d in (with_effects, after, before)
+            )  # NaN where the reference does not show a bias
+            assert found == pytest.approx(wanted, abs=limit, nan_ok=True)
+            moved = max(moved, float(np.nanmax(np.abs(found - old))))
+    assert moved > 1e-3
+    assert reader.read(corrected).info.kind == reader.read(log).info.kind
+
+
+def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
+    """A drift stays and is told; samples that the file calls no readings say so in the log that is made."""
+    done = imutui(
+        "apply", str(SAMPLE), "--effects", str(written(tmp_path, SCALE, DRIFT, SPIKES)), "-o",
+        str(tmp_path / "c.mcap"), "--json",
+    )  # fmt: skip
+    document = json.loads(done.stdout)
+    assert document["corrected"][0] == "az: scale factor is off"
+    assert len(document["corrected"]) == 2
+    assert len(document["left"]) == 1
+    assert "only a filter follows" in document["left"][0]
+    assert document["largest"]["az"] == pytest.approx(9.98, abs=0.3)
+    assert {name for name, value in document["largest"].items() if value} == {"az"}
+    before, after = reader.read(SAMPLE), reader.read(tmp_path / "c.mcap")
+    assert document["set_aside"] == np.count_nonzero(~after.valid) > 0
+    assert document["samples"] == after.stamp_ns.size
+    assert np.array_equal(before.gyro, after.gyro)
+    assert np.array_equal(before.stamp_ns, after.stamp_ns)
+
+
+def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
+    """Source, hashes and effects are in it; a replay does not take them again; rosbags and `check` read it whole."""
+    effects, corrected = written(tmp_path, THERMAL), tmp_path / "c.mcap"
+    source_hash = reader.sha256(SAMPLE)
+    told = imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected)).stdout
+    assert "taken out: gy: bias follows temperature" in " ".join(told.split())
+    log, first = reader.read(corrected), reader.read(SAMPLE)
+    assert f"sample.mcap (SHA-256 {source_hash[:16]}…) corrected by effects of by hand" in log.info.source
+    assert log.attachments[job.APPLIED] == effects.read_bytes()
+    assert effects_file.ATTACHMENT not in log.attachments
+    assert (log.info.serial_number, log.info.operator) == (first.info.serial_number, first.info.operator)
+    assert log.info.log_id != first.info.log_id
+    assert np.array_equal(log.temperature(), first.temperature())
+    assert [event.text for event in log.events] == [event.text for event in first.events]
+    assert reader.sha256(SAMPLE) == source_hash
+    imutui("check", str(corrected))
+    with AnyReader([corrected]) as bag:
+        (connection,) = [c for c in bag.connections if c.topic == "/imu/data_raw"]
+        _, _, raw = next(bag.messages([connection]))
+        message = bag.deserialize(raw, connection.msgtype)
+        assert message.angular_velocity.y == log.gyro[0, 1] != first.gyro[0, 1]
+
+
+def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
+    """What, where, what next; nothing is made."""
+    good = written(tmp_path, SCALE)
+    (tmp_path / "bad.toml").write_text("version = 7")
+    unknown = tmp_path / "unknown.toml"
+    unknown.write_text("version = 1\n" + effect("gremlins", "gx", "1", 1.0))
+    (tmp_path / "there.mcap").write_text("mine")
+    for log, effects, output, code, words in (
+        (SAMPLE, tmp_path / "no.toml", "c.mcap", 2, "No such file"),
+        (SAMPLE, tmp_path / "bad.toml", "c.mcap", 2, "version"),
+        (SAMPLE, unknown, "c.mcap", 2, "gremlins"),
+        (SAMPLE, good, "there.mcap", 2, "--force replaces it"),
+        (SAMPLE, good, "no/c.mcap", 2, "mkdir -p"),
+        (tmp_path / "no.mcap", good, "c.mcap", 3, "no such file"),
+        (good, good, "c.mcap", 3, "not an MCAP"),
+    ):
+        done = imutui("apply", str(log), "--effects", str(effects), "-o", str(tmp_path / output), check=code)
+        assert words in " ".join(done.stderr.split())
+    assert (tmp_path / "there.mcap").read_text() == "mine"
+    assert not (tmp_path / "c.mcap").exists()
