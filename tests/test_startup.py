@@ -58,6 +58,7 @@ def test_commands_that_filter_nothing_load_neither_compiler_nor_solvers(home: Pa
         "check cut.mcap --json": 1,
         "recover cut.mcap -o made.mcap": 0,
         "recover whole.mcap -o made.mcap --json": 2,
+        "collect none -o all": 3,
     }
     found = run([command.split() for command in expected])
     assert {command: heavy for command, (_, heavy, _) in found.items()} == {command: [] for command in expected}

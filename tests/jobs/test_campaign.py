@@ -10,7 +10,7 @@ import pytest
 from helpers import many_logs
 from helpers.many_logs import here, rows_of
 
-from imutui.jobs.campaign import log_list, results_folder
+from imutui.jobs.campaign import cluster, log_list, one_log, results_folder
 from imutui.jobs.campaign.collect import collect
 from imutui.jobs.campaign.log_list import LogList, Shard
 from imutui.jobs.campaign.run import Campaign, RunDocument, run
@@ -186,3 +186,31 @@ def test_a_row_is_small_and_holds_no_samples(few: Path) -> None:
     ran()
     assert all(len(json.dumps(row)) < 4000 for row in rows_of(few / "results"))
     assert dataclasses.asdict(Shard(1, 2)) == {"number": 1, "of": 2}
+
+
+@pytest.mark.parametrize(
+    ("there", "told"),
+    [
+        ({}, ""),
+        ({"numpy": "1.0"}, "has numpy 1.0, and here it is"),
+        ({"numba": None}, "has no numba"),
+        ({"python": "3.4.1.final.0"}, "has python 3.4, and here it is"),
+    ],
+)
+def test_a_worker_with_other_versions_is_told_by_name(there: dict[str, str | None], told: str) -> None:
+    """Its numbers might be others; of Python the last number makes none."""
+
+    class Client:
+        """A cluster of one worker."""
+
+        def get_versions(self, packages: list[str]) -> dict[str, Any]:
+            """As dask tells them."""
+            assert packages == ["imutui", "numba"]
+            own = {**one_log.versions(), "python": f"{'.'.join(one_log.versions()['python'].split('.')[:2])}.0.final.0"}
+            return {"workers": {"tcp://there:1": {"packages": {**own, **there}}}}
+
+    if not told:
+        cluster._check_versions(Client())  # type: ignore[arg-type]
+        return
+    with pytest.raises(cluster.ClusterError, match=f"the worker tcp://there:1 {told}"):
+        cluster._check_versions(Client())  # type: ignore[arg-type]
