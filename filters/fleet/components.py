@@ -32,6 +32,7 @@ from filters.types import Array
 _RANGE = 1e5
 _TOLD = 1.92
 """Log likelihood that a component must add to be told from none: half the 95 % quantile of chi-square."""
+_NOTHING = 1e-6
 _TINY = 1e-300
 
 
@@ -173,7 +174,7 @@ def _component(data: PowerOns, points: Grid, free: tuple[int, ...], axis: int) -
     without = max(float(without), -zero)
     low, high = points.quantiles(column, np.array([0.025, 0.975]))
     dof = len(data.units) - 1 if axis == 0 else data.values.size - len(data.units)
-    sd = 0.0 if without >= -best.fun else float(start[column] * abs(best.x[column]))
+    sd = 0.0 if without >= -best.fun - _NOTHING else float(start[column] * abs(best.x[column]))
     return Component(sd, 0.0 if -best.fun - without < _TOLD else float(low), float(high), dof)
 
 

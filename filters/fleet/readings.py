@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from filters.types import Array
 
+_LEAST = 1e-6
 _SURE = 0.01
 """Probability below which logs of one power-on are held to differ by more than their standard deviations say."""
 
@@ -74,7 +75,7 @@ class PowerOns:
 
 
 def power_ons(values: Array, sds: Array, units: Sequence[str], names: Sequence[str]) -> PowerOns:
-    """Mean of each power-on's logs, weighted with 1/sd².
+    """Mean of each power-on's logs, weighted with 1/sd²; an sd of less than a millionth of the greatest counts as that.
 
     Parameters
     ----------
@@ -93,6 +94,8 @@ def power_ons(values: Array, sds: Array, units: Sequence[str], names: Sequence[s
         raise ValueError(f"`values`, `sds`, `units`, `names` have {sizes} entries")
     if not (np.all(np.isfinite(values)) and np.all(np.isfinite(sds)) and np.all(sds > 0.0)):
         raise ValueError("`values` and `sds` must be finite, and `sds` positive")
+    # further apart their weights would leave no digits to the sums of the others
+    sds = np.maximum(sds, _LEAST * sds.max())
     keys = sorted(set(zip(units, names, strict=True)))
     number = {key: k for k, key in enumerate(keys)}
     group = np.array([number[key] for key in zip(units, names, strict=True)])

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MOST_CHARTS = 12
 """Units whose charts are drawn; the others' points are in the document."""
 _MOST_TICKS = 12
-_SHORT_DAYS = 120.0
+_SHORT_DAYS = 3.0
 
 
 def units(group: GroupField) -> Figure | None:
@@ -135,10 +135,10 @@ def _times(points: Sequence[PointField]) -> tuple[np.ndarray[tuple[int], np.dtyp
 
 
 def _dates(ax: "Axes", x: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
-    """Three or four dates, a month or a day each, and no two the same."""
+    """Three dates, or times of a day."""
     first, last = float(x.min()), float(x.max())
     span = last - first
-    form = "%b %Y" if span > _SHORT_DAYS else "%d %b %Y" if span > 3.0 else "%d %b %H:%M"
+    form = "%Y-%m-%d" if span > _SHORT_DAYS else "%m-%d %H:%M"
     # not at the ends, where a date would reach out of the picture
     ticks = first + span * np.array([0.1, 0.5, 0.9] if span else [0.0])
     ax.set_xticks(ticks, [datetime.fromtimestamp(tick * 86400.0, UTC).strftime(form) for tick in ticks])

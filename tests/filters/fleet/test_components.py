@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from filters.fleet import components, readings
+from filters.fleet import components, drift, readings
 from filters.fleet.readings import PowerOns
 from filters.types import Array
 
@@ -132,3 +132,26 @@ def test_misuse_is_named(values: Array, sds: Array) -> None:
     """No values, a standard deviation of zero, or one too many."""
     with pytest.raises(ValueError, match="`values`"):
         readings.power_ons(values, sds, ["a"] * values.size, ["x"] * values.size)
+
+
+def test_errors_of_very_different_size_are_no_obstacle() -> None:
+    """One value that is known a million million times better than the others leaves all estimates finite."""
+    values = np.array([1.0, 2.0, 1.5, 0.5, 3.0, 2.5])
+    sds = np.array([1e-12, 1.0, 0.1, 0.1, 0.1, 1.0])
+    data = readings.power_ons(values, sds, list("aaabbb"), list("123123"))
+    found = components.estimate(data)
+    assert all(unit.value is not None and np.isfinite(unit.value.sd) for unit in found.units)
+    courses = [
+        drift.Course(data.values[part], data.variances[part], np.arange(3.0), np.array([20.0, 25.0, 21.0]))
+        for part in (data.of_unit(0), data.of_unit(1))
+    ]
+    ((one, _),) = drift.drifts([courses])
+    assert one.verdict in ("too_few", "none")
+
+
+def test_a_component_that_adds_nothing_is_zero() -> None:
+    """Not a number as small as rounding makes it."""
+    values = np.array([1.0, 1.001, 0.999, 2.0, 2.001, 1.999])
+    found = components.estimate(readings.power_ons(values, np.full(6, 0.1), list("aaabbb"), list("123123")))
+    assert found.between_power_ons is not None
+    assert (found.between_power_ons.sd, found.between_power_ons.low) == (0.0, 0.0)
