@@ -544,7 +544,10 @@ def _within(seconds: float) -> Iterator[None]:
 
 
 def memory_of(name: str, data: bytes, folder: Path) -> int:
-    """Most memory that taking an input has, bytes."""
+    """Most memory that taking an input has, bytes; without the modules that the first one loads."""
+    before = folder / "before"
+    before.mkdir(exist_ok=True)
+    take(name, TARGETS[name].seeds(before)[0], before)
     tracemalloc.start()
     try:
         take(name, data, folder)
