@@ -305,7 +305,7 @@ def estimate(filter_s: float, cost_s: float, hand_s: float, log_bytes: int, row_
         print(f"{cores} | {MILLION / rate / 3600:.1f} | {rate * size / 1e9:.1f} | {rate * hand_s:.0%}")
     at_most = hour_s / hand_s
     print(
-        f"one gigabyte a second of storage keeps {1e9 * hour_s / size:.0f} cores busy: it is what limits first;",
+        f"one gigabyte a second of storage keeps {1e9 * hour_s / size:.0f} cores busy: that limits first;",
         end=" ",
     )
     print(f"one scheduler or client {at_most:,.0f} cores (shards have neither)")
