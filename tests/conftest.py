@@ -31,9 +31,9 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One more than there are cores: a good part of the tests waits, for units, for processes, for the clock."""
+    """Two more than there are cores: a good part of the tests waits, for units, for processes, for the clock."""
     del config
-    return (os.cpu_count() or 1) + 1
+    return (os.cpu_count() or 1) + 2
 
 
 LONG = ("undeclared", "test_trace_wire.py", "test_tmux.py", "remote")

@@ -33,7 +33,7 @@ from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.pages.dialogs.help import HelpDialog
 from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
-from imutui.tui.terminal import glyphs, textual_private
+from imutui.tui.terminal import glyphs, scroll_bars, textual_private
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import Terminal, measured
 from imutui.tui.terminal.shown_text import ControlCharacterFilter
@@ -112,6 +112,7 @@ class ImutuiApp(App[int]):
         """Lines for the terminal after the UI has gone."""
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
+        scroll_bars.draw_with(glyphs.choose())
         self.theme = self.appearance.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:

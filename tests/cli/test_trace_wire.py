@@ -30,15 +30,15 @@ mg = 3000.0
 per_hour = 300.0
 [[power_on]]
 seed = 1
-temperature = { history = [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0], [150.0, 24.0]] }
+temperature = { history = [[0.0, 20.0], [50.0, 40.0], [110.0, 24.0]] }
 [[power_on]]
 seed = 2
-temperature = { history = [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [150.0, 34.0]] }
+temperature = { history = [[0.0, 38.0], [30.0, 38.0], [80.0, 20.0], [115.0, 34.0]] }
 [[power_on]]
 seed = 3
-temperature = { history = [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [310.0, 25.0]] }
+temperature = { history = [[0.0, 26.0], [90.0, 22.0], [200.0, 40.0], [305.0, 25.0]] }
 """
-SECONDS = (150.0, 150.0, 310.0)
+SECONDS = (115.0, 115.0, 305.0)
 
 
 @pytest.fixture(scope="module")
