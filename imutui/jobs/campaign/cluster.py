@@ -81,10 +81,11 @@ class Cluster:
 def _connected(address: str) -> "Client":
     if _ADDRESS.fullmatch(address) is None:
         raise ValueError(f'--cluster is "{address}", not an address such as tcp://host:8786')
-    # it writes of what it is told here, in words for its developers
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     from distributed import Client
 
+    # it writes of what is told here, in words for its developers; its import has given its loggers their levels
+    for name in ("distributed", *(own for own in logging.root.manager.loggerDict if own.startswith("distributed."))):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError) as error:

@@ -10,7 +10,7 @@ import errno
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple, Self, cast
@@ -201,7 +201,7 @@ class ResultsFolder:
             found = [] if part is None else list(part.rows.values())
             self._others = {row["log"] for row in found if not self._is_mine(row)}
             return [row for row in found if self._is_mine(row)]
-        for offset, length, line in _lines(journal):
+        for offset, length, line in _lines(journal, _own_record):
             if line is None:
                 self.broken += 1
             elif "log" not in line:
@@ -244,7 +244,7 @@ def head_of(folder: Path) -> HeadFields | None:
     journal, document = folder / JOURNAL, folder / DOCUMENT
     if not journal.exists():
         return _of_document(document).head if document.exists() else None
-    heads = (line for _, _, line in _lines(journal) if line is not None and "log" not in line)
+    heads = (line for _, _, line in _lines(journal, _own_record) if line is not None and "log" not in line)
     return cast("HeadFields | None", next(heads, None))
 
 
@@ -274,7 +274,7 @@ def read(folder: Path) -> Part:
     head: HeadFields | None = None
     places: dict[str, tuple[int, int]] = {}
     broken = 0
-    for offset, length, line in _lines(journal):
+    for offset, length, line in _lines(journal, _record):
         if line is None:
             broken += 1
         elif "log" not in line:
@@ -306,24 +306,39 @@ def _of_document(path: Path) -> Part:
     return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
 
 
-def _lines(journal: Path) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
+_Look = Callable[[bytes], dict[str, Any] | None]
+
+
+def _lines(journal: Path, look: _Look) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
     """Place, length and record of each line; None for one that is neither row nor head."""
     with journal.open("rb") as stream:
         offset = 0
         while line := stream.readline(LONGEST_ROW):
-            yield offset, len(line.rstrip(b"\n")), _record(line)
+            yield offset, len(line.rstrip(b"\n")), look(line)
             offset += len(line)
 
 
 def _record(line: bytes) -> dict[str, Any] | None:
+    """A line of a journal from anywhere, looked at to its last field."""
+    record = _own_record(line)
+    if record is None:
+        return None
+    shape = rows.Row if "log" in record else rows.HeadFields
+    return None if document_shape.problem(record, shape, "line") else record
+
+
+def _own_record(line: bytes) -> dict[str, Any] | None:
+    """A line of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
     if not line.endswith(b"\n"):
         return None
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    shape = rows.Row if isinstance(record, dict) and "log" in record else rows.HeadFields
-    return None if document_shape.problem(record, shape, "line") else record
+    if not isinstance(record, dict):
+        return None
+    shape = rows.Row if "log" in record else rows.HeadFields
+    return record if shape.__required_keys__ <= record.keys() and isinstance(record.get("log", ""), str) else None
 
 
 def _known(row: Row, offset: int, length: int) -> Known:
