@@ -59,6 +59,18 @@ float64 x
 float64 y
 float64 z
 """,
+    "geometry_msgs/msg/Transform": """\
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+""",
+    "geometry_msgs/msg/TransformStamped": """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+""",
+    "tf2_msgs/msg/TFMessage": """\
+geometry_msgs/TransformStamped[] transforms
+""",
     "sensor_msgs/msg/Imu": """\
 std_msgs/Header header
 geometry_msgs/Quaternion orientation

@@ -232,7 +232,11 @@ class _Copy:
             definition = schemas.definition(typename).encode()
             self._schemas[-number] = Schema(id=-number, name=typename, encoding="ros2msg", data=definition)
             self._channels[number] = Channel(
-                id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=-number
+                id=number,
+                topic=topic,
+                message_encoding="cdr",
+                metadata=schemas.CHANNEL_METADATA.get(topic, {}),
+                schema_id=-number,
             )
             self.kept.assumed = True
 

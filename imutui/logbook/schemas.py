@@ -20,6 +20,7 @@ REFERENCE = "/table/reference"
 ESTIMATE = "/filter/estimate"
 DIAGNOSTICS = "/diagnostics"
 EVENTS = "/rosout"
+TRANSFORMS = "/tf_static"
 
 TYPES = {
     RAW: "imutui_msgs/msg/RawPacket",
@@ -29,7 +30,23 @@ TYPES = {
     ESTIMATE: "imutui_msgs/msg/Estimate",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     EVENTS: "rcl_interfaces/msg/Log",
+    TRANSFORMS: "tf2_msgs/msg/TFMessage",
 }
+"""In the order of their channels' numbers: `recover` knows a channel by its number, so what is new comes last."""
+_FOREVER = "{sec: 9223372036, nsec: 854775807}"
+_LATCHED = f"""\
+- history: keep_last
+  depth: 1
+  reliability: reliable
+  durability: transient_local
+  deadline: {_FOREVER}
+  lifespan: {_FOREVER}
+  liveliness: automatic
+  liveliness_lease_duration: {_FOREVER}
+  avoid_ros_namespace_conventions: false
+"""
+CHANNEL_METADATA = {TRANSFORMS: {"offered_qos_profiles": _LATCHED}}
+"""What a channel says beside its type: how ROS 2 (Iron and later) publishes it, so that whoever comes late gets it."""
 
 DESCRIPTION = ("note", "operator")
 """What of the session may be changed while a file is written: from then on its diagnostics say it each second."""
@@ -51,16 +68,19 @@ RAW_DTYPE = np.dtype(
 )
 """Raw packets as an array reads them: the bytes of `encode_raw`, one packet a record."""
 # header (stamp, length of the frame_id with its NUL, frame_id, padding), then the numbers of sensor_msgs/Imu
-_IMU = struct.Struct("<4siII9s3x4d9d3d9d3d9d")
+_IMU = struct.Struct("<4siII13s7x4d9d3d9d3d9d")
 _TEMPERATURE = struct.Struct("<4siII9s3x2d")
-_ESTIMATE = struct.Struct("<4siII9s3x31dB6?")
+_ESTIMATE = struct.Struct("<4siII13s7x31dB6?")
 # stamp and level of rcl_interfaces/Log; number of statuses and level of the first one in diagnostic_msgs
 _EVENT = struct.Struct("<4xiIB")
 _STATUS = struct.Struct("<IB")
 _UINT32 = struct.Struct("<I")
 _CDR_STAMP = 12
 """Bytes up to the frame_id of a message with a header."""
-_IMU_FRAME = "imu_body"
+_IMU_FRAME, _IMU_LINK = "imu_link_ned", "imu_link"
+"""Names of REP-145: x forward, y right, z down, the axes that samples are in; and x forward, y left, z up."""
+_PLAIN_ESTIMATES = {(struct.pack("<I", 13), _ESTIMATE.size), (struct.pack("<I", 9), _ESTIMATE.size - 8)}
+"""Length of the frame_id, and size, of estimates as they are written, and as they were with the frame `imu_body`."""
 NO_ESTIMATE = -1.0
 """First element of a covariance of sensor_msgs/Imu whose quantity has no estimate."""
 _ZEROS = (0.0,) * 8
@@ -312,6 +332,19 @@ def encode_imu(stamp: int, gyro: np.ndarray, accel: np.ndarray, *, valid: bool =
     return _IMU.pack(*head, *orientation, *map(float, gyro), *covariance, *map(float, accel), *covariance)
 
 
+def transforms(stamp: int) -> Any:
+    """tf2_msgs/TFMessage from `imu_link` (x forward, y left, z up) to the frame of the samples: half a turn about x."""
+    half_turn = make("geometry_msgs/msg/Quaternion", x=1.0, y=0.0, z=0.0, w=0.0)
+    nowhere = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    transform = make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(stamp, _IMU_LINK),
+        child_frame_id=_IMU_FRAME,
+        transform=make("geometry_msgs/msg/Transform", translation=nowhere, rotation=half_turn),
+    )
+    return make(TYPES[TRANSFORMS], transforms=[transform])
+
+
 def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple[bool, ...]) -> bytes:
     """CDR bytes of imutui_msgs/Estimate: its 31 numbers in the order of the definition, rows of NIS, six verdicts."""
     seconds, rest = divmod(stamp, 1_000_000_000)
@@ -320,8 +353,8 @@ def encode_estimate(stamp: int, numbers: list[float], dof: int, converged: tuple
 
 
 def is_plain_estimate(data: bytes) -> bool:
-    """Whether bytes are laid out as `encode_estimate` does it: then there is nothing to decode that could fail."""
-    return len(data) == _ESTIMATE.size and data[:4] == _CDR_HEADER and data[12:16] == struct.pack("<I", 9)
+    """Whether bytes are laid out as by `encode_estimate`, today or once: then nothing that is decoded could fail."""
+    return data[:4] == _CDR_HEADER and (data[12:16], len(data)) in _PLAIN_ESTIMATES
 
 
 def temperature(stamp: int, degc: float) -> Any:

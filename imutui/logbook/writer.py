@@ -86,7 +86,8 @@ class LogWriter:
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
             for topic, typename in schemas.TYPES.items():
                 schema = self._writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
-                self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+                told = schemas.CHANNEL_METADATA.get(topic, {})
+                self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, told)
             self.flush()
         except OSError as error:
             self._abandon(error)
@@ -119,6 +120,9 @@ class LogWriter:
         self._add(topic, schemas.encode(topic, message), log_ns, stamp_ns)
 
     def _add(self, topic: str, data: bytes, log_ns: int, stamp_ns: int) -> None:
+        if topic == schemas.IMU and not self._counts[schemas.TRANSFORMS]:
+            # what the samples' frame is, before the first of them, at its time: viewers would show years before it
+            self.message(schemas.TRANSFORMS, schemas.transforms(stamp_ns), log_ns, stamp_ns)
         count = self._counts[topic]
         self._counts[topic] = count + 1
         try:

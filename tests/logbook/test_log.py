@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2.metadata import parse_qos
 
+from filters import attitude
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.schemas import RawPacket
@@ -111,6 +113,37 @@ def test_other_libraries_open_the_file(tmp_path: Path) -> None:
     }
     assert header.profile == "ros2"
     assert header.library.startswith("imutui ")
+
+
+def test_a_transform_leads_from_the_link_of_rep_145_to_the_frame_of_the_samples(tmp_path: Path) -> None:
+    """Once in a file, before its first sample, latched: turned by it, gravity reads +g along z up, as ROS has it."""
+    write(tmp_path / "a.mcap")
+    with AnyReader([tmp_path / "a.mcap"]) as bag:
+        found = [(c, t, bag.deserialize(data, c.msgtype)) for c, t, data in bag.messages() if c.topic == "/tf_static"]
+        sample = next(bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.IMU)
+    [(connection, time_ns, message)] = found
+    [qos] = parse_qos(schemas.CHANNEL_METADATA["/tf_static"]["offered_qos_profiles"])
+    assert connection.msgtype == "tf2_msgs/msg/TFMessage"
+    assert time_ns == START
+    assert (qos.durability.name, qos.reliability.name) == ("TRANSIENT_LOCAL", "RELIABLE")
+    [transform] = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("imu_link", sample.header.frame_id)
+    q = transform.transform.rotation
+    level = np.array([1.0, 2.0, -9.8])
+    assert np.array_equal(attitude.from_quaternion(np.array([q.w, q.x, q.y, q.z])) @ level, [1.0, -2.0, 9.8])
+
+
+def test_an_estimate_of_an_older_version_is_known_as_one() -> None:
+    """Its frame had a shorter name; it needs no decoding either, and bytes that are too short do."""
+    old = schemas.typestore().deserialize_cdr(
+        schemas.encode_estimate(START, [0.0] * 31, 9, (True,) * 6), schemas.TYPES[schemas.ESTIMATE]
+    )
+    assert old.header.frame_id == "imu_link_ned"
+    old.header.frame_id = "imu_body"
+    data = schemas.encode(schemas.ESTIMATE, old)
+    assert schemas.is_plain_estimate(data)
+    assert schemas.is_plain_estimate(schemas.encode_estimate(START, [0.0] * 31, 9, (True,) * 6))
+    assert not schemas.is_plain_estimate(data[:-1])
 
 
 def test_an_unfinished_file_is_read_to_its_last_flush(tmp_path: Path) -> None:
