@@ -23,8 +23,9 @@ from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion.reference import COLUMNS
 from filters.types import Array
-from imutui.jobs import replay, unread_filled
-from imutui.jobs.replay import Part, ReplayOptions
+from imutui.jobs import replay, replay_input, unread_filled
+from imutui.jobs.replay import ReplayOptions
+from imutui.jobs.replay_input import Part
 from imutui.logbook import atomic_file, effects_file, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
@@ -110,7 +111,7 @@ def apply(
         If `output` exists and may not be replaced.
     """
     log = reader.read(path)
-    part = replay.select(log, None, None)
+    part = replay_input.select(log, None, None)
     options = ReplayOptions(overrides={} if kind is None else {"reference": kind}, reference=reference, effects=effects)
     info = replay.session_of(log, options)
     whole = unread_filled.filled(part.t, part.gyro, part.accel, info, path)
@@ -202,7 +203,7 @@ def _listen(
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
-    for _ in replay.run(estimator, part, None, progress):
+    for _ in replay.run(estimator, [part], float(part.t[-1]), None, progress):
         pass
     if listened.count < n:  # the reference has ended: what is sensed is then what is read
         rest = slice(listened.count, None)

@@ -3,21 +3,21 @@
 import errno
 import hashlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from filters.imu import Noise
 from filters.kalman import layout, runner
 from filters.kalman.runner import Estimator
-from filters.kalman.settings import GAP_PERIODS, Settings
+from filters.kalman.settings import Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.jobs import unread_filled
+from imutui.jobs import log_noise, replay_input, unread_filled
 from imutui.jobs.replay_course import ReplayCourse
+from imutui.jobs.replay_input import Feed, Part
 from imutui.logbook import (
     atomic_file,
     checksum_file,
@@ -30,7 +30,7 @@ from imutui.logbook import (
 )
 from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.log_stream import MODE
-from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.results import Counters, ResultDocument, Timings
 from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
@@ -87,36 +87,6 @@ class ReplayOptions:
         if self.output is None:
             return np.inf
         return 1.0 / self.estimates_hz if self.estimates_hz > 0.0 else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """The samples of a log that are to be filtered.
-
-    Attributes
-    ----------
-    start : float
-        Time of the first one, s since the log's first sample.
-    first_ns : int
-        Its sampling instant, UTC, ns.
-    t : np.ndarray
-        s since the first one, shape (N,).
-    gyro, accel : np.ndarray
-        rad/s and m/s², body axes, shape (N, 3).
-    temperature : np.ndarray
-        degC, shape (N,); NaN where it is not known.
-    unread : tuple of bool
-        Of the accelerometers and gyros, body axes, those that the log lacks; what stands there is what the reference
-        says. Empty if it lacks none.
-    """
-
-    start: float
-    first_ns: int
-    t: np.ndarray
-    gyro: np.ndarray
-    accel: np.ndarray
-    temperature: np.ndarray
-    unread: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,26 +152,25 @@ def replayed(
     if options.output is not None and options.output.exists() and options.output.samefile(path):
         raise ValueError(f"{options.output} is the log itself: estimates go into a file of their own")
     started = time.perf_counter()
-    log = reader.read(path)
-    part = select(log, options.start, options.end)
-    whole = unread_filled.filled(part.t, part.gyro, part.accel, session_of(log, options), path)
-    part = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
+    fed = _fed(path, options)
+    log, first_ns = fed.log, fed.first.first_ns
     log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
-    info, settings = prepare(log, part, options)
-    course = ReplayCourse(info, float(part.t[-1])) if options.course else None
+    info, settings = prepare(log, fed.first, options)
+    course = ReplayCourse(info, fed.seconds) if options.course else None
     estimator = Estimator(settings, options.every() if course is None else min(course.every, options.every()))
     for event in log.events:
         if event.name == "mark":
-            estimator.mark(reader.seconds_since(event.stamp_ns, part.first_ns), event.text)
+            estimator.mark(reader.seconds_since(event.stamp_ns, first_ns), event.text)
     estimator.warm_up(say)
     sink = None
     if options.output is not None:
-        sink = _EstimateSink(options, options.output, info, log, part.first_ns)
+        sink = _EstimateSink(options, options.output, info, log, first_ns)
+    temperature = replay_input.Temperatures()
     started = time.perf_counter()
     try:
-        for rows in run(estimator, part, options.speed, progress):
+        for rows in run(estimator, temperature.seen(fed.parts), fed.seconds, options.speed, progress):
             if course is not None:
                 course.take(rows, estimator)
             if sink is not None:
@@ -228,13 +197,25 @@ def replayed(
         sink.finish(result)
     if course is not None:
         result["course"] = course.rows(result)
-    return Replayed(result, info, part.first_ns, _temperature(part))
+    return Replayed(result, info, first_ns, temperature.figures())
 
 
-def _temperature(part: Part) -> tuple[float, float, float] | None:
-    """Mean, least and greatest temperature, degC."""
-    known = part.temperature[np.isfinite(part.temperature)]
-    return (float(known.mean()), float(known.min()), float(known.max())) if known.size else None
+def _fed(path: Path, options: ReplayOptions) -> Feed:
+    """Samples of a log: those of a long one in pieces, unless something has to be looked for in all of them first."""
+    known = replay_input.outline_of_long(path)
+    if known is None or not known.log.own or known.lacks.any() or _needs_all(known.log, options):
+        fed = replay_input.whole(path, options.start, options.end)
+        part = fed.first
+        filled = unread_filled.filled(part.t, part.gyro, part.accel, session_of(fed.log, options), path)
+        return fed.with_part(replace(part, gyro=filled.gyro, accel=filled.accel, unread=filled.unread))
+    return replay_input.in_pieces(known, options.start, options.end)
+
+
+def _needs_all(log: Log, options: ReplayOptions) -> bool:
+    """Whether noise is measured on the log, or a profile's place in time is found in it."""
+    info = session_of(log, options)
+    motion = motion_of(log, info, options, 0.0)
+    return info.noise == FROM_LOG or (isinstance(motion, Profile) and motion.align == "gyro")
 
 
 def _nothing_used(info: SessionInfo) -> str:
@@ -256,7 +237,7 @@ def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, 
     offset, offset_sd = -part.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
-    noise = measured_noise(info, part) if info.noise == FROM_LOG else None
+    noise = log_noise.measured(info, part) if info.noise == FROM_LOG else None
     try:
         make = effects_file.maker(effects_of(log, options), info)
     except ValueError as error:
@@ -310,80 +291,36 @@ def motion_of(log: Log, info: SessionInfo, options: ReplayOptions, start: float)
     return motion if isinstance(motion, Profile) else Trajectory(motion.t - start, motion.values)
 
 
-def measured_noise(info: SessionInfo, part: Part) -> Noise:
-    """White noise and drift of the samples themselves, by Allan deviation, from the longest stretch without a gap.
-
-    Raises
-    ------
-    ValueError
-        If the unit moves by its reference, or the log is too short.
-    """
-    if info.reference not in ("level", "gravity"):
-        raise ValueError(
-            f'`noise` is "log" with reference "{info.reference}": noise is measured on a unit at rest. Measure it on a'
-            " still log, or leave filter.noise at table1."
-        )
-    period = 1.0 / info.rate_hz
-    breaks = np.flatnonzero(np.diff(part.t) > GAP_PERIODS * period) + 1
-    # bursts of a host's stamps are no gaps in the samples
-    if breaks.size > 0.001 * part.t.size:
-        breaks = breaks[:0]
-    edges = np.concatenate([[0], breaks, [part.t.size]])
-    longest = int(np.argmax(np.diff(edges)))
-    piece = slice(edges[longest], edges[longest + 1])
-    # its fit brings solvers along that no other replay needs
-    from filters import allan
-
-    levels = allan.noise_of(np.column_stack([part.accel[piece], part.gyro[piece]]), period)
-    white, drift = (_like_the_others(each, part.unread).tolist() for each in (levels.white, levels.drift))
-    return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
-
-
-def _like_the_others(levels: np.ndarray, unread: tuple[bool, ...]) -> np.ndarray:
-    """Levels of six channels; one that was not read has no noise of its own, and gets the most of its kind."""
-    if not unread:
-        return levels
-    kinds = np.where(unread, 0.0, levels).reshape(2, 3)
-    return np.where(unread, np.repeat(kinds.max(axis=1), 3), levels)
-
-
-def select(log: Log, start: float | None, end: float | None) -> Part:
-    """Samples from `start` to `end`, s since the first, without those that are flagged as no reading."""
-    t = log.seconds()
-    use = log.valid.copy()
-    if start is not None:
-        use &= t >= start
-    if end is not None:
-        use &= t <= end
-    if not use.any():
-        raise UnreadableLogError(
-            f"{log.path}: --start and --end leave no sample; the log lasts {t[-1]:.3f} s. Choose a part inside it."
-        )
-    stamps = log.stamp_ns[use] if not use.all() else log.stamp_ns
-    first_ns = int(stamps[0])
-    begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))
-    every = bool(use.all())
-    columns = log.gyro, log.accel, log.temperature()
-    return Part(
-        begun, first_ns, reader.seconds_since(stamps, first_ns), *(columns if every else (c[use] for c in columns))
-    )
-
-
 def run(
-    estimator: Estimator, part: Part, speed: float | None, progress: Callable[[float], None]
+    estimator: Estimator, parts: Iterable[Part], seconds: float, speed: float | None, progress: Callable[[float], None]
 ) -> Iterator[np.ndarray]:
-    """Feed samples and yield rows of estimates."""
+    """Feed samples and yield rows of estimates.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Changed in place.
+    parts : iterable of Part
+        Samples in order; their times count from the first one of all.
+    seconds : float
+        How long they are, for the progress.
+    speed : float or None
+        Times real time to pace the samples at.
+    progress : callable
+        Told the share done.
+    """
     started = time.monotonic()
     size = _PART if speed is None else 1
-    for first in range(0, part.t.size, size):
-        if speed is not None:
-            time.sleep(max(0.0, part.t[first] / speed - (time.monotonic() - started)))
-        piece = slice(first, first + size)
-        last = first + size >= part.t.size
-        samples = (column[piece] for column in (part.t, part.gyro, part.accel, part.temperature))
-        yield from runner.rows(estimator, *samples, last=last)
-        if first % 512 == 0:
-            progress(min(1.0, (first + size) / part.t.size))
+    for part in parts:
+        for first in range(0, part.t.size, size):
+            if speed is not None:
+                time.sleep(max(0.0, part.t[first] / speed - (time.monotonic() - started)))
+            piece = slice(first, first + size)
+            samples = (column[piece] for column in (part.t, part.gyro, part.accel, part.temperature))
+            yield from runner.rows(estimator, *samples, last=False)
+            if first % 512 == 0:
+                progress(min(1.0, float(part.t[piece][-1]) / seconds if seconds > 0.0 else 1.0))
+    yield from estimator.use_waiting()
     progress(1.0)
 
 

@@ -18,6 +18,7 @@ from filters.motion.profile import Profile
 from filters.simulation import Truth
 from filters.state import PAPER_SITE
 from imutui.jobs import replay as job
+from imutui.jobs import replay_input
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import SessionInfo, reader, results, schemas, trajectory_file
 from imutui.logbook.reference_file import ReferenceFile
@@ -181,7 +182,7 @@ def test_a_profile_is_joined_to_the_log_by_its_gyros(tmp_path: Path) -> None:
     )
     path = record(tmp_path / "a.mcap", late, kind="profile", attachment=profile_file(GYRO))
     log = reader.read(path)
-    _, settings = job.prepare(log, job.select(log, None, None), ReplayOptions())
+    _, settings = job.prepare(log, replay_input.select(log, None, None), ReplayOptions())
     assert settings.offset_sd is not None
     assert abs(settings.offset - 6.0) < 4.0 * settings.offset_sd
     result = replay(path, ReplayOptions())
@@ -210,7 +211,7 @@ def test_rotation_at_a_tenth_of_a_hertz_is_refused_with_the_reason(tmp_path: Pat
 def rows(path: Path, options: ReplayOptions) -> tuple[np.ndarray, np.ndarray]:
     """Times since the log's first sample, and what is known then."""
     log = reader.read(path)
-    part = job.select(log, options.start, options.end)
+    part = replay_input.select(log, options.start, options.end)
     _, settings = job.prepare(log, part, options)
     estimator = Estimator(settings)
     if estimator.aligning is not None:

@@ -1,0 +1,132 @@
+"""A long log is replayed in pieces: the same to the last bit as one that is read at once, whatever the pieces."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.paths import SAMPLE
+
+from filters import simulation
+from imutui.jobs import replay_input
+from imutui.jobs.replay import ReplayOptions, replayed
+from imutui.logbook import SessionInfo, pieces, reader, schemas
+from imutui.logbook.writer import LogWriter
+
+TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
+
+
+def still(path: Path, seconds: float = 60.0, reference: str = "level") -> Path:
+    """A simulated log with a pause of 3 s, samples that are no readings, and temperatures."""
+    samples, _ = simulation.simulate(rate_hz=20.0, seconds=seconds, seed=4)
+    info = SessionInfo(rate_hz=20.0, reference=reference, kind="simulated")
+    log = LogWriter(path, info, "", 0)
+    base = 1_700_000_000_000_000_000
+    for k, t in enumerate(samples.t.tolist()):
+        if 20.0 < t < 23.0:
+            continue
+        stamp = base + round(t * 1e9)
+        log.imu(stamp, stamp, samples.gyro[k], samples.accel[k], valid=k % 97 != 5)
+        if k % 7 == 0:
+            log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + t / 10.0), stamp, stamp)
+        if k % 20 == 0:
+            angles = [0.0, 0.0, 0.0] if reference == "level" else [float("nan")] * 3
+            row = schemas.encode_table_reference(stamp, reference, angles, [0.0] * 3)
+            log.encoded(schemas.REFERENCE, row, stamp, stamp)
+        if k % 50 == 0:
+            log.flush()
+    log.finish({}, base)
+    return path
+
+
+def result(path: Path, options: ReplayOptions) -> dict[str, Any]:
+    """All that a replay says but the timings."""
+    made = replayed(path, options)
+    told = {key: value for key, value in made.result.items() if key not in TIMINGS}
+    return {**told, "first_ns": made.first_ns, "temperature": made.temperature, "info": made.info}
+
+
+@pytest.fixture
+def in_pieces(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Makes any log a long one, read in pieces of so many samples."""
+
+    def make(rows: int) -> None:
+        monkeypatch.setattr(replay_input, "WHOLE_BYTES", 0)
+        monkeypatch.setattr(pieces, "ROWS", rows)
+
+    return make
+
+
+CASES = {
+    "level": ("level", ReplayOptions()),
+    "part": ("level", ReplayOptions(start=3.0, end=40.0)),
+    "course": ("level", ReplayOptions(course=True)),
+    "gravity": ("gravity", ReplayOptions()),
+    "drawn": ("level", ReplayOptions(overrides={"measurements": "drawn", "seed": 3})),
+    "ekf": ("level", ReplayOptions(overrides={"filter": "ekf"})),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_log_in_pieces_gives_the_same_result(tmp_path: Path, case: str, in_pieces: Callable[[int], None]) -> None:
+    """Every field but the timings; pauses, samples that are no readings and alignment at borders of pieces included."""
+    reference, options = CASES[case]
+    path = still(tmp_path / "a.mcap", reference=reference)
+    whole = result(path, options)
+    for rows in (1, 333):
+        in_pieces(rows)
+        found = result(path, options)
+        # a mean of parts may differ in the last bit
+        assert found.pop("temperature") == pytest.approx(whole["temperature"], rel=1e-14)
+        assert found == {key: value for key, value in whole.items() if key != "temperature"}
+    assert whole["gaps"]
+
+
+def test_estimates_in_a_file_are_the_same(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
+    """Row for row."""
+    whole, parts = tmp_path / "whole.mcap", tmp_path / "parts.mcap"
+    replayed(SAMPLE, ReplayOptions(output=whole, estimates_hz=0.0))
+    in_pieces(100)
+    replayed(SAMPLE, ReplayOptions(output=parts, estimates_hz=0.0))
+    data = [b"".join(m.data for m in _estimates(path)) for path in (whole, parts)]
+    assert data[0] == data[1]
+    assert len(data[0]) > 100_000
+
+
+def _estimates(path: Path) -> list[Any]:
+    from mcap.reader import make_reader
+
+    with path.open("rb") as stream:
+        return [message for _, _, message in make_reader(stream).iter_messages(topics=[schemas.ESTIMATE])]
+
+
+def test_what_needs_the_whole_log_gets_it(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
+    """Noise that is measured on the log: read at once, however long."""
+    path = still(tmp_path / "a.mcap")
+    options = ReplayOptions(overrides={"noise": "log"})
+    whole = result(path, options)
+    in_pieces(200)
+    assert result(path, options) == whole
+
+
+def test_an_empty_part_of_a_long_log_is_refused_in_words(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
+    """As of a short one."""
+    in_pieces(200)
+    with pytest.raises(reader.UnreadableLogError, match="leave no sample"):
+        replayed(still(tmp_path / "a.mcap"), ReplayOptions(start=1e6))
+
+
+def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
+    """Whatever the length of the log: the longest part that the filter is fed with."""
+    longest = []
+    for seconds in (60.0, 240.0):
+        path = still(tmp_path / f"{seconds}.mcap", seconds)
+        in_pieces(200)
+        known = replay_input.outline_of_long(path)
+        assert known is not None
+        fed = replay_input.in_pieces(known, None, None)
+        lengths = [part.t.size for part in fed.parts]
+        assert sum(lengths) == np.count_nonzero(reader.read(path).valid)
+        longest.append(max(lengths))
+    assert longest[1] <= longest[0] + 50 < 800
