@@ -1,4 +1,4 @@
-"""Memory and time of replay, export, check and info on logs of an hour to a day at 133 Hz; a week is computed from them.
+"""Memory and time of replay, export, check and info on logs of an hour to a day at 133 Hz; a week is computed.
 
     python benchmarks/long_logs.py [--hours 1 6 24] [--keep DIR]
 
