@@ -19,7 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from imutui.jobs.correction_terms import Term
 from imutui.jobs.info import brief
+from imutui.jobs.page_data import LogData
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.effects_file import _value as effects_value
 from imutui.logbook.session_info import METADATA
@@ -168,10 +170,14 @@ def test_a_page_shows_nothing_that_acts(tmp_path: Path) -> None:
     run["identity"] = dict.fromkeys(("instrument", "serial_number", "operator", "table", "place", "note"), NASTY)
     error: Any = {**traces.document()["error"][0], "channel": NASTY, "unit": NASTY}
     document: Any = {**traces.document(), "runs": [run], "notes": [NASTY], "library": NASTY, "common": [common]}
-    page.write(tmp_path, [document | {"findings": [], "error": [error], "source": f"trace of {NASTY}"}])
-    html = (tmp_path / page.INDEX).read_text()
-    assert not ACTING.search(html)
-    assert "<b>" not in html
+    made = document | {"findings": [], "error": [error], "source": f"trace of {NASTY}"}
+    log = LogData(effects=NASTY, missing=(NASTY,), terms=(Term((), NASTY, "", "", 1.0),))
+    page.write(tmp_path, [page.Story(made, log)])
+    for name in (page.INDEX, page.MARKDOWN):
+        text = (tmp_path / name).read_text()
+        assert not ACTING.search(text)
+        # in a fence of Markdown a sign is a sign
+        assert "<b>" not in re.sub(r"(?ms)^```$.*?^```$", "", text)
     assert len((tmp_path / "common_1.csv").read_text().splitlines()) == 3
 
 

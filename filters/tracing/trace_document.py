@@ -338,4 +338,5 @@ class TraceDocument(TraceFindings):
     library: str
     source: NotRequired[str]
     damage: NotRequired[list[str]]
+    effects_file: NotRequired[str]
     curves: NotRequired[list[RunCurvesEntry]]

@@ -1,11 +1,16 @@
 """`imutui report`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imutui.cli.options import Force
+from imutui.cli.options import Force, Json
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from imutui.report.page import Result
 
 
 def command(
@@ -14,32 +19,71 @@ def command(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its figures.")],
     force: Force = False,
+    json: Json = False,
 ) -> None:
-    """Make a page to hand over from results: unit and files, verdict, what to do, error before and after, figures.
+    """Make pages to hand over from results of replay and trace, and compare them where there are several.
 
-    One HTML file that needs nothing else; figures as SVG and PNG and the results beside it. Where the logs are still
-    where the results say, unchanged, dates and temperatures are taken from them.
+    Unit and files, verdict, what to do, error before and after, figures, how to apply it, data quality, provenance: as
+    HTML in one file that requests nothing, as Markdown, as JSON, as PDF where chromium or chrome is at hand, with the
+    figures as SVG and PNG. Figures over time need the logs, where the results say that they are, unchanged.
 
-    Example: imutui report trace.json -o report
+    Example: imutui report before.json after.json -o page
     """
     check_folder(output, force, "-o")
-    from imutui.cli.exit_codes import UNREADABLE, fail, say
+    from imutui.cli.exit_codes import UNREADABLE, fail, say, show_progress
     from imutui.jobs import result_files
-    from imutui.report import page
+    from imutui.logbook.json_text import dumps
 
     documents = []
     for path in results:
         documents += result_files.read(path)
     completed, notes = result_files.completed(documents)
-    for note in notes:
-        say(f"imutui: {note}")
     try:
-        written = page.write(output, completed)
+        written, told = write_page(output, completed, show_progress)
     except (ArithmeticError, IndexError, KeyError, TypeError, ValueError) as error:
         names = ", ".join(map(str, results))
         why = f"{names}: no page can be made of what stands there ({type(error).__name__}: {error})"
         raise fail(UNREADABLE, f"{why}. Make the result again with `imutui trace` or `imutui replay`.") from None
+    finally:
+        show_progress("")
+    notes += told
+    for note in notes:
+        say(f"imutui: {note}")
     say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
+    if json:
+        files = [path.name for path in written]
+        print(dumps({"version": 1, "folder": str(output.resolve()), "results": len(completed), "files": files,
+                     "notes": notes}))  # fmt: skip
+
+
+def write_page(
+    folder: Path, documents: "Sequence[Result]", progress: "Callable[[str], None]"
+) -> tuple[list[Path], list[str]]:
+    """Write the page of results into a folder, printed too where a browser is at hand.
+
+    Returns
+    -------
+    list of Path
+        What was written, the page first.
+    list of str
+        What was left out, sentences.
+    """
+    from imutui.jobs import page_data
+    from imutui.report import page, printing
+
+    stories = [page.Story(d, page_data.of_result(d, lambda name: progress(f"reading {name}"))) for d in documents]
+    progress("drawing")
+    written = page.write(folder, stories)
+    notes = [sentence.rstrip(".") for story in stories for sentence in story.log.missing]
+    program = printing.browser()
+    if program is None:
+        return written, [*notes, "no PDF: it takes chromium or chrome, and neither is here"]
+    progress("printing")
+    try:
+        printing.print_page(written[0], folder / page.PRINT, program)
+    except printing.PrintError as error:
+        return written, [*notes, f"no PDF: {error}"]
+    return [*written, folder / page.PRINT], notes
 
 
 def check_folder(folder: Path, force: bool, option: str) -> None:
@@ -56,4 +100,7 @@ def check_folder(folder: Path, force: bool, option: str) -> None:
         )
     if folder.exists() and not folder.is_dir():
         raise fail(USAGE, f"{folder} is a file; {option} names a folder.")
-    refuse_existing(folder / "index.html", force, f"name another folder with {option}")
+    from imutui.report import page
+
+    for name in page.NAMES:
+        refuse_existing(folder / name, force, f"name another folder with {option}")

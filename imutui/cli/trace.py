@@ -43,7 +43,7 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, tell
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, show_progress, tell
     from imutui.jobs.trace import TraceOptions, trace
     from imutui.logbook.json_text import dumps
     from imutui.report import sentences
@@ -69,9 +69,13 @@ def command(
     if output is not None:
         _write_effects(output, traced, force)
     if report is not None:
-        from imutui.report import page
+        from imutui.cli.report import write_page
+        from imutui.jobs import result_files
 
-        written = page.write(report, [traced.document])
+        written, left_out = write_page(report, result_files.completed([traced.document])[0], show_progress)
+        show_progress("")
+        for note in left_out:
+            say(f"imutui: {note}")
         say(f"imutui: {written[0]}: page with {sum(path.suffix == '.png' for path in written)} figures")
     raise typer.Exit(FINDINGS if traced.damage else FINE)
 

@@ -16,7 +16,7 @@ from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.jobs import log_noise, replay_input, unread_filled
-from imutui.jobs.replay_course import ReplayCourse
+from imutui.jobs.replay_course import ReplayCourse, ReplayPoints
 from imutui.jobs.replay_input import Feed, Part
 from imutui.logbook import (
     atomic_file,
@@ -32,7 +32,7 @@ from imutui.logbook.estimates import BiasVerdicts
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
-from imutui.logbook.results import Counters, ResultDocument, Timings
+from imutui.logbook.results import Counters, ReplayChoices, ResultDocument, Timings
 from imutui.logbook.session_info import FROM_LOG, Overrides, SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line, quoted
@@ -68,6 +68,8 @@ class ReplayOptions:
         Permissions of `output`.
     course : bool
         Whether the result has the biases over time, for plots; not with an `output`, which has them.
+    points : bool
+        Whether it has biases and NIS at instants, for figures.
     """
 
     start: float | None = None
@@ -81,12 +83,28 @@ class ReplayOptions:
     overwrite: bool = False
     mode: int = MODE
     course: bool = False
+    points: bool = False
 
     def every(self) -> float:
         """Least time between two estimates that are asked for, s."""
         if self.output is None:
             return np.inf
         return 1.0 / self.estimates_hz if self.estimates_hz > 0.0 else 0.0
+
+    def asked(self) -> ReplayChoices:
+        """What of it differs from the recording, as a result keeps it."""
+        made: ReplayChoices = {}
+        if self.start is not None:
+            made["start"] = self.start
+        if self.end is not None:
+            made["end"] = self.end
+        if self.overrides:
+            made["overrides"] = dict(self.overrides)
+        if self.effects is not None:
+            made["effects"] = self.effects.decode("utf-8", "replace")
+        if self.reference is not None:
+            made["reference"] = hashlib.sha256(self.reference.content).hexdigest()
+        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +177,9 @@ def replayed(
 
     info, settings = prepare(log, fed.first, options)
     course = ReplayCourse(info, fed.seconds) if options.course else None
-    estimator = Estimator(settings, options.every() if course is None else min(course.every, options.every()))
+    points = ReplayPoints(info, fed.seconds) if options.points else None
+    wanted = [taker.every for taker in (course, points) if taker is not None]
+    estimator = Estimator(settings, min([options.every(), *wanted]))
     for event in log.events:
         if event.name == "mark":
             estimator.mark(reader.seconds_since(event.stamp_ns, first_ns), event.text)
@@ -171,8 +191,9 @@ def replayed(
     started = time.perf_counter()
     try:
         for rows in run(estimator, temperature.seen(fed.parts), fed.seconds, options.speed, progress):
-            if course is not None:
-                course.take(rows, estimator)
+            for taker in (course, points):
+                if taker is not None:
+                    taker.take(rows, estimator)
             if sink is not None:
                 sink.take(rows, estimator)
         if estimator.latest is None:
@@ -197,6 +218,10 @@ def replayed(
         sink.finish(result)
     if course is not None:
         result["course"] = course.rows(result)
+    if points is not None:
+        result["points"] = points.points()
+    if asked := options.asked():
+        result["asked"] = asked
     return Replayed(result, info, first_ns, temperature.figures())
 
 

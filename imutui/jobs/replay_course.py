@@ -1,4 +1,6 @@
-"""The biases of a replay over time, for plots: in about as many rows as a plot has columns."""
+"""The biases of a replay over time: in about as many rows as a plot has columns, or at instants for figures."""
+
+from typing import Any
 
 import numpy as np
 
@@ -8,11 +10,13 @@ from imutui.estimate_history import EstimateHistory
 from imutui.history_rows import HistoryRows
 from imutui.logbook import estimates
 from imutui.logbook.estimates import BiasVerdicts
-from imutui.logbook.results import ResultDocument
+from imutui.logbook.results import EstimatePoints, ResultDocument
 from imutui.logbook.session_info import SessionInfo
 
 _ROWS = 200
 _EARLY = 0.9
+_FIRST_S, _GROWTH = 0.1, 0.015
+_LONG_S = 7200.0
 
 
 class ReplayCourse:
@@ -53,3 +57,55 @@ class ReplayCourse:
         since = [*result["converged_s"]["gyro_bias"], *result["converged_s"]["accel_bias"]]
         made["converged"] = [[s is not None and t >= s for s in since] for t in made["t"]]
         return made
+
+
+class ReplayPoints:
+    """Takes estimates at instants that are closer together at the beginning, where biases converge.
+
+    Parameters
+    ----------
+    info : SessionInfo
+        Axes and units.
+    seconds : float
+        How long the samples are.
+
+    Attributes
+    ----------
+    every : float
+        Least time between two estimates that it wants, s.
+    """
+
+    def __init__(self, info: SessionInfo, seconds: float) -> None:
+        self.every = _FIRST_S if seconds < _LONG_S else 1.0
+        self._info = info
+        self._longest = max(self.every, seconds / _ROWS)
+        self._next = 0.0
+        self._made: EstimatePoints = {"t": [], "bias": [], "sd": [], "nis": [], "dof": []}
+
+    def take(self, rows: np.ndarray, estimator: Estimator) -> None:
+        """Take those of some rows that are due."""
+        due = []
+        for k, t in enumerate(rows[:, layout.OUT_T].tolist()):
+            if t >= self._next:
+                due.append(k)
+                self._next = t + _EARLY * min(max(self.every, _GROWTH * t), self._longest)
+        if not due:
+            return
+        found = estimates.biases(rows[due], BiasVerdicts.of(estimator, self._info), self._info)
+        made = self._made
+        made["t"] += rows[due, layout.OUT_T].tolist()
+        made["bias"] += _told(np.hstack([found.gyro_dps, found.accel_mg]))
+        made["sd"] += _told(np.hstack([found.gyro_sd_dps, found.accel_sd_mg]))
+        made["nis"] += _told(rows[due, layout.OUT_NIS])
+        made["dof"] += rows[due, layout.OUT_DOF].tolist()
+
+    def points(self) -> EstimatePoints:
+        """All of them."""
+        return self._made
+
+
+def _told(values: np.ndarray) -> Any:
+    """Lists with None for what is not finite."""
+    made = values.astype(object)
+    made[~np.isfinite(values)] = None
+    return made.tolist()

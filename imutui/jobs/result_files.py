@@ -1,19 +1,21 @@
 """Results of replays and traces in files of JSON: read and checked, and completed from the logs that they are of."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 from filters.tracing.trace_document import TraceDocument
 from imutui import outside_file
 from imutui.jobs import document_shape, info
-from imutui.logbook import reader
+from imutui.logbook import added_notes, effects_file, reader
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import ResultDocument
 
 Result: TypeAlias = TraceDocument | ResultDocument
 
+VERSION = 1
+"""Of results that this edition reads: both kinds."""
 LIMIT = 64 * 2**20
 """Longest file of results, bytes."""
 _FILTERED = (
@@ -55,25 +57,47 @@ def read(path: Path) -> list[Result]:
 
 
 def completed(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
-    """Results with date and temperature from their logs, and a sentence for each log that could not be asked.
+    """Results with date and temperature from their logs, and with what was said of the logs later.
 
-    A log is asked only if it is where the result says and has the SHA-256 that stands there.
+    A log is asked only if it is where the result says and has the SHA-256 that stands there; notes beside it that
+    `imutui note` added are taken wherever the result says that it is.
 
     Parameters
     ----------
     results : sequence of Result
-        Of `read`; replays are replaced, not changed.
+        Of `read`; they are replaced, not changed.
+
+    Returns
+    -------
+    list of Result
+        The same with what is known now.
+    list of str
+        A sentence for each log that could not be asked.
     """
     made: list[Result] = []
     notes: list[str] = []
     for result in results:
-        if "findings" in result or "start_utc" in result:
-            made.append(result)
+        if "findings" in result:
+            traced = cast("TraceDocument", result)
+            runs = [_noted(run, Path(run["log"])) for run in traced["runs"]]
+            made.append(cast("TraceDocument", {**traced, "runs": runs}))
             continue
-        known, why = _of_log(Path(result["log"]), result["log_sha256"])
-        made.append(cast("ResultDocument", {**result, **known}))
+        path = Path(result["log"])
+        known, why = ({}, "") if "start_utc" in result else _of_log(path, result["log_sha256"])
+        made.append(cast("ResultDocument", {**_noted(result, path), **known}))
         notes += [why] if why else []
     return made, notes
+
+
+def _noted(of: Mapping[str, Any], log: Path) -> dict[str, Any]:
+    """A run or a result whose identity has the note and the operator that were added to its log later."""
+    note, operator = added_notes.latest(added_notes.read_or_none(log))
+    identity = of.get("identity")
+    if identity is None or (note is None and operator is None):
+        return dict(of)
+    said = {"note": note, "operator": operator}
+    later = {key: f"{value or 'none'} (added later)" for key, value in said.items() if value is not None}
+    return {**of, "identity": {**identity, **later}}
 
 
 def _of_log(path: Path, sha256: str | None) -> tuple[dict[str, Any], str]:
@@ -97,10 +121,21 @@ def _problem(document: object) -> str:
     """What keeps a document from being a result; empty if it is one."""
     if not isinstance(document, dict):
         return "it is not an object"
+    if isinstance(version := document.get("version"), int) and version > VERSION:
+        return f"it is version {version}, of a newer imutui; this one reads version {VERSION}"
     if "findings" in document:
         told = document_shape.problem(document, TraceDocument, "result")
-        return told or ("" if document["runs"] else "`result.runs` is empty") or _uneven(document)
+        return told or ("" if document["runs"] else "`result.runs` is empty") or _uneven(document) or _effects(document)
     return document_shape.problem(document, ResultDocument, "result") or _unfiltered(document)
+
+
+def _effects(document: dict[str, Any]) -> str:
+    """What is wrong with its effects file, if it has one."""
+    try:
+        effects_file.parse(document.get("effects_file", "version = 1").encode("utf-8", "replace"))
+    except ValueError as error:
+        return f"`result.effects_file`: {error}"
+    return ""
 
 
 def _unfiltered(document: dict[str, Any]) -> str:

@@ -57,7 +57,7 @@ class LoggedRun:
     sha256: str
 
 
-def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
+def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = _SHORTEST_S) -> LoggedRun:
     """Read a log as one run.
 
     Parameters
@@ -68,6 +68,8 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
         What the run is to be called.
     options : replay.ReplayOptions
         Reference and overrides of the session.
+    shortest : float
+        Least length, s: what tracing needs.
 
     Raises
     ------
@@ -78,9 +80,9 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions) -> LoggedRun:
     """
     log = reader.read(path)
     t = log.seconds()
-    if t[-1] < _SHORTEST_S:
+    if t[-1] < shortest:
         raise ValueError(
-            f"{path} lasts {t[-1]:.1f} s; tracing needs at least {_SHORTEST_S:.0f} s, better half an hour a run with"
+            f"{path} lasts {t[-1]:.1f} s; tracing needs at least {shortest:.0f} s, better half an hour a run with"
             " the unit warming up. Record a longer one."
         )
     info = replay.session_of(log, options)

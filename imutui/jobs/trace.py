@@ -19,7 +19,7 @@ from filters.tracing.trace_document import ExperimentEntry, RunCurvesEntry, RunE
 from imutui.jobs import power_ons, replay, residual_curves, run_consistency, runs, turned
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
-from imutui.logbook import power_on
+from imutui.logbook import effects_file, power_on
 from imutui.logbook.reference_file import ReferenceFile, to_toml
 
 VERSION = 1
@@ -127,6 +127,7 @@ def trace(
     document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
     source = _source(fitted, held)
     document["source"], document["damage"] = source, list(damage)
+    document["effects_file"] = effects_file.dumps(found, source)
     document["curves"] = cast(
         "list[RunCurvesEntry]",
         _plain(residual_curves.curves(found.series, None if held is None else held.run.name)),

@@ -240,7 +240,7 @@ def _number(value: Any, key: str, where: str) -> float:
 
 
 def _correlation(rows: Any, p: int) -> np.ndarray:
-    if rows is None:
+    if rows is None or (rows == [] and not p):
         return np.eye(p)
     try:
         matrix = np.array(rows, dtype=np.float64).reshape(-1, p)

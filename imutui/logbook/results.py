@@ -142,6 +142,32 @@ class RemainderField(TypedDict):
     windows: int
 
 
+class EstimatePoints(TypedDict):
+    """Estimates at instants, s since the first sample; closer together at the beginning, while they converge.
+
+    Biases and their standard deviations are of the gyros in deg/s, then of the accelerometers in mg, None where they
+    cannot be seen; NIS is that of the update at the instant (None without one), with its degrees of freedom.
+    """
+
+    t: list[float]
+    bias: list[list[float | None]]
+    sd: list[list[float | None]]
+    nis: list[float | None]
+    dof: list[float]
+
+
+class ReplayChoices(TypedDict, total=False):
+    """What a replay was asked to do differently from the recording: what it takes to repeat it."""
+
+    start: float
+    end: float
+    overrides: dict[str, str | float]
+    effects: str
+    """Text of the effects file; empty for none."""
+    reference: str
+    """SHA-256 of the reference's file, which is not kept."""
+
+
 class PartResult(TypedDict):
     """A finished file of a recording in several; both are true where no filter ran, `passes` is a verdict's."""
 
@@ -206,6 +232,10 @@ class ResultDocument(TypedDict):
     """Live recordings in several files only: all of them, the last one's result being this."""
     course: NotRequired[HistoryRows]
     """Replays on the screen only: gyro biases in deg/s, then accelerometer biases in mg, over time."""
+    points: NotRequired[EstimatePoints]
+    """Replays for a page only."""
+    asked: NotRequired[ReplayChoices]
+    """Replays that differ from the recording only."""
     truth: NotRequired[StateFields]
     """The demo only: what the virtual instrument really has."""
 

@@ -42,12 +42,13 @@ def after_replay(d: "ResultDocument") -> list[str]:
         told.append(
             f"The file is damaged. `imutui recover {log} -o WHOLE.mcap` makes a whole file of what can be read."
         )
-    if sources.of_document(d).level == "bad":
+    found = sources.of_document(d)
+    if found.level == "bad":
         told.append(
             f"Do not use these biases as they are: readings and model contradict each other. `imutui trace {log}` looks"
             " for the cause."
         )
-    elif d.get("converged"):
+    elif found.passes:
         told.append(
             "Subtract the biases of the table below: corrected reading = reading − bias, in the unit's own axes."
         )

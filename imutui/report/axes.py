@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
 BEFORE, AFTER, FLOOR, INK = "#d95f02", "#1b4f9c", "#888888", "#1c1c1c"
 """Colours of files, told apart by lightness too, for a grey print; a page has its own for light and dark."""
+STYLES = (
+    (AFTER, "-"), (BEFORE, "--"), (INK, ":"), (FLOOR, "-."), (BEFORE, "-"), (AFTER, "--"), (FLOOR, "-"), (INK, "-."),
+)  # fmt: skip
+"""Colour and stroke of several curves in one pair of axes, told apart without colours too."""
 _MOST_TICKS = 7
 _ROOM = 0.05
 _NEAR = 1.0 + 1e-9
@@ -104,6 +108,13 @@ def whiskers(ax: "Axes", at: float, value: float, interval: Sequence[float | Non
     if low is not None and high is not None:
         ax.plot([at, at], [low, high], color=color, lw=1.4)
     ax.plot([at], [value], color=color, marker=marker, ms=4.5, ls="none")
+
+
+def banded(ax: "Axes", t: Array, value: Array, half: Array, style: tuple[str, str], label: str) -> None:
+    """A curve with a band of half a width on each side."""
+    color, stroke = style
+    ax.fill_between(t, value - half, value + half, color=color, alpha=0.18, lw=0)
+    ax.plot(t, value, color=color, ls=stroke, lw=1.1, label=plain(label))
 
 
 def column(values: Sequence[float | None]) -> Array:

@@ -60,9 +60,10 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """Text of a file, as it is."""
+    """Text of a file, as it is; folded away under some words where it is long."""
 
     text: str
+    folded: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,8 @@ def _cells(block: Table, row: tuple[str, ...]) -> str:
 
 
 def _code(block: Code) -> str:
-    return f"<pre>{escape(block.text)}</pre>"
+    whole = f"<pre>{escape(block.text)}</pre>"
+    return f"<details><summary>{text(block.folded)}</summary>{whole}</details>" if block.folded else whole
 
 
 def _figure(block: Figure, number: int) -> str:

@@ -33,7 +33,8 @@ td.file, td.hash { font-family: ui-monospace, "DejaVu Sans Mono", monospace; fon
   overflow-wrap: anywhere }
 td.file { min-width: 9rem } td.hash { min-width: 33ch; width: 33ch } code.short { white-space: nowrap }
 td:last-child, th:last-child { padding-right: 0 }
-tr, svg, figcaption, figure.single { break-inside: avoid } figcaption, caption { break-after: avoid }
+tr, svg, figcaption, figure, table { break-inside: avoid } summary { cursor: pointer }
+figcaption, caption { break-after: avoid }
 figure { margin: 1.6rem 0 } figcaption { margin-bottom: .5rem; max-width: 48rem; color: var(--faint) }
 figcaption strong { color: var(--ink) }
 .panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 21rem), 1fr)); gap: .8rem 1.2rem }

@@ -1,33 +1,68 @@
-"""A folder to hand over: the page, its figures as files, the result, what goes beside a trace."""
+"""A folder to hand over: the page as HTML, Markdown and JSON, its figures as files, the results, what goes beside."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from filters.tracing.trace_document import CommonEntry, TraceDocument
+from imutui.jobs.page_data import LogData
 from imutui.logbook import json_text
 from imutui.plain_text import in_line
-from imutui.report import figures, html, replay_report, sentences, trace_report
-from imutui.report.blocks import Article, Page
+from imutui.report import (
+    comparison,
+    figures,
+    how_to_apply,
+    html,
+    markdown,
+    page_document,
+    replay_report,
+    sentences,
+    trace_report,
+)
+from imutui.report.blocks import Article, Figure, Page
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-INDEX, RESULT = "index.html", "result.json"
+INDEX, RESULT, MARKDOWN, REPORT, PRINT = "index.html", "result.json", "report.md", "report.json", "report.pdf"
+NAMES = (INDEX, MARKDOWN, REPORT, RESULT, PRINT)
+"""What every page has; the last where a browser is at hand."""
 Result: TypeAlias = "TraceDocument | ResultDocument"
 
 
-def page(results: Sequence[Result]) -> Page:
-    """A page of results, of traces and of replays.
+@dataclass(frozen=True, slots=True)
+class Story:
+    """A result with what its logs add to it.
+
+    Attributes
+    ----------
+    result : TraceDocument or ResultDocument
+        The result.
+    log : LogData
+        What its logs add; nothing where they are not at hand.
+    """
+
+    result: Result
+    log: LogData = field(default_factory=LogData)
+
+
+def page(stories: Sequence[Story]) -> Page:
+    """A page of results, of traces and of replays; several of a kind are compared first.
 
     Parameters
     ----------
-    results : sequence of TraceDocument or ResultDocument
+    stories : sequence of Story
         At least one.
     """
-    articles = tuple(_article(result) for result in results)
-    title = articles[0].title if len(articles) == 1 else f"{len(articles)} results"
-    return Page(title, articles)
+    articles = tuple(_article(story) for story in stories)
+    if len(articles) == 1:
+        return Page(articles[0].title, articles)
+    articles = tuple(
+        replace(article, title=f"{comparison.letter(n)}: {article.title}") for n, article in enumerate(articles, 1)
+    )
+    compared = comparison.article([story.result for story in stories], [story.log for story in stories])
+    return Page(f"{len(articles)} results", articles if compared is None else (compared, *articles))
 
 
 def is_trace(result: Result) -> bool:
@@ -35,14 +70,15 @@ def is_trace(result: Result) -> bool:
     return "findings" in result
 
 
-def write(folder: Path, results: Sequence[Result]) -> list[Path]:
-    """Write page, figures, results, and of a trace the courses of common causes and the experiment, into a folder.
+def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
+    """Write page, figures, results, and files that go beside them, into a folder.
 
     Parameters
     ----------
     folder : Path
-        Made if absent; files of these names are replaced.
-    results : sequence of TraceDocument or ResultDocument
+        Made if absent. Files of these names are replaced, and figures of the page before that this one has not are
+        removed.
+    stories : sequence of Story
         At least one.
 
     Returns
@@ -50,29 +86,60 @@ def write(folder: Path, results: Sequence[Result]) -> list[Path]:
     list of Path
         What was written, the page first.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    made = page(results)
+    made = page(stories)
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
-    contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else list(results)) + "\n").encode()
-    for number, (result, article) in enumerate(zip(results, made.articles, strict=True), 1):
-        prefix = "" if len(results) == 1 else f"{number}-"
+    names = _Names(made, len(stories))
+    contents[MARKDOWN] = markdown.document(made, names.of).encode("utf-8", "replace")
+    results = [story.result for story in stories]
+    contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else results) + "\n").encode()
+    for number, article in enumerate(made.articles, 1):
         for figure in article.figures():
             for kind in ("svg", "png"):
-                contents[f"{prefix}{figure.name}.{kind}"] = figures.file(figure, kind)
-        if is_trace(result):
-            contents |= {prefix + name: text.encode() for name, text in _beside(cast("TraceDocument", result)).items()}
+                contents[f"{names.of(number, figure)}.{kind}"] = figures.file(figure, kind)
+    for number, story in enumerate(stories, 1):
+        prefix = "" if len(stories) == 1 else f"{number}-"
+        contents |= {prefix + name: text.encode("utf-8", "replace") for name, text in _beside(story).items()}
+    contents[REPORT] = b""
+    contents[REPORT] = (json_text.dumps(page_document.document(made, names.of, list(contents))) + "\n").encode()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in page_document.figures_of(folder / REPORT):
+        (folder / name).unlink(missing_ok=True)
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     return [folder / name for name in contents]
 
 
-def _article(result: Result) -> Article:
-    if is_trace(result):
-        return trace_report.article(cast("TraceDocument", result))
-    return replay_report.article(cast("ResultDocument", result))
+class _Names:
+    """Names of figures' files: of several results each has its number, of their comparison none."""
+
+    def __init__(self, made: Page, results: int) -> None:
+        self._first = len(made.articles) - results
+        self._single = results == 1
+
+    def of(self, number: int, figure: Figure) -> str:
+        """Name without suffix of a figure of an article, which are numbered from 1."""
+        own = number - self._first
+        return figure.name if self._single or own < 1 else f"{own}-{figure.name}"
 
 
-def _beside(d: TraceDocument) -> dict[str, str]:
+def _article(story: Story) -> Article:
+    if is_trace(story.result):
+        return trace_report.article(cast("TraceDocument", story.result), story.log)
+    return replay_report.article(cast("ResultDocument", story.result), story.log)
+
+
+def _beside(story: Story) -> dict[str, str]:
+    d = story.result
+    made: dict[str, str] = {}
+    for section in _article(story).sections:
+        if section.title == how_to_apply.TITLE:
+            made |= how_to_apply.files(section.blocks)
+    if is_trace(d):
+        made |= _of_trace(cast("TraceDocument", d))
+    return made
+
+
+def _of_trace(d: TraceDocument) -> dict[str, str]:
     made = {sentences.common_file(n): course(entry) for n, entry in enumerate(d.get("common", []), 1)}
     experiment = d.get("separating_experiment")
     if experiment and experiment.get("profile"):

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from imutui.report import advice, axes, effect_words, identity, numbers
+from imutui.jobs.page_data import LogData
+from imutui.report import (
+    advice,
+    axes,
+    data_quality,
+    effect_words,
+    filter_figures,
+    how_to_apply,
+    identity,
+    numbers,
+    residual_figures,
+)
 from imutui.report.axes import AFTER, INK
 from imutui.report.blocks import Article, Block, Column, Facts, Figure, Items, Panel, Paragraph, Section, Table
 from imutui.verdict import sources
@@ -35,13 +46,18 @@ _KINDS = (
 _DASH = "–"
 
 
-def article(d: "ResultDocument") -> Article:
+NO_DATA = LogData()
+
+
+def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
     """All that is said of a result.
 
     Parameters
     ----------
     d : ResultDocument
         The result; fields that came later may lack.
+    log : LogData
+        What its log adds.
     """
     logs = [identity.of_result(d)]
     kind = identity.kind_of(logs)
@@ -50,9 +66,12 @@ def article(d: "ResultDocument") -> Article:
         made += [
             Section("What to do", (Items(tuple(advice.after_replay(d)), numbered=True),)),
             Section("Error before and after", (Paragraph(_MEANING), _biases(d))),
-            Section("Figures", (_figure(d),)),
-            Section("Method and provenance", tuple(_method(d))),
+            Section("Figures", tuple(_figures(d, log))),
+            how_to_apply.of_replay(d, log),
         ]
+    made.append(data_quality.of_replay(d, log))
+    if "final" in d:
+        made.append(Section("Method and provenance", tuple(_method(d))))
     title = f"Filtered: {PurePath(d['log']).name}"
     return Article(title, kind, identity.ORIGINS[kind], tuple(made))
 
@@ -76,20 +95,9 @@ def _verdict(d: "ResultDocument") -> Iterator[Block]:
         yield Paragraph(f"The file is damaged: {d['damage']}. This is the result of the part before the damage.")
     elif not d["finished"]:
         yield Paragraph("The file is unfinished. This is the result of all up to its last flush.")
-    yield Paragraph(_converged(d))
     if d.get("confounded"):
         yield Paragraph("This motion does not tell apart:")
         yield Items(tuple(d["confounded"]))
-
-
-def _converged(d: "ResultDocument") -> str:
-    since = [t for kind in _KINDS for t in d["converged_s"][kind.since]]
-    seen = [value for kind in _KINDS for value in d["final"][kind.key]]
-    settled = [t for t in since if t is not None]
-    observable = sum(value is not None for value in seen)
-    if d.get("converged") and settled:
-        return f"All {observable} observable biases converged, the last of them at {max(settled):.0f} s."
-    return f"NOT converged: {len(settled)} of {observable} observable biases have settled."
 
 
 def _biases(d: "ResultDocument") -> Table:
@@ -122,6 +130,16 @@ def _spread(d: "ResultDocument", kind: _Kind, i: int) -> str:
         return _DASH
     mean, sd = spread["mean"][kind.key][i], spread["sd"][kind.key][i]
     return _DASH if mean is None or sd is None else f"{mean:.{kind.digits}f} ± {sd:.{kind.digits}f} {kind.unit}"
+
+
+def _figures(d: "ResultDocument", log: LogData) -> Iterator[Block]:
+    for course in log.courses:
+        yield filter_figures.biases(course, d.get("rate_hz"), "convergence")
+    if found := filter_figures.nis(log.courses, "nis"):
+        yield found
+    yield _figure(d)
+    yield from residual_figures.figures(log.curves)
+    yield from (Paragraph(sentence) for sentence in log.missing)
 
 
 def _figure(d: "ResultDocument") -> Figure:
@@ -161,10 +179,23 @@ def _method(d: "ResultDocument") -> Iterator[Block]:
         ("NIS", _nis(d)),
         ("Noise of this log", _noise(d)),
         ("Effects in the filter", "; ".join(effect_words.state(effect["name"]) for effect in d["effects"]) or "none"),
+        ("Asked for in place of the recording's own settings", _asked(d)),
+        ("SHA-256 of the log", d["log_sha256"] or identity.NOT_STATED),
         ("SHA-256 of the settings", d["config_sha256"]),
         ("Result document", f"version {d['version']}, beside this page as `result.json`"),
     ]
     yield Facts(tuple(rows))
+
+
+def _asked(d: "ResultDocument") -> str:
+    asked = d.get("asked", {})
+    told = [f"{key} {asked[key]:g} s" for key in ("start", "end") if key in asked]
+    told += [f"{key} {value}" for key, value in asked.get("overrides", {}).items()]
+    if "reference" in asked:
+        told.append(f"a reference from a file with SHA-256 {asked['reference']}")
+    if "effects" in asked:
+        told.append("an effects file of its own" if asked["effects"] else "no effects")
+    return ", ".join(told) or "nothing"
 
 
 def _nis(d: "ResultDocument") -> str:

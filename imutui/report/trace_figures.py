@@ -16,6 +16,7 @@ from filters.tracing.trace_document import (
     RunCurvesEntry,
     TraceDocument,
 )
+from imutui.report import allan_axes as allan
 from imutui.report import axes
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
 from imutui.report.blocks import Figure, Panel
@@ -64,7 +65,7 @@ def _of_run(run: RunCurvesEntry, d: TraceDocument) -> Iterator[Figure]:
         "allan",
         f"Allan deviation of the residual of {which}",
         "A straight line that halves when the averaging time quadruples is white noise; where it bends up, something"
-        " else moves the channel." + bridged,
+        " else moves the channel. " + allan.CAPTION + bridged,
         _panels(run, _allan),
     )
     yield Figure(
@@ -97,8 +98,10 @@ def _spectrum(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
 
 
 def _allan(ax: "Axes", curves: ChannelCurvesEntry, unit: str) -> None:
-    _log_log(ax, curves["allan"]["x"], curves["allan"]["before"], curves["allan"]["after"])
-    axes.name(ax, "averaging time, s", unit, legend=True)
+    curve = curves["allan"]
+    both = axes.column(curve["before"]), axes.column(curve["after"])
+    axes.before_and_after(ax, curve["x"], *both)
+    allan.finish(ax, np.asarray(curve["x"], float), unit, *both)
 
 
 def _log_log(ax: "Axes", x: Sequence[float], before: Sequence[float | None], after: Sequence[float | None]) -> None:

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from filters.tracing.trace_document import ErrorEntry, TraceDocument
-from imutui.report import advice, identity, sentences, trace_figures
+from imutui.jobs.page_data import LogData
+from imutui.report import advice, data_quality, filter_figures, how_to_apply, identity, sentences, trace_figures
 from imutui.report.blocks import (
     Article,
     Block,
@@ -36,15 +37,18 @@ _HELD_OUT = {
     "folds": "within the runs that were fitted, by folds",
 }
 _DASH = "–"
+NO_DATA = LogData()
 
 
-def article(d: TraceDocument) -> Article:
+def article(d: TraceDocument, log: LogData = NO_DATA) -> Article:
     """All that is said of a trace.
 
     Parameters
     ----------
     d : TraceDocument
         The result; fields that came later may lack.
+    log : LogData
+        What its logs add.
     """
     logs = [identity.of_run(run) for run in d["runs"]]
     kind = identity.kind_of(logs)
@@ -53,8 +57,10 @@ def article(d: TraceDocument) -> Article:
         Section("Verdict", tuple(_verdict(d))),
         Section("What to do", (Items(tuple(advice.after_trace(d)), numbered=True),)),
         Section("Error before and after", tuple(_errors(d))),
-        Section("Figures", tuple(_figures(d))),
+        Section("Figures", tuple(_figures(d, log))),
         Section("What was found, in detail", tuple(_detail(d))),
+        how_to_apply.of_trace(d, log),
+        data_quality.of_trace(d, log),
         Section("Method and provenance", tuple(_method(d))),
     ]
     title = d.get("source") or "trace of " + ", ".join(run["id"] for run in d["runs"])
@@ -143,8 +149,13 @@ def _ratio(value: float | None) -> str:
     return _DASH if value is None else three_digits(value)
 
 
-def _figures(d: TraceDocument) -> Iterator[Figure | Paragraph]:
+def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
     yield from trace_figures.figures(d)
+    for n, course in enumerate(log.courses, 1):
+        yield filter_figures.biases(course, d["runs"][-1]["rate_hz"], f"convergence-{n}")
+    if found := filter_figures.nis(log.courses, "nis"):
+        yield found
+    yield from (Paragraph(sentence) for sentence in log.missing)
     if not d.get("curves"):
         yield Paragraph(
             "This result has no curves of the residual: it was made by an older imutui. `imutui trace` with the same"

@@ -1,6 +1,7 @@
 """`imutui report`, and what it says where it cannot draw."""
 
 import json
+import re
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -8,10 +9,14 @@ from typing import Any
 
 import pytest
 from helpers import traces
+from helpers.paths import ROOT
 
 from imutui import cli
 from imutui.cli import installed_from
-from imutui.report import figures
+from imutui.jobs.replay import ReplayOptions, replay
+from imutui.logbook import added_notes
+from imutui.report import figures, printing
+from imutui.report.html_style import STYLE
 
 REPLAY = Path(traces.__file__).with_name("replay_result.json")
 
@@ -23,23 +28,89 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
     return int(ended.value.code or 0)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are empty, and no browser is here: what is around them is looked at."""
+    monkeypatch.setattr(figures, "available", lambda: True)
+    monkeypatch.setattr(figures, "file", lambda figure, kind: b"")
+    monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "<svg></svg>")
+    monkeypatch.setattr(printing, "browser", lambda: None)
+
+
 def test_results_of_both_kinds_make_one_page(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
 ) -> None:
-    """With contents; not over another one unless forced."""
-    pytest.importorskip("matplotlib")
+    """With contents; not over another one unless forced; what is not a result is refused."""
     (home / "trace.json").write_text(json.dumps({**traces.whole_document(), "curves": []}))
-    assert run(monkeypatch, "trace.json", REPLAY, "-o", "page") == 0
+    assert run(monkeypatch, "trace.json", REPLAY, "-o", "page", "--json") == 0
+    out = capsys.readouterr()
     text = (home / "page" / "index.html").read_text()
     assert text.count("<article") == 2
     assert "<h1>2 results</h1>" in text
     assert "was made by an older imutui" in text
-    assert {"1-error.svg", "2-biases.png"} <= {path.name for path in (home / "page").iterdir()}
+    names = {path.name for path in (home / "page").iterdir()}
+    assert {"1-error.svg", "2-biases.png", "report.md", "2-imu.yaml"} <= names
     assert len(json.loads((home / "page" / "result.json").read_text())) == 2
-    assert "is not there" in capsys.readouterr().err
+    assert set(json.loads(out.out)["files"]) == names
+    assert "/data/sample.mcap is not there: biases and NIS over time" in out.err
+    assert "no PDF: it takes chromium or chrome" in out.err
     assert run(monkeypatch, REPLAY, "-o", "page") == 2
-    assert run(monkeypatch, "absent.json", "-o", "other") == 3
+    assert run(monkeypatch, REPLAY, "-o", "page", "--force") == 0
+    assert not (home / "page" / "1-error.svg").exists()
+    for name, content, why in (
+        ("absent.json", None, "No such file"),
+        ("list.json", "[]", "no result in it"),
+        ("other.json", '{"version": 1, "units": {}}', "is missing"),
+        ("newer.json", json.dumps({**json.loads(REPLAY.read_text()), "version": 2}), "version 2"),
+        ("effects.json", json.dumps({**traces.whole_document(), "effects_file": "version = 9"}), "effects_file"),
+    ):
+        if content is not None:
+            (home / name).write_text(content)
+        capsys.readouterr()
+        assert run(monkeypatch, name, "-o", "other") == 3
+        assert why in capsys.readouterr().err
     assert not (home / "other").exists()
+
+
+def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], undrawn: None
+) -> None:
+    """The filter runs over it again as it did, part and settings; notes added later are there; a changed log is not."""
+    log = home / "sample.mcap"
+    log.write_bytes((ROOT / "logs" / "sample.mcap").read_bytes())
+    added_notes.add(log, note="on the oven", operator="ben")
+    asked = ReplayOptions(start=2.0, end=22.0, overrides={"filter": "ekf"})
+    (home / "r.json").write_text(json.dumps(replay(log, asked)))
+    assert run(monkeypatch, "r.json", "-o", "page") == 0
+    names = {path.name for path in (home / "page").iterdir()}
+    assert {"convergence.svg", "nis.png", "allan.svg", "residual.svg"} <= names
+    text = (home / "page" / "report.md").read_text()
+    assert "| Operator | ben (added later) |" in text
+    assert "sample.mcap: on the oven (added later)" in text
+    assert "start 2 s, end 22 s, filter ekf" in text
+    assert "Left out of this page" not in text
+    log.write_bytes(log.read_bytes() + b"x")
+    capsys.readouterr()
+    assert run(monkeypatch, "r.json", "-o", "page", "--force") == 0
+    assert "its SHA-256 differs" in capsys.readouterr().err
+    assert not (home / "page" / "convergence.svg").exists()
+
+
+def test_a_page_is_printed_where_a_browser_is(tmp_path: Path) -> None:
+    """On A4; a browser that prints nothing ends in words, and leaves nothing."""
+    program = printing.browser()
+    if program is None:
+        pytest.skip("no chromium here: apt-get install chromium")
+    (tmp_path / "index.html").write_text(f"<!doctype html><style>{STYLE}</style><p>one page")
+    printing.print_page(tmp_path / "index.html", tmp_path / "report.pdf", program)
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)
+    assert box is not None
+    assert [round(float(side) / 72.0 * 25.4) for side in box.groups()] == [210, 297]
+    with pytest.raises(printing.PrintError, match="false"):
+        printing.print_page(tmp_path / "index.html", tmp_path / "other.pdf", "/bin/false")
+    assert {path.name for path in tmp_path.iterdir()} == {"index.html", "report.pdf"}
 
 
 def test_without_matplotlib_it_is_said_what_to_type(

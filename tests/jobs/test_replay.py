@@ -275,7 +275,8 @@ def test_a_part_is_the_samples_between_its_ends(tmp_path: Path) -> None:
         replay(whole, ReplayOptions(start=5.0, end=20.0)),
         replay(record(tmp_path / "b.mcap", alone), ReplayOptions()),
     )
-    own = ("log", "log_sha256")
+    own = ("log", "log_sha256", "asked")
+    assert part["asked"] == {"start": 5.0, "end": 20.0}
     assert {k: v for k, v in untimed(part).items() if k not in own} == {
         k: v for k, v in untimed(cut).items() if k not in own
     }

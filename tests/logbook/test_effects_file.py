@@ -49,7 +49,9 @@ def test_parameters_of_any_kind_are_written() -> None:
 
 def test_nothing_included_is_a_valid_file() -> None:
     """The filter with it is the filter without."""
-    read = tomllib.loads(effects_file.dumps(traces.nothing(), "trace of a.mcap"))
+    text = effects_file.dumps(traces.nothing(), "trace of a.mcap")
+    assert effects_file.parse(text.encode()).effects == ()
+    read = tomllib.loads(text)
     assert read == {"version": 1, "source": "trace of a.mcap", "correlation": []}
 
 

@@ -1,5 +1,6 @@
 """A page as a browser shows it: wide, narrow, on paper; what it asks the network for."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 from helpers import browser, traces
 
 from imutui.jobs import residual_curves
+from imutui.jobs.page_data import Course, LogData
 from imutui.report import html, page
 
 
@@ -18,7 +20,18 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     run = {"id": "a_long_name_of_a_run_" * 3, "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0}
     run |= {"log": "/data/" + "2026-11-23T01-14-22_IMU400CD-200_" * 2 + ".mcap", "log_sha256": "0123456789abcdef" * 4}
     curves = residual_curves.curves(traces.trace(("a",)).series, None)
-    whole = html.document(page.page([{**traces.document(), "runs": [run, run], "curves": curves}]))
+    points: Any = {
+        "t": [0.0, 1.0, 5.0],
+        "bias": [[0.1] * 6] * 3,
+        "sd": [[0.1] * 6] * 3,
+        "nis": [None, 1.0, 8.0],
+        "dof": [9.0] * 3,
+    }
+    log = LogData(courses=(Course("with it", points, is_test=True),), effects="# effects\n" * 60, missing=("a" * 90,))
+    replayed = json.loads(Path(traces.__file__).with_name("replay_result.json").read_text())
+    stories = [page.Story({**traces.document(), "runs": [run, run], "curves": curves}, log)]
+    stories += [page.Story(replayed), page.Story({**replayed, "kind": "measured"})]
+    whole = html.document(page.page(stories))
     return browser.measured(whole, folder)
 
 
@@ -33,7 +46,7 @@ def test_nothing_is_wider_than_the_window(shown: list[dict[str, Any]]) -> None:
 def test_every_figure_is_there_with_numbers_on_both_axes(shown: list[dict[str, Any]]) -> None:
     """Numbers and a name, none smaller than can be read; no name inside a picture is used twice."""
     for told in shown:
-        assert len(told["pictures"]) == 6 * 3 + 2
+        assert len(told["pictures"]) == 6 * 3 + 2 + 4 + 1 + 2 * 2 + 2 * 6
         for picture in told["pictures"]:
             assert picture["x"] >= 2
             assert picture["y"] >= 3

@@ -11,7 +11,20 @@ from helpers import traces
 
 from filters.tracing.result import RunSeries
 from imutui.jobs import residual_curves
-from imutui.report import advice, axes, figures, html, identity, page, sentences, trace_figures, trace_report
+from imutui.report import (
+    advice,
+    axes,
+    figures,
+    html,
+    identity,
+    markdown,
+    page,
+    replay_report,
+    sentences,
+    trace_figures,
+    trace_report,
+)
+from imutui.report.blocks import Paragraph, Table
 from imutui.report.numbers import duration, plus_minus, share, times_floor
 
 SOURCE = "trace of a.mcap; held out b.mcap"
@@ -66,7 +79,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of a trace with something of everything, and what lies beside it; `result.json` is what it is of."""
     pytest.importorskip("matplotlib")
     made: Path = tmp_path_factory.mktemp("page") / "r"
-    written = page.write(made, [traced(common=[COMMON])])
+    written = page.write(made, [page.Story(traced(common=[COMMON]))])
     assert sorted(written) == sorted(made.iterdir())
     return made
 
@@ -188,7 +201,7 @@ def test_a_page_has_all_sentences_and_figures_in_one_file(folder: Path) -> None:
     made = traced(common=[COMMON])
     drawn = ("residual-1", "driver-1", "common-1", "spectrum", "allan", "error")
     pictures = {f"{name}.{kind}" for name in drawn for kind in ("svg", "png")}
-    beside = {"index.html", "result.json", "experiment.toml", "common_1.csv"}
+    beside = {"index.html", "report.md", "report.json", "result.json", "experiment.toml", "common_1.csv", "imu.yaml"}
     assert {path.name for path in folder.iterdir()} == pictures | beside
     text = (folder / "index.html").read_text()
     for line in sentences.channel_lines(made):
@@ -203,7 +216,7 @@ def test_a_page_has_the_sections_of_a_report_in_order() -> None:
     titles = [section.title for section in trace_report.article(traced()).sections]
     assert titles == [
         "Unit and files", "Verdict", "What to do", "Error before and after", "Figures", "What was found, in detail",
-        "Method and provenance",
+        "How to apply it", "Data quality", "Method and provenance",
     ]  # fmt: skip
 
 
@@ -303,6 +316,94 @@ def test_a_channel_without_any_reading_stops_no_figure() -> None:
 def test_a_text_cannot_become_markup() -> None:
     """Names of files and notes are text."""
     made = document(notes=["<b>x"], source="trace of <b>.mcap", findings=[], error=[])
-    text = html.document(page.page([made]))
+    text = html.document(page.page([page.Story(made)]))
     assert "<b>" not in text
     assert "&lt;b&gt;x" in text
+
+
+def test_markdown_and_json_say_what_the_page_says(folder: Path) -> None:
+    """All sections and figures, and the names of all files."""
+    told = json.loads((folder / "report.json").read_text())
+    assert set(told["files"]) == {path.name for path in folder.iterdir()}
+    (article,) = told["articles"]
+    text = (folder / "report.md").read_text()
+    for section in article["sections"]:
+        assert f"## {section['title']}\n" in text
+    figures_told = [b for s in article["sections"] for b in s["blocks"] if b["block"] == "figure"]
+    assert len(figures_told) == 6
+    for figure in figures_told:
+        assert f"]({figure['files'][0]})" in text
+        assert set(figure["files"]) <= set(told["files"])
+    assert markdown.text("a_b | `x_y` <i>") == r"a\_b \| `x_y` \<i\>"
+
+
+def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those only: no file of another name, and nothing outside of the folder."""
+    monkeypatch.setattr(figures, "file", lambda figure, kind: b"")
+    monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "")
+    (tmp_path / "own.txt").write_text("mine")
+    (tmp_path / "outside.png").write_text("mine")
+    made = tmp_path / "r"
+    made.mkdir()
+    (made / "report.json").write_text(json.dumps({"files": ["driver-9.svg", "../outside.png", "own.txt", 3]}))
+    for name in ("driver-9.svg", "own.txt"):
+        (made / name).write_text("")
+    page.write(made, [page.Story(document())])
+    assert not (made / "driver-9.svg").exists()
+    assert (made / "own.txt").exists()
+    assert (tmp_path / "outside.png").exists()
+
+
+def test_an_alarm_is_never_above_converged() -> None:
+    """One verdict: RED says what, and neither the page nor what to do calls the biases converged or usable."""
+    d = {**replayed(), "alarms": ["x gyro (body axes) is off"]}
+    assert d["converged"]
+    article = replay_report.article(d)
+    verdict = [block for block in article.sections[1].blocks if isinstance(block, Paragraph)]
+    assert verdict[0].text.startswith("RED: ")
+    assert not any("converged" in block.text for block in verdict)
+    assert advice.after_replay(d)[0].startswith("Do not use these biases")
+    apply = next(s for s in article.sections if s.title == "How to apply it")
+    assert isinstance(apply.blocks[0], Paragraph)
+    assert "RED" in apply.blocks[0].text
+
+
+def replayed(**changes: Any) -> dict[str, Any]:
+    """A replay's result."""
+    made: dict[str, Any] = json.loads(Path(traces.__file__).with_name("replay_result.json").read_text())
+    return made | changes
+
+
+def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() -> None:
+    """Unit, date and file; simulated and measured are marked; the sd is that of independent estimates."""
+    other = replayed(log="/data/b/sample.mcap", log_sha256="00" * 32, kind="measured", start_utc="2026-03-01T09:30:00Z")
+    other["final"] = {**other["final"], "gyro_bias_dps": [-0.9, 0.7, None]}
+    other["identity"] = {**other["identity"], "serial_number": "17"}
+    made = page.page([page.Story(replayed()), page.Story(other), page.Story(document())])
+    assert [a.title[:2] for a in made.articles] == ["Co", "A:", "B:", "C:"]
+    first = made.articles[0]
+    assert first.kind == "simulated"
+    who, biases = (next(b for b in first.sections[k].blocks if isinstance(b, Table)) for k in (0, 1))
+    assert who.rows[1][:5] == ("B", "IMU400CD-200 17", "2026-03-01 09:30", "sample.mcap", "measured")
+    rows = {row[:2]: row[2:] for row in biases.rows}
+    sd = np.hypot(*[replayed()["sd"]["gyro_bias_dps"][0]] * 2)
+    assert rows["gx", "A (SIMULATED)"][1:] == ("–", "–")
+    assert rows["gx", "B"] == ("-0.900 ± 0.015 deg/s", f"0.077 ± {sd:.3f} deg/s", f"{(-0.9 + 0.9767409) / sd:+.1f}")
+    assert rows["gz", "B"] == ("not observable", "–", "–")
+    drawn = {figure.name: [panel.name for panel in figure.panels] for figure in first.figures()}
+    assert drawn["compared-differences"] == ["gx", "ax", "gy", "ay", "az"]
+    assert all("SIMULATED" in figure.title for figure in first.figures())
+    same = page.page([page.Story(replayed()), page.Story(replayed())]).articles[0]
+    assert any("same readings" in getattr(block, "text", "") for block in same.sections[0].blocks)
+
+
+def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
+    """What one has and the other lacks is said."""
+    one, two = traces.whole_document(), {**traces.whole_document(), "findings": []}
+    made = page.page([page.Story(one), page.Story(two)]).articles[0]
+    assert [section.title for section in made.sections] == [
+        "Traces that are compared", "Errors beside each other", "Effects beside each other",
+    ]  # fmt: skip
+    table = made.sections[2].blocks[0]
+    assert isinstance(table, Table)
+    assert {row[2] for row in table.rows if row[1].startswith("B")} == {"not found"}

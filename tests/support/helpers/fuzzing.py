@@ -37,7 +37,7 @@ from imutui.instrument.crossbow import (
     SetMode,
     encode,
 )
-from imutui.jobs import check, info, operator_steps, recover, result_files
+from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
 from imutui.logbook import effects_file, import_reference, importer, reference_file
 from imutui.logbook.importer import ImportDataError
 from imutui.logbook.json_text import dumps
@@ -481,7 +481,8 @@ def _result_seeds(folder: Path) -> list[bytes]:
 def _take_result(data: bytes, folder: Path) -> None:
     path = folder / "result.json"
     path.write_bytes(data)
-    page.page(result_files.completed(result_files.read(path))[0])
+    found, _ = result_files.completed(result_files.read(path))
+    page.page([page.Story(d, page_data.of_result(d)) for d in found])
 
 
 def _given(*seeds: bytes) -> Callable[[Path], list[bytes]]:

@@ -1,0 +1,63 @@
+"""What corrects a reading beside its constant bias: states of effects, from an effects file or a replay's result."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from filters.imu import CHANNELS
+from imutui.logbook import effects_file
+from imutui.logbook.results import EffectField
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A state of an effect.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Which it acts on, instrument axes.
+    effect : str
+        Name in the catalogue, or driver:NAME.
+    state, unit : str
+        Of the parameter.
+    value : float
+        In that unit.
+    """
+
+    channels: tuple[str, ...]
+    effect: str
+    state: str
+    unit: str
+    value: float
+
+
+def of_effects_file(text: str) -> tuple[Term, ...]:
+    """Terms of an effects file; none of an empty text.
+
+    Raises
+    ------
+    ValueError
+        If it is no effects file.
+    """
+    if not text:
+        return ()
+    return tuple(
+        Term(effect.channels, effect.effect, state.name, state.unit, state.mean)
+        for effect in effects_file.parse(text.encode()).effects
+        for state in effect.states
+    )
+
+
+def of_states(states: Sequence[EffectField]) -> tuple[Term, ...]:
+    """Terms of a result's states, "gy thermal_lin k (deg/s/K)"; of no channel where a name does not read so."""
+    return tuple(_of_state(state) for state in states)
+
+
+def _of_state(state: EffectField) -> Term:
+    words, _, unit = state["name"].removesuffix(")").partition(" (")
+    channels, _, rest = words.partition(" ")
+    effect, _, name = rest.rpartition(" ")
+    known = tuple(channels.split("/"))
+    if not effect or not set(known) <= set(CHANNELS):
+        return Term((), state["name"], "", "", state["value"])
+    return Term(known, effect, name, unit, state["value"])

@@ -1,0 +1,220 @@
+"""What the log of a result adds to its page, where the log is at hand and unchanged: courses, residual, noise, quality.
+
+A result is a few numbers; its figures need readings. The log is read again, and the filter runs over it again as it
+did. What comes out must be the result; else there are no figures of it, and it is said.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeAlias, cast
+
+import numpy as np
+
+from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
+from imutui.jobs import log_quality, replay, residual_noise
+from imutui.jobs.correction_terms import Term, of_effects_file, of_states
+from imutui.jobs.log_quality import Quality
+from imutui.jobs.residual_noise import NoiseLevel
+from imutui.logbook import effects_file, reader
+from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.results import EstimatePoints, ResultDocument
+
+Result: TypeAlias = TraceDocument | ResultDocument
+
+_SAME, _SHARE = 1e-9, 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Estimates of a filter over a log.
+
+    Attributes
+    ----------
+    name : str
+        Of the run of the filter, such as "with its effects".
+    points : EstimatePoints
+        Biases and NIS at instants.
+    is_test : bool
+        Whether NIS is one.
+    """
+
+    name: str
+    points: EstimatePoints
+    is_test: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LogData:
+    """What logs add to the page of a result; empty where they are not at hand.
+
+    Attributes
+    ----------
+    courses : tuple of Course
+        One of a replay; of a trace without and with what was found, over its last log.
+    curves : dict
+        Residual of a replay by channel, before and after alike.
+    levels : dict
+        Noise by channel, and in `levels_of` the name of the log that it is of.
+    quality : tuple of Quality
+        One a log that could be read.
+    effects : str
+        Text of the effects file that a replay took, or a trace made; empty for none.
+    terms : tuple of Term
+        What it takes to correct a reading beside the constant bias.
+    missing : tuple of str
+        What is left out, and why, a sentence each.
+    """
+
+    courses: tuple[Course, ...] = ()
+    curves: dict[str, ChannelCurvesEntry] = field(default_factory=dict)
+    levels: dict[str, NoiseLevel] = field(default_factory=dict)
+    levels_of: str = ""
+    quality: tuple[Quality, ...] = ()
+    effects: str = ""
+    terms: tuple[Term, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+def of_result(result: Result, progress: Callable[[str], None] = lambda text: None) -> LogData:
+    """What the logs of a result add to its page.
+
+    Parameters
+    ----------
+    result : Result
+        Of `result_files.read`.
+    progress : callable
+        Told what is being read.
+    """
+    if "findings" in result:
+        d = cast("TraceDocument", result)
+        text = d.get("effects_file", "")
+        return replace(_of_trace(d, progress), effects=text, terms=of_effects_file(text))
+    return replace(_of_replay(result, progress), terms=of_states(result.get("effects", [])))
+
+
+def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
+    asked = d.get("asked", {})
+    path, without = Path(d["log"]), "biases and NIS over time, residual and Allan deviation are left out"
+    progress(path.name)
+    log, why = _log(path, d["log_sha256"])
+    if log is None:
+        return LogData(effects=asked.get("effects", ""), missing=(f"{why}: {without}.",))
+    effects = asked.get("effects") or _attached(log) if d.get("effects") else ""
+    start, end = asked.get("start"), asked.get("end")
+    made = LogData(quality=(log_quality.of_log(log),), effects=effects)
+    if "final" not in d:
+        return made
+    if "reference" in asked:
+        why = f"{path.name} was filtered with the reference of another file, which the result does not hold"
+        return replace(made, missing=(f"{why}: {without}.",))
+    options = replay.ReplayOptions(
+        start, end, asked.get("overrides"), None, asked["effects"].encode() if "effects" in asked else None, points=True
+    )
+    courses: tuple[Course, ...] = ()
+    missing: list[str] = []
+    try:
+        again = replay.replay(path, options)
+        if _same(again, d):
+            courses = (_course(again, ""),)
+        else:
+            missing.append(
+                f"{path.name} comes out otherwise when it is filtered again ({again.get('library', '')}, the result is"
+                f" of {d.get('library') or 'an unknown version'}): biases and NIS over time are left out."
+            )
+    except (TypeError, ValueError, ArithmeticError, UnreadableLogError) as error:
+        missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
+    told = residual_noise.of_log(path, replay.ReplayOptions(overrides=asked.get("overrides")), start, end)
+    missing += [told.why] if told.why else []
+    return replace(
+        made, courses=courses, curves=told.curves, levels=told.levels, levels_of=path.name, missing=tuple(missing)
+    )
+
+
+def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
+    made: list[Quality] = []
+    missing: list[str] = []
+    at_hand = None
+    for run in d["runs"]:
+        path = Path(run["log"])
+        progress(path.name)
+        log, why = _log(path, run["log_sha256"])
+        if log is None:
+            missing.append(f"{why}: gaps, clipping and figures of it are left out.")
+            continue
+        made.append(log_quality.of_log(log))
+        at_hand = run, log
+    if at_hand is None:
+        return LogData(missing=tuple(missing))
+    run, log = at_hand
+    path = Path(run["log"])
+    levels: dict[str, NoiseLevel] = {}
+    courses: list[Course] = []
+    if run["reference"] in ("level", "gravity") or run["reference"] == (log.reference or log.info.reference):
+        overrides: dict[str, str | float] = (
+            {"reference": run["reference"]} if run["reference"] in ("level", "gravity") else {}
+        )
+        told = residual_noise.of_log(path, replay.ReplayOptions(overrides=overrides), None, None)
+        levels = told.levels
+        courses, why = _without_and_with(path, overrides, d.get("effects_file"))
+        missing += [why] if why else []
+    else:
+        missing.append(
+            f"The reference of {path.name} came from another file, which the result does not hold: biases and NIS over"
+            " time are left out."
+        )
+    return LogData(
+        courses=tuple(courses), levels=levels, levels_of=path.name, quality=tuple(made), missing=tuple(missing)
+    )
+
+
+def _without_and_with(
+    path: Path, overrides: Mapping[str, str | float], effects: str | None
+) -> tuple[list[Course], str]:
+    """The filter over a log without and with what a trace found, and what could not be."""
+    contents = [("without what was found", effects_file.NONE)]
+    if effects and effects_file.parse(effects.encode()).effects:
+        contents.append(("with what was found", effects.encode()))
+    made: list[Course] = []
+    for name, content in contents:
+        options = replay.ReplayOptions(overrides=overrides, effects=content, points=True)
+        try:
+            made.append(_course(replay.replay(path, options), name))
+        except (TypeError, ValueError, ArithmeticError, UnreadableLogError) as error:
+            return made, f"{path.name} could not be filtered {name} ({error}): biases and NIS are left out."
+    return made, ""
+
+
+def _course(d: ResultDocument, name: str) -> Course:
+    return Course(name, d["points"], d["nis"]["is_test"])
+
+
+def _same(again: ResultDocument, d: ResultDocument) -> bool:
+    """Whether a replay gives the result, but for what another build of a library may change."""
+    biases = [
+        (*a, *b, *sd)
+        for a, b, sd in (
+            (again["final"]["accel_bias_mg"], d["final"]["accel_bias_mg"], d["sd"]["accel_bias_mg"]),
+            (again["final"]["gyro_bias_dps"], d["final"]["gyro_bias_dps"], d["sd"]["gyro_bias_dps"]),
+        )
+    ]
+    table = np.array(biases, float).reshape(-1, 3, 3)  # None is NaN
+    a, b, sd = table[:, 0], table[:, 1], table[:, 2]
+    equal = (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= _SAME + _SHARE * np.nan_to_num(sd))
+    return bool(equal.all()) and again["samples"] == d["samples"]
+
+
+def _log(path: Path, sha256: str | None) -> tuple[Log | None, str]:
+    """A log that is where a result says and unchanged, or why there is none."""
+    try:
+        if not path.is_file():
+            return None, f"{path} is not there"
+        if reader.sha256(path) != sha256:
+            return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
+        return reader.read(path), ""
+    except (OSError, ValueError, UnreadableLogError) as error:
+        return None, f"{path} cannot be read ({error})"
+
+
+def _attached(log: Log) -> str:
+    return log.attachments.get(effects_file.ATTACHMENT, effects_file.NONE).decode("utf-8", "replace")

@@ -1,0 +1,114 @@
+"""Residual of a log against its reference, with its spectrum and Allan deviation, and the noise of each channel."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters import allan
+from filters.channels import CHANNELS
+from filters.tracing.result import RunSeries
+from filters.tracing.trace_document import ChannelCurvesEntry
+from filters.types import Array
+from imutui.jobs import replay, residual_curves, runs
+from imutui.logbook.reader import UnreadableLogError
+
+_MOST_ROWS = 500_000
+_SHORTEST_S = 5.0
+_FEWEST = 8
+_SURE_SD = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLevel:
+    """Noise of a channel by Allan deviation, SI: white noise, its standard deviation, random walk; 0 where none shows.
+
+    White noise in rad/s or m/s² per √Hz, random walk in rad/s² or m/s³ per √Hz.
+    """
+
+    white: float
+    white_sd: float
+    walk: float
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """Of a log.
+
+    Attributes
+    ----------
+    curves : dict
+        By channel, before and after alike; empty where there are none.
+    levels : dict
+        Noise by channel, of those whose noise can be told.
+    why : str
+        Why there are none, a sentence; empty where there are.
+    """
+
+    curves: dict[str, ChannelCurvesEntry] = field(default_factory=dict)
+    levels: dict[str, NoiseLevel] = field(default_factory=dict)
+    why: str = ""
+
+
+def of_log(path: Path, options: replay.ReplayOptions, start: float | None, end: float | None) -> Residual:
+    """Residual of a log, its spectrum and Allan deviation by channel, and its noise.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    options : replay.ReplayOptions
+        Reference and overrides of the session.
+    start, end : float or None
+        Part of it, s since its first sample.
+    """
+    from filters.tracing import residual
+
+    try:
+        read = runs.read_run(path, path.stem, options, _SHORTEST_S)
+    except (ValueError, UnreadableLogError) as error:
+        return Residual(why=f"{path.name}: the residual and its Allan deviation are left out ({error}).")
+    run = read.run
+    use = (run.t >= (-np.inf if start is None else start)) & (run.t <= (np.inf if end is None else end))
+    first, last = (int(np.argmax(use)), int(use.size - np.argmax(use[::-1]))) if use.any() else (0, run.t.size)
+    t, r, period = _thinned(run.t[first:last], residual.residual(run, slice(first, last)), 1.0 / run.rate_hz)
+    if t.size < _FEWEST:
+        return Residual(why=f"{path.name} is too short for a residual.")
+    (entry,) = residual_curves.curves([RunSeries(path.stem, period, t, r, r)], None)
+    return Residual(entry["channels"], _levels(r, period))
+
+
+def _thinned(t: Array, r: Array, period: float) -> tuple[Array, Array, float]:
+    """Means over blocks, of so many samples that what is left fits into memory several times over."""
+    m = -(-t.size // _MOST_ROWS)
+    if m == 1:
+        return t, r, period
+    n = t.size // m * m
+    return t[:n].reshape(-1, m).mean(axis=1), r[:n].reshape(-1, m, 6).mean(axis=1), period * m
+
+
+def _levels(r: Array, period: float) -> dict[str, NoiseLevel]:
+    """Noise of the longest stretch without a gap, by channel; channels that the log lacks are left out."""
+    seen = np.asarray(np.isfinite(r).any(axis=0))
+    good = np.isfinite(r[:, seen]).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int))).reshape(-1, 2)
+    if not len(edges):
+        return {}
+    first, last = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    try:
+        found = allan.noise_of(r[first:last][:, seen], period)
+    except ValueError:
+        return {}
+    names = [name for name, s in zip(CHANNELS, seen.tolist(), strict=True) if s]
+    walks = np.where(_shows(found, last - first, period), found.drift, 0.0)
+    columns = zip(names, found.white.tolist(), found.white_sd.tolist(), walks.tolist(), strict=True)
+    return {name: NoiseLevel(white, sd, walk) for name, white, sd, walk in columns if white > 0.0}
+
+
+def _shows(found: allan.NoiseLevels, count: int, period: float) -> NDArray[np.bool_]:
+    """Whether a random walk stands out, at the longest averaging time, from how uncertain the rest is there."""
+    factors = allan.octaves(1, count // 4)[-1:]
+    tau, dof = float(factors[0]) * period, float(allan.degrees_of_freedom(count, factors)[0])
+    rest = found.white**2 / tau + found.instability**2
+    return np.asarray(found.drift**2 * tau / 3.0 > _SURE_SD * np.sqrt(2.0 / dof) * rest)

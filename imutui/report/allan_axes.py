@@ -1,0 +1,56 @@
+"""Axes of an Allan deviation, with the line that white noise of the specification (Table 1) would be."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from filters.channels import STANDARD_GRAVITY
+from filters.imu import IMU400CD_200
+from filters.types import Array
+from imutui.report import axes
+from imutui.report.axes import FLOOR
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CAPTION = (
+    "The grey line is white noise of the specification (Table 1, IMU400CD-200): 4.5 deg/√h of a gyro, 1 m/s/√h of an"
+    " accelerometer."
+)
+_WHITE = {"deg/s": float(np.rad2deg(IMU400CD_200.gyro_arw)), "mg": IMU400CD_200.accel_vrw / STANDARD_GRAVITY * 1e3}
+
+
+def specification(tau: Array, unit: str) -> Array:
+    """Allan deviation of the specification's white noise, N/√τ.
+
+    Parameters
+    ----------
+    tau : Array
+        Averaging times, s.
+    unit : str
+        "deg/s" or "mg".
+    """
+    return np.asarray(_WHITE[unit] / np.sqrt(tau))
+
+
+def finish(ax: "Axes", tau: Array, unit: str, *curves: Array) -> None:
+    """Draw the specification's line, make both axes logarithmic, and name them.
+
+    Parameters
+    ----------
+    ax : Axes
+        With the curves in it.
+    tau : Array
+        Averaging times of all of them, s.
+    unit : str
+        "deg/s" or "mg".
+    *curves : Array
+        All that is drawn.
+    """
+    if tau.size:
+        ends = np.array([tau.min(), tau.max()])
+        white = specification(ends, unit)
+        ax.plot(ends, white, color=FLOOR, lw=1.0, label="Table 1")
+        axes.logarithmic(ax, "x", tau)
+        axes.logarithmic(ax, "y", white, *curves)
+    axes.name(ax, "averaging time, s", unit, legend=True)

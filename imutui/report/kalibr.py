@@ -1,0 +1,67 @@
+"""The file of noise that users of Kalibr know (`imu.yaml`), and why some of its values are left out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from imutui.jobs.residual_noise import NoiseLevel
+
+TOPIC = "/imu/data_raw"
+_KINDS = (
+    ("accelerometer", ("ax", "ay", "az"), "m/s^2", "m/s^3"),
+    ("gyroscope", ("gx", "gy", "gz"), "rad/s", "rad/s^2"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class KalibrFile:
+    """Text of a file, and what it lacks.
+
+    Attributes
+    ----------
+    text : str
+        YAML.
+    lacks : tuple of str
+        Sentences on values that the log cannot give.
+    """
+
+    text: str
+    lacks: tuple[str, ...]
+
+
+def imu_yaml(
+    levels: Mapping[str, NoiseLevel], rate_hz: float | None, seconds: float | None, heading: str
+) -> KalibrFile:
+    """Noise of a unit as Kalibr takes it: the noisiest axis of each kind.
+
+    Parameters
+    ----------
+    levels : mapping of NoiseLevel
+        By channel; empty where nothing was measured.
+    rate_hz, seconds : float or None
+        Of the log.
+    heading : str
+        What it is of.
+    """
+    lines, lacks = [f"# {heading}"], []
+    for kind, channels, white_unit, walk_unit in _KINDS:
+        known = {name: levels[name] for name in channels if name in levels}
+        if not known:
+            lacks.append(f"{kind}_noise_density and {kind}_random_walk: this log does not tell the noise.")
+            continue
+        noisiest = max(known, key=lambda name: known[name].white)
+        level = known[noisiest]
+        lines.append(
+            f"{kind}_noise_density: {level.white:.3e}  # {white_unit}/sqrt(Hz), {noisiest}, +- {level.white_sd:.1e}"
+        )
+        walking = max(known, key=lambda name: known[name].walk)
+        if known[walking].walk > 0.0:
+            lines.append(f"{kind}_random_walk: {known[walking].walk:.3e}  # {walk_unit}/sqrt(Hz), {walking}")
+        else:
+            length = "" if seconds is None else f" of {seconds:.0f} s"
+            lacks.append(f"{kind}_random_walk: no random walk shows in this log{length}; a longer one is needed.")
+    lines.append(f"rostopic: {TOPIC}")
+    if rate_hz is None:
+        lacks.append("update_rate: this log does not tell it.")
+    else:
+        lines.append(f"update_rate: {rate_hz:.2f}  # Hz")
+    return KalibrFile("\n".join(lines), tuple(lacks))

@@ -1,0 +1,154 @@
+"""How to apply a result: the lines on a page do what the filter does, files have the units of whom they are for."""
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import traces
+
+from filters.channels import DPS, G
+from filters.effects.records import Included, State
+from filters.effects.runtime import CausalEffects
+from filters.tracing.result import Trace
+from imutui.jobs import correction_terms
+from imutui.jobs.page_data import LogData
+from imutui.jobs.residual_noise import NoiseLevel
+from imutui.logbook import effects_file
+from imutui.logbook.session_info import SessionInfo
+from imutui.report import correction, how_to_apply, kalibr
+from imutui.report.blocks import Code, Items, Paragraph
+
+INCLUDED = (
+    Included("thermal_lin", ("gy",), "A", {}, (State("k", "deg/s/K", 0.02, 0.001),)),
+    Included("thermal_poly", ("ax",), "A", {"order": 3.0},
+             tuple(State(f"k{n}", f"mg/K{n if n > 1 else ''}", 0.3 / 10**n, 0.01) for n in (1, 2, 3))),
+    Included("scale", ("gz",), "A", {}, (State("k", "1", 0.004, 1e-4),)),
+    Included("cross_axis", ("ay",), "A", {"axes": "xz"},
+             (State("x", "rad", 2e-3, 1e-4), State("z", "rad", -3e-3, 1e-4))),
+    Included("g_sensitivity", ("gx",), "A", {"axes": "z"}, (State("z", "deg/s/g", 0.05, 1e-3),)),
+)  # fmt: skip
+DRIFT = Included("gauss_markov", ("gx",), "S", {}, (State("b", "deg/s", 0.01, 0.004, 80.0, 6e-4),))
+LAG = Included("thermal_lag", ("gz",), "A", {"tau_s": 80.0}, (State("k", "deg/s/K", 0.01, 1e-3),))
+BIAS = (0.5, -0.25, 0.125, 2.0, -3.0, 12.0)
+INFO = SessionInfo(mount="x,-y,-z", rate_hz=20.0)
+READING = np.array([12.0, -3.0, 80.0, 0.1, -0.2, 0.97])
+TEMPERATURE = 41.5
+
+
+def text(*included: Included) -> str:
+    """An effects file."""
+    made = traces.trace()
+    states = sum(len(effect.states) for effect in included)
+    return effects_file.dumps(Trace(made.document, included, np.eye(states), made.series), "trace of a.mcap")
+
+
+def filtered() -> np.ndarray:
+    """What the filter takes a reading for, gx … az in deg/s and g: its own effects, on its own axes, and the biases."""
+    effects = effects_file.build(effects_file.parse(text(*INCLUDED).encode()), INFO)
+    axes = INFO.axes()
+    gyro, accel = axes.gyro_to_body(READING[None, :3] * DPS), axes.accel_to_body(READING[None, 3:] * G)
+    phi, _, _ = effects.rows(np.zeros(1), gyro, accel, np.array([TEMPERATURE]), np.full((1, 25), np.nan))
+    error = phi[0] @ effects.mean
+    bias = np.array(BIAS) * np.repeat([DPS, 1e-3 * G], 3)
+    gyro_ = axes.gyro_to_instrument(gyro[0] - error[3:] - axes.gyro_to_body(bias[:3])) / DPS
+    accel_ = axes.accel_to_instrument(accel[0] - error[:3] - axes.accel_to_body(bias[3:])) / G
+    return np.concatenate([gyro_, accel_])
+
+
+@pytest.fixture(scope="module")
+def made() -> correction.Correction:
+    return correction.correction(BIAS, correction_terms.of_effects_file(text(*INCLUDED, DRIFT, LAG)))
+
+
+def test_lines_of_python_correct_a_reading_as_the_filter_does(made: correction.Correction) -> None:
+    """To nine digits: bias, temperature, scale, the other axes, specific force, on a unit that is mounted turned."""
+    lines = correction.python(made)
+    assert len(lines.splitlines()) == 3
+    scope: dict[str, Any] = {"reading": READING, "temperature": TEMPERATURE}
+    exec(lines, scope)
+    np.testing.assert_allclose(scope["corrected"], filtered(), rtol=1e-7, atol=1e-9)
+
+
+def test_lines_of_c_correct_a_reading_as_the_filter_does(made: correction.Correction, tmp_path: Path) -> None:
+    """Compiled without a warning; no header is needed."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler here: apt-get install gcc")
+    lines = correction.c_lines(made)
+    assert len(lines.splitlines()) == 3
+    source = tmp_path / "lines.c"
+    source.write_text(
+        "void correct(const double *reading, double temperature, double *out);\n"
+        f"void correct(const double *reading, double temperature, double *out)\n{{\n{lines}\n"
+        "for (int i = 0; i < 6; i++) out[i] = corrected[i];\n}\n"
+    )
+    library = tmp_path / "lines.so"
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC", "-nostdlib"]
+    subprocess.run([compiler, *flags, "-o", library, source], check=True, timeout=60)
+    six = ctypes.c_double * 6
+    out = six()
+    ctypes.CDLL(str(library)).correct(six(*READING), ctypes.c_double(TEMPERATURE), out)
+    np.testing.assert_allclose(out, filtered(), rtol=1e-7, atol=1e-9)
+
+
+def test_what_takes_more_than_a_reading_is_left_out_and_said(made: correction.Correction) -> None:
+    """A drift, and what follows the past of temperature."""
+    assert made.left_out == ("gx: bias drifts", "gz: bias lags behind temperature")
+
+
+def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
+    """As the filter names them."""
+    effects = CausalEffects(INCLUDED, np.eye(8), INFO.axes(), INFO.site(), 0.05)
+    states: Any = [
+        {"name": name, "value": value, "sd": 0.1} for name, value in zip(effects.names, effects.mean, strict=True)
+    ]
+    assert correction_terms.of_states(states) == correction_terms.of_effects_file(text(*INCLUDED))
+    (odd,) = correction_terms.of_states([{"name": "nonsense", "value": 1.0, "sd": 0.1}])
+    assert correction.correction(BIAS, [odd]).left_out == ("nonsense",)
+
+
+def test_constant_biases_alone_take_no_more_than_they_need() -> None:
+    """Bias, subtracted; an unobservable one is a zero."""
+    plain = correction.correction((*BIAS[:5], None), ())
+    assert correction.python(plain).splitlines()[2] == "corrected = reading - bias"
+    assert "temperature" not in correction.c_lines(plain)
+    assert plain.bias.tolist() == [0.5, -0.25, 0.125, 2e-3, -3e-3, 0.0]
+
+
+def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> None:
+    """The noisiest axis, SI; no value stands for one that was not measured."""
+    levels = {
+        "gx": NoiseLevel(1e-3, 1e-5, 0.0),
+        "gz": NoiseLevel(2e-3, 1e-5, 0.0),
+        "ay": NoiseLevel(1.5e-2, 1e-4, 3e-4),
+    }
+    found = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap")
+    rows = dict(line.split("#")[0].split(": ") for line in found.text.splitlines()[1:])
+    assert {key: value.strip() for key, value in rows.items()} == {
+        "accelerometer_noise_density": "1.500e-02",
+        "accelerometer_random_walk": "3.000e-04",
+        "gyroscope_noise_density": "2.000e-03",
+        "rostopic": "/imu/data_raw",
+        "update_rate": "133.25",
+    }
+    assert [lack.partition(":")[0] for lack in found.lacks] == ["gyroscope_random_walk"]
+    assert "update_rate" in kalibr.imu_yaml({}, None, None, "a.mcap").lacks[-1]
+
+
+def test_files_of_the_section_lie_beside_the_page() -> None:
+    """Noise and effects, as the page shows them; the effects file is one that can be read."""
+    content = text(*INCLUDED)
+    log = LogData(levels={"gx": NoiseLevel(1e-3, 1e-5, 0.0)}, effects=content)
+    d: Any = {**traces.whole_document(), "effects_file": content}
+    section = how_to_apply.of_trace(d, log)
+    files = how_to_apply.files(section.blocks)
+    assert set(files) == {"imu.yaml", "effects.toml"}
+    assert effects_file.parse(files["effects.toml"].encode()).effects == INCLUDED
+    assert any(isinstance(block, Code) and block.folded for block in section.blocks)
+    assert any(isinstance(block, Items) for block in section.blocks)
+    old = how_to_apply.of_trace(traces.whole_document(), LogData())  # type: ignore[arg-type]
+    assert any(isinstance(block, Paragraph) and "older imutui" in block.text for block in old.blocks)
