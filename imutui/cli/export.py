@@ -53,6 +53,10 @@ def command(
     wanted = job.Export(log, output, kind, topic, start, end, force)
     try:
         made = job.export(wanted, lambda rows: show_progress(f"{rows:,} rows"), config.load().file_mode)
+    except FileExistsError as error:
+        raise fail(
+            USAGE, f"{error.filename} exists and is left as it is. --force replaces it, or name another file with -o."
+        ) from None
     finally:
         show_progress("")
     if made.damage:

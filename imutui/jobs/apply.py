@@ -26,7 +26,7 @@ from filters.types import Array
 from imutui.jobs import replay, replay_input, unread_filled
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
-from imutui.logbook import atomic_file, effects_file, power_on, reader, reference_file, schemas
+from imutui.logbook import atomic_file, checksum_file, effects_file, power_on, reader, reference_file, schemas
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log
 from imutui.logbook.reference_file import ReferenceFile
@@ -225,12 +225,11 @@ def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:
 def _session(log: Log, info: SessionInfo, effects: bytes, source: str) -> SessionInfo:
     """The log's own session; it says what was done to it."""
     own = power_on.content_id(log.seconds(), log.gyro, log.accel)
-    told = (
-        f"{in_line(log.path.name)} (SHA-256 {reader.sha256(log.path)[:16]}…) corrected by effects of {in_line(source)}"
-    )
-    told += f" (SHA-256 {effects_file.digest(effects)[:16]}…)"
-    return replace(info, source=told, log_id=own, effects_sha256="", memory="", continues="", continues_id="",
-                   continues_sha256="", previous="", previous_id="", previous_end="", restart="")  # fmt: skip
+    told = f"{in_line(log.path.name)} corrected by effects of {in_line(source)}"
+    return replace(info, source=told, corrected_from_sha256=reader.sha256(log.path),
+                   applied_effects_sha256=effects_file.digest(effects), log_id=own, effects_sha256="", memory="",
+                   continues="", continues_id="", continues_sha256="",
+                   previous="", previous_id="", previous_end="", restart="")  # fmt: skip
 
 
 def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int) -> None:
@@ -246,6 +245,9 @@ def _write(log: Log, info: SessionInfo, effects: bytes, output: Path, mode: int)
         for stamp, _, topic, data in heapq.merge(*_streams(log, info)):
             writer.encoded(topic, data, stamp, stamp)
         writer.finish(_summary(log), time.time_ns())
+    # the sum of a log whose name it took is none of this one's
+    if writer.sha256 is not None:
+        checksum_file.write(output, writer.sha256, mode)
 
 
 def _summary(log: Log) -> dict[str, object]:

@@ -2,10 +2,10 @@
 
 import errno
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from imutui.logbook import atomic_file, parquet, pieces
+from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples, topic
 from imutui.logbook.export.columns import Table
 from imutui.logbook.log_stream import MODE
@@ -105,6 +105,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     """
     known = pieces.outline(wanted.log) if wanted.topic is None else None
     made = _table(wanted, known)
+    made = replace(made, about={**made.about, "log_sha256": reader.sha256(wanted.log)})
     reference = _reference(wanted, known) if known is not None and wanted.whole else None
     if reference is not None and reference[0].exists() and not wanted.overwrite:
         raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(reference[0]))
@@ -115,8 +116,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     if reference is not None:
         atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
     names = tuple(column.name for column in made.columns)
-    damage = "" if known is None else known.log.damage
-    return Exported(rows, names, made.units(), made.about, damage, reference and reference[0])
+    return Exported(rows, names, made.units(), made.about, made.damage(), reference and reference[0])
 
 
 def _table(wanted: Export, known: Outline | None) -> Table:

@@ -69,6 +69,8 @@ class SessionInfo:
         What each time stamp means.
     source : str
         Where the readings come from: the name of an imported recording's file, or what a virtual unit says of them.
+    corrected_from_sha256, applied_effects_sha256 : str
+        Of a corrected log: hashes of the log that it was made of, and of the effects file that was taken out of it.
     log_id : str
         Of the log; "" in logs that were written before they had one.
     power_on : str
@@ -125,6 +127,8 @@ class SessionInfo:
     software: str = ""
     stamps: str = ""
     source: str = ""
+    corrected_from_sha256: str = ""
+    applied_effects_sha256: str = ""
     log_id: str = ""
     power_on: str = ""
     part: int = 1

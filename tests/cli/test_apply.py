@@ -11,7 +11,7 @@ from helpers.paths import SAMPLE
 from rosbags.highlevel import AnyReader
 
 from imutui.jobs import apply as job
-from imutui.logbook import effects_file, reader
+from imutui.logbook import checksum_file, effects_file, reader
 
 
 def effect(name: str, channel: str, unit: str, mean: float, kind: str = "A", more: str = "", state: str = "k") -> str:
@@ -100,7 +100,12 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     told = imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected)).stdout
     assert "taken out: gy: bias follows temperature" in " ".join(told.split())
     log, first = reader.read(corrected), reader.read(SAMPLE)
-    assert f"sample.mcap (SHA-256 {source_hash[:16]}…) corrected by effects of by hand" in log.info.source
+    assert log.info.source == "sample.mcap corrected by effects of by hand"
+    assert log.info.corrected_from_sha256 == source_hash
+    assert log.info.applied_effects_sha256 == reader.sha256(effects)
+    # the same again over it: the sum beside it is the new file's
+    imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected), "--force")
+    assert checksum_file.read(corrected) == reader.sha256(corrected)
     assert log.attachments[job.APPLIED] == effects.read_bytes()
     assert effects_file.ATTACHMENT not in log.attachments
     assert (log.info.serial_number, log.info.operator) == (first.info.serial_number, first.info.operator)

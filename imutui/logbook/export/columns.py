@@ -53,11 +53,14 @@ class Table:
         Gives the rows anew with every call, a bounded number at a time.
     about : dict
         What is to be known of them: names and texts.
+    damage : callable
+        What is wrong with the log, "" for nothing; known behind the last block.
     """
 
     columns: tuple[Column, ...]
     blocks: Callable[[], Iterator[Block]]
     about: dict[str, str] = field(default_factory=dict)
+    damage: Callable[[], str] = lambda: ""
 
     def units(self) -> dict[str, str]:
         """Unit of each column that has one."""

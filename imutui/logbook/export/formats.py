@@ -14,6 +14,7 @@ import numpy as np
 
 from imutui.logbook import parquet
 from imutui.logbook.export.columns import Column, Table, components
+from imutui.plain_text import in_line
 
 FORMATS = ("csv", "npz", "parquet")
 Progress = Callable[[int], None]
@@ -44,7 +45,7 @@ def _csv(table: Table, path: Path, progress: Progress) -> int:
     rows = 0
     with path.open("w", newline="", encoding="utf-8") as stream:
         for line in (_units(table), *(f"{name}: {value}" for name, value in table.about.items())):
-            stream.write(f"# {line}\n")
+            stream.write(f"# {in_line(line)}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([part for column in table.columns for part in column.parts])
         for block in table.blocks():

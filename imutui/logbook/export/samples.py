@@ -2,16 +2,19 @@
 
 import shlex
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from filters.imu import STANDARD_GRAVITY, AxisMap
+from filters.motion.reference import Trajectory
 from filters.types import Array
-from imutui.logbook import pieces
+from imutui.logbook import pieces, reference_file
 from imutui.logbook.export.columns import Block, Column, Table
+from imutui.logbook.export.known_motion import KnownMotion
 from imutui.logbook.pieces import Outline, Piece
-from imutui.logbook.reader import UnreadableLogError, seconds_since
+from imutui.logbook.reader import Log, UnreadableLogError, seconds_since
 from imutui.logbook.reference_file import ATTACHMENTS
 from imutui.logbook.session_info import SessionInfo
 
@@ -40,14 +43,37 @@ def table(known: Outline, start: float | None = None, end: float | None = None, 
     seconds = seconds_since(known.last_ns, known.first_ns)
     if (start or 0.0) > seconds or (end is not None and end < (start or 0.0)):
         raise UnreadableLogError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
-    info = known.log.info
+    info = session_of(known.log)
     columns = [Column("t", "s"), Column("gyro", "deg/s", 3), Column("accel", "g", 3)]
     columns += [Column("temp", "degC")] if np.isfinite(known.first_temperature) else []
     if info.reference in _KNOWN_MOTION:
         columns += [Column("ang", "deg", 3)] if known.has_angles else []
         columns += [Column("rate", "deg/s", 3)] if known.has_rates else []
     names = [column.name for column in columns]
-    return Table(tuple(columns), lambda: _blocks(known, names, start, end, rows), _about(known))
+    motion = _known_motion(known, info)
+    columns += [] if motion is None else motion.columns
+    return Table(
+        tuple(columns), lambda: _blocks(known, names, motion, start, end, rows), _about(known), lambda: known.log.damage
+    )
+
+
+def session_of(log: Log) -> SessionInfo:
+    """Session of a log as a replay has it: another program's samples are specific force as they stand."""
+    info = log.info if log.own else replace(log.info, accel_sign=1)
+    return info if log.reference is None else replace(info, reference=log.reference)
+
+
+def _known_motion(known: Outline, info: SessionInfo) -> KnownMotion | None:
+    found = attached_reference(known)
+    if info.reference != "trajectory" or found is None:
+        return None
+    try:
+        motion = reference_file.parse(f"reference{found[0]}", found[1])
+    except ValueError as error:
+        raise UnreadableLogError(f"{known.log.path}: its trajectory cannot be read: {error}") from error
+    if not isinstance(motion, Trajectory):
+        return None
+    return KnownMotion(motion, info.axes().mount, has_angles=known.has_angles)
 
 
 def attached_reference(known: Outline) -> tuple[str, bytes] | None:
@@ -71,7 +97,7 @@ def import_flags(info: SessionInfo) -> list[str]:
 
 
 def _about(known: Outline) -> dict[str, str]:
-    info = known.log.info
+    info = session_of(known.log)
     said = {
         "log": known.log.path.name,
         "kind": info.kind,
@@ -86,13 +112,23 @@ def _about(known: Outline) -> dict[str, str]:
     return {name: value for name, value in said.items() if value}
 
 
-def _blocks(known: Outline, names: list[str], start: float | None, end: float | None, rows: int) -> Iterator[Block]:
-    info = known.log.info
+def _blocks(
+    known: Outline, names: list[str], motion: KnownMotion | None, start: float | None, end: float | None, rows: int
+) -> Iterator[Block]:
+    info = session_of(known.log)
+    before = -np.inf
     for piece in pieces.pieces(known, rows):
         t = seconds_since(piece.stamp_ns, known.first_ns)
         wanted = piece.valid & (t >= (start or 0.0)) & (t <= (np.inf if end is None else end))
-        if wanted.any():
-            yield {name: rows for name, rows in _columns(piece.rows(wanted), info, t[wanted]).items() if name in names}
+        if not wanted.any():
+            continue
+        t = t[wanted]
+        block = {name: rows for name, rows in _columns(piece.rows(wanted), info, t).items() if name in names}
+        if motion is not None:
+            # what was known before a part begins is none of its first sample's
+            block |= motion.at(t, before if np.isfinite(before) else t[0] - 1.0 / info.rate_hz)
+        before = float(t[-1])
+        yield block
 
 
 def _columns(piece: Piece, info: SessionInfo, t: Array) -> Block:

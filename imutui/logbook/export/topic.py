@@ -32,12 +32,13 @@ _OF_TEMPERATURE = {"temperature": "degC", "variance": "degC^2"}
 
 @dataclass(frozen=True, slots=True)
 class _Topic:
-    """Where a topic's messages are, and how one becomes an object."""
+    """Where a topic's messages are, how one becomes an object, and the log, whose damage is told there."""
 
     path: Path
     topic: str
     typename: str
     decode: Decode
+    log: Log
 
 
 def table(path: Path, topic: str, start: float | None = None, end: float | None = None) -> Table:
@@ -66,7 +67,9 @@ def table(path: Path, topic: str, start: float | None = None, end: float | None 
         np.iinfo(np.int64).max if end is None else log_begin + round(end * 1e9),
     )
     about = {"log": path.name, "topic": topic, "type": found.typename}
-    return Table((_LOG_TIME, _PUBLISH_TIME, *columns), partial(_blocks, found, names, window), about)
+    return Table(
+        (_LOG_TIME, _PUBLISH_TIME, *columns), partial(_blocks, found, names, window), about, lambda: found.log.damage
+    )
 
 
 def topics(path: Path) -> list[str]:
@@ -74,9 +77,9 @@ def topics(path: Path) -> list[str]:
     return sorted({record.topic for record in _records(path) if isinstance(record, Channel)})
 
 
-def _records(path: Path) -> Iterator[Any]:
+def _records(path: Path, log: Log | None = None) -> Iterator[Any]:
     size = path.stat().st_size if path.exists() else 0
-    return iter(reader.records(path, Log(path), record_walk.for_reading(size)))
+    return iter(reader.records(path, log or Log(path), record_walk.for_reading(size)))
 
 
 def _find(path: Path, topic: str) -> _Topic:
@@ -100,15 +103,14 @@ def _typed(path: Path, channel: Channel, schema: Schema | None) -> _Topic:
             f"{path}: {channel.topic} is encoded as {told}; only ROS 2 messages (cdr, ros2msg) are exported."
         )
     if schemas.TYPES.get(channel.topic) == schema.name:
-        return _Topic(path, channel.topic, schema.name, partial(schemas.decode, schema.name))
-    return _Topic(
-        path, channel.topic, schema.name, schemas.decoder_of(schema.name, schema.data.decode("utf-8", "replace"))
-    )
+        return _Topic(path, channel.topic, schema.name, partial(schemas.decode, schema.name), Log(path))
+    decode = schemas.decoder_of(schema.name, schema.data.decode("utf-8", "replace"))
+    return _Topic(path, channel.topic, schema.name, decode, Log(path))
 
 
 def _messages(found: _Topic) -> Iterator[Message]:
     ids: set[int] = set()
-    for record in _records(found.path):
+    for record in _records(found.path, found.log):
         if isinstance(record, Channel) and record.topic == found.topic:
             ids.add(record.id)
         elif isinstance(record, Batch):
