@@ -108,6 +108,7 @@ class QualityFields(TypedDict, total=False):
     lost_packets: int | None
     bad_checksums: int | None
     resynchronised_bytes: int | None
+    verdict: str
     converged: bool
     converged_s: dict[str, list[float | None]]
     final: "StateFields"
@@ -151,6 +152,7 @@ class LogRow(TypedDict):
     added_note: str | None
     added_operator: str | None
     converged: bool | None
+    verdict: str
 
 
 class InfoDocument(SessionFields, ExtentFields, EventFields):

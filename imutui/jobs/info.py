@@ -63,6 +63,8 @@ class Brief:
         Whether samples and seconds come from the file's first and last chunk, since there is no summary.
     instrument, serial_number, operator, place, table, note, reference, filter : str
         From the session.
+    verdict : str
+        On the run that was recorded: GREEN, AMBER, RED or OFF; "" where nothing is known of one.
     converged : bool or None
         Of the filter that ran when it was recorded.
     lost_packets : int or None
@@ -94,6 +96,7 @@ class Brief:
     reference: str = ""
     filter: str = ""
     converged: bool | None = None
+    verdict: str = ""
     lost_packets: int | None = None
     packets: int | None = None
     added_note: str | None = None
@@ -140,6 +143,7 @@ def brief(path: Path) -> Brief:
     kind = session.get("kind", UNKNOWN)
     added_note, added_operator = added_notes.latest(added_notes.read_or_none(path))
     converged, lost = found.result.get("converged"), found.result.get("lost_packets")
+    verdict = found.result.get("verdict", "RED" if found.result.get("alarms") else "")
     return Brief(
         path,
         found.bytes,
@@ -155,6 +159,7 @@ def brief(path: Path) -> Brief:
         found.by_ends,
         **{name: one_line(session.get(name, ""), NOTE_LIMIT) for name in _TEXTS},
         converged=converged if isinstance(converged, bool) else None,
+        verdict=str(verdict),
         lost_packets=lost if isinstance(lost, int) else None,
         packets=found.counts.get(schemas.RAW),
         added_note=added_note,
@@ -206,6 +211,7 @@ def row(b: Brief) -> LogRow:
         "added_note": b.added_note,
         "added_operator": b.added_operator,
         "converged": b.converged,
+        "verdict": b.verdict,
     }
 
 
@@ -367,7 +373,7 @@ _NUMBERS = (
     "latitude_deg", "longitude_deg", "height_m", "gravity_mps2",
 )  # fmt: skip
 _COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes")
-_FIGURES = ("converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
+_FIGURES = ("verdict", "converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
 
 
 def _number(text: str | None) -> float | None:

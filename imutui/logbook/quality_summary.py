@@ -63,7 +63,9 @@ def _is_figures(value: object) -> bool:
     return isinstance(value, dict) and all(map(_is_figure, value.values()))
 
 
+_WORDS = ("GREEN", "AMBER", "RED", "OFF")
 _SHAPES: dict[str, Callable[[object], bool]] = {
+    "verdict": lambda value: value in _WORDS,
     "samples": _is_count,
     "duration_s": _is_number,
     "lost_packets": _is_count,

@@ -174,10 +174,11 @@ def _site(d: InfoDocument) -> str:
 
 def _quality(q: QualityFields) -> str:
     told = []
-    if q.get("alarms"):
-        told.append("filter RED")
-    elif "converged" in q:
-        told.append("filter converged" if q["converged"] else "filter NOT converged")
+    word = q.get("verdict", "RED" if q.get("alarms") else "")
+    if word in ("", "GREEN", "AMBER") and "converged" in q:
+        told.append(f"filter {word} {'converged' if q['converged'] else 'NOT converged'}".replace("  ", " "))
+    elif word and word != "OFF":
+        told.append(f"filter {word}")
     for count, word in ((q.get("lost_packets"), "packets lost"), (q.get("bad_checksums"), "wrong checksums")):
         if count is not None:
             told.append(f"{count:,} {word}")

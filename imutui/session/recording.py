@@ -168,9 +168,16 @@ def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Re
     """
     pipeline.use_waiting(now_ns)
     pipeline.flush(now_ns)
-    writer.finish(result_document(pipeline, writer.path, None), pipeline.utc_ns(now_ns))
+    writer.finish(_summary(result_document(pipeline, writer.path, None)), pipeline.utc_ns(now_ns))
     pipeline.release_file()
     return result_document(pipeline, writer.path, writer.sha256)
+
+
+def _summary(document: "ResultDocument") -> dict[str, object]:
+    """What the file keeps of its result: all of it, and the verdict on it in a word."""
+    from imutui.verdict import sources  # as late as the result itself
+
+    return {**document, "verdict": sources.of_document(document).word}
 
 
 def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":

@@ -29,6 +29,7 @@ from imutui.logbook.results import TIMINGS
 from imutui.session import client, ipc
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, RecordingWish
+from imutui.verdict import sources
 
 PROFILE = """
 align = "marks"
@@ -302,7 +303,9 @@ def test_a_recording_in_several_files_loses_no_packet_and_has_none_twice(home: P
         assert log.finished
         assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
         again = replayed(path, code=1)
-        assert without_timings(again) | {"log_sha256": None} == without_timings(summary(log))
+        kept = summary(log)
+        assert kept.pop("verdict") == sources.of_document(again).word
+        assert without_timings(again) | {"log_sha256": None} == without_timings(kept)
         assert again["lost_packets"] == again["bad_checksums"] == 0
     assert "continued in" in logs[0].events[-1].text
     assert f"continues {paths[0].name}" in " ".join(event.text for event in logs[1].events)

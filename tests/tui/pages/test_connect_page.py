@@ -195,6 +195,25 @@ async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monke
     assert machine == []
 
 
+async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
+    machine: list[Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the page then says; a line that somebody has chosen stays chosen."""
+    running: list[str] = []
+    monkeypatch.setattr(session, "running", lambda: list(running))
+    monkeypatch.setattr(session, "attach", FakeClient)
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "virtual, 133 Hz")
+        running.append("default")
+        await shows(pilot, "An acquisition is running", 'looks at the running acquisition "default"')
+        await pilot.press("down")
+        await shows(pilot, "Connect", "133 Hz, stream")
+        running.append("other")
+        await shows(pilot, 'running acquisition "other"')
+        await shows(pilot, "133 Hz, stream")
+    assert machine == []
+
+
 async def test_the_connected_page_stops_only_after_asking() -> None:
     """Another instrument needs the first one stopped; a recording is finished, and named."""
     client = FakeClient()

@@ -314,6 +314,20 @@ async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Pa
         await shows(pilot, "elsewhere", "1 recording,")
 
 
+async def test_why_a_job_came_to_nothing_is_said_on_its_own_page(client: FakeClient) -> None:
+    """On another page there is a line for it that goes by itself, not the reasons."""
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        page = await to_logs(pilot, "whole")
+        await pilot.press("t")
+        await shows(pilot, "trace of ", "Esc cancels")
+        await pilot.press("2")
+        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        said = await shows(pilot, "came to nothing: 6 says why")
+        assert "at least 60 s" not in said
+        await pilot.press("6")
+        await shows(pilot, "at least 60 s")
+
+
 async def test_the_recording_that_runs_is_traced_from_another_page(client: FakeClient, home: Path) -> None:
     """Up to now: the file is readable while it is written."""
     client.recording = True

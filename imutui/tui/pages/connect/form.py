@@ -117,10 +117,11 @@ class ConnectForm(Vertical):
             self._offer(found)
 
     def _offer(self, found: list[text.Choice]) -> None:
-        """Fill the list; the highlight stays on its line, or starts on the likeliest."""
+        """Fill the list; the highlight stays where somebody has put it, else it is on the likeliest line."""
         before = self._highlighted()
+        chosen = before in found and before != text.likely(self._choices)
         self._choices = found
-        self._fill_list(found.index(before) if before in found else found.index(text.likely(found)))
+        self._fill_list(found.index(before if chosen and before is not None else text.likely(found)))
         self.query_one("#lead", Static).update(Content.assemble(*text.lead(found)))
 
     def _fill_list(self, highlighted: int | None) -> None:

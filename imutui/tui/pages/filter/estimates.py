@@ -84,11 +84,11 @@ class NavigationLines(TextLines):
         decimals, unit = (2, " " * len(degree)) if i == 2 else (6 if len(degree) == 1 else 5, degree)
         return self.line(
             (f"{('velocity N', 'E', 'D')[i]:>10}", "bold"),
-            f"{formatting.fitting(state['velocity_mps'][i], 7, 3)}{self._certain(sd['velocity_mps'][i], 3, 7)}m/s",
+            _apart(state["velocity_mps"][i], 7, 3) + self._certain(sd["velocity_mps"][i], 3, 7) + "m/s",
             (f"{('roll', 'pitch', 'yaw')[i]:>6}", "bold"),
-            f"{formatting.fitting(state['rpy_deg'][i], 8, 3)}{self._certain(sd['rpy_deg'][i], 3, 7)}deg",
+            _apart(state["rpy_deg"][i], 8, 3) + self._certain(sd["rpy_deg"][i], 3, 7) + "deg",
             (f"{('lat', 'lon', 'h')[i]:>4}", "bold"),
-            f"{formatting.number(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
+            f"{_apart(state['position_deg_m'][i], 11 if len(degree) == 1 else 10, decimals)}{unit}"
             f"{self._certain(sd['position_m'][i], 1, 5).rstrip()} m",
         )
 
@@ -97,6 +97,11 @@ class NavigationLines(TextLines):
         three = None if sd is None else 3.0 * sd
         fitted = formatting.fitting(three, width - 1, decimals).strip()
         return self.glyphs.text(f" ±{fitted}").ljust(width + 2)
+
+
+def _apart(value: float | None, width: int, decimals: int) -> str:
+    """A number in a column that begins with a space, whatever the number is."""
+    return " " + formatting.fitting(value, width - 1, decimals)
 
 
 def side_by_side(said: list[str], width: int, rows: int) -> list[str]:

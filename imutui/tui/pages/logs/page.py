@@ -73,6 +73,7 @@ class LogsPage(Page):
         self._files = FileActions(self, self._look_at)
         self._results: list[Outcome] = []
         self._outcome: Outcome | None = None
+        self._failure = ""
         """A result that waits until this page is in front."""
         self._wanted: Path | None = None
         """Recording that the cursor goes to after the next look."""
@@ -99,11 +100,12 @@ class LogsPage(Page):
         self._look()
 
     def on_screen_resume(self) -> None:
-        """Look; a result that came meanwhile is shown."""
+        """Look; a result that came meanwhile is shown, or said why there is none."""
         super().on_screen_resume()
         self._look()
         if self._outcome is not None:
             self.call_later(self._show_outcome)
+        self._say_failure()
 
     def busy(self) -> Sequence[str]:
         """The job that runs."""
@@ -255,8 +257,18 @@ class LogsPage(Page):
         elif state == CANCELLED:
             self.post_message(self.Say(f"cancelled: {job.what}", "wait"))
         elif failure is not None:
-            self.post_message(self.Say(f"{job.what}: {failure.sentence()}", "bad"))
+            self._failure = f"{job.what}: {failure.sentence()}"
+            if not self._say_failure():
+                self.post_message(self.Say(f"{job.what} came to nothing: 6 says why", "wait"))
         self._look()
+
+    def _say_failure(self) -> bool:
+        """Say why a job came to nothing, if this page is in front; whether it was said."""
+        if not self._failure or self.app.current_mode != "logs":
+            return False
+        self.post_message(self.Say(self._failure, "bad"))
+        self._failure = ""
+        return True
 
     def _show_outcome(self) -> bool:
         """Show the result that waits, if this page is in front; whether it was shown."""

@@ -114,6 +114,14 @@ def deletion(name: str, beside: Sequence[str], size: int) -> str:
     return f"{name}, {formatting.size(size)}{' in all' if beside else ''}.{also} There is no way back."
 
 
+def _verdict(brief: "Brief") -> str:
+    """The verdict on the run that was recorded; "converged" stands beside no RED."""
+    if brief.verdict in ("RED", "OFF") or brief.converged is None:
+        return brief.verdict.replace("OFF", "no filter")
+    said = "converged" if brief.converged else "not converged"
+    return f"{brief.verdict}, {said}" if brief.verdict else said
+
+
 def detail(brief: "Brief | None") -> str:
     """What a line has no room for."""
     if brief is None:
@@ -124,7 +132,7 @@ def detail(brief: "Brief | None") -> str:
         brief.why,
         unit,
         f"reference {brief.reference}" if brief.reference else "",
-        {True: "converged", False: "not converged"}.get(brief.converged, "") if brief.converged is not None else "",
+        _verdict(brief),
         f"{formatting.plural(brief.lost_packets, 'packet')} lost" if brief.lost_packets else "",
         f"operator {brief.latest_operator}" if brief.latest_operator else "",
         brief.place,
