@@ -157,6 +157,22 @@ async def test_a_small_terminal_says_what_it_needs() -> None:
         await shows(pilot, "needs 80x24", "100x20")
 
 
+async def test_no_key_acts_unseen_in_a_small_terminal() -> None:
+    """A recording is told and goes on, whatever is pressed; q asks, visibly."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.resize_terminal(60, 20)
+        await shows(pilot, "needs 80x24", "RECORDING goes on")
+        for key in ("r", "m", "6", "t", "D", "space", "enter"):
+            await pilot.press(key)
+        assert client.recording
+        assert pilot.app.current_mode == "live"
+        await pilot.press("q")
+        await shows(pilot, "continues")
+
+
 async def test_no_color_loses_no_state(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every state is a word: the same texts stand there without colour, and the plot is drawn."""
     monkeypatch.setenv("NO_COLOR", "1")

@@ -16,7 +16,7 @@ from imutui.tui.widgets.debug_line import DebugLine
 from imutui.tui.widgets.header import StatusHeader
 from imutui.tui.widgets.notice import Notice
 from imutui.tui.widgets.text_lines import TextLines
-from imutui.tui.widgets.too_small import NEEDED, TooSmall
+from imutui.tui.widgets.too_small import TooSmall, is_too_small
 
 PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
 """Keys and titles."""
@@ -87,6 +87,7 @@ class Page(Screen[None]):
         self.view = view
         for widget in self.query(TextLines):
             widget.show(view)
+        self.query_one(TooSmall).show(recording=view.recording is not None)
 
     def busy(self) -> Sequence[str]:
         """What this page works out just now and would be lost with the program: "tracing a.mcap, 40 %"."""
@@ -129,8 +130,7 @@ class Page(Screen[None]):
         if size == self._fitted:
             return
         self._fitted = size
-        small = size.width < NEEDED[0] or size.height < NEEDED[1]
-        self.set_class(small, "-small")
+        self.set_class(is_too_small(size), "-small")
         self.set_class(size.width >= WIDE, "-wide")
         self.set_class(size.height >= TALL, "-tall")
         self.query_one(TooSmall).refresh()

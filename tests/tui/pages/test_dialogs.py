@@ -124,3 +124,21 @@ async def test_a_dialog_that_comes_while_somebody_types_takes_no_letter_for_an_a
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("enter")
         await shows(pilot, "ENDED", "gx, deg/s")
+
+
+async def test_a_dialog_is_answered_once() -> None:
+    """Keys that were on their way when it went do nothing more."""
+    from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
+
+    answers: list[str | None] = []
+    async with ImutuiApp(FakeClient()).run_test(size=(80, 24)) as pilot:  # type: ignore[arg-type]
+        dialog = ChoiceDialog(
+            "Which", "One of them.", [Answer("c", "connect", "connect"), Answer("x", "other", "other")]
+        )
+        pilot.app.push_screen(dialog, answers.append)
+        await pilot.pause()
+        for key in ("c", "x", "c"):
+            dialog.post_message(events.Key(key, key))
+        await pilot.pause()
+        await pilot.pause()
+    assert answers == ["connect"]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import ClassVar, Literal
 
 from textual.app import ComposeResult
+from textual.await_complete import AwaitComplete
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
@@ -22,6 +23,15 @@ class Dialog(ModalScreen[ScreenResultType]):
         Binding("ctrl+c", "cancel", show=False, priority=True),
         Binding("ctrl+z", "app.suspend_process", show=False),
     ]
+
+    _answered = False
+
+    def dismiss(self, result: ScreenResultType | None = None) -> AwaitComplete:
+        """Close with an answer, the first one: further keys may be on their way while it goes."""
+        if self._answered:
+            return AwaitComplete()
+        self._answered = True
+        return super().dismiss(result)
 
     @property
     def first_field(self) -> Input | None:
