@@ -6,14 +6,13 @@ freezes the screen, and a frozen terminal never delays the acquisition.
 
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from textual import events, on
-from textual.app import App, SystemCommand
+from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
-from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.filter import LineFilter
 from textual.screen import Screen
@@ -37,19 +36,14 @@ from imutui.tui.recording import RecordingControl
 from imutui.tui.terminal import glyphs, scroll_bars, textual_private
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import Terminal, measured
+from imutui.tui.terminal.nothing_unseen import NothingUnseen
 from imutui.tui.terminal.shown_text import ControlCharacterFilter
-from imutui.tui.widgets import too_small
-
-if TYPE_CHECKING:
-    from textual.actions import ActionParseResult
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
-_UNSEEN = ("quit", "detach", "suspend_process")
-"""Actions that work where no page has room."""
 
 
-class ImutuiApp(App[int]):
+class ImutuiApp(NothingUnseen):
     """The terminal UI.
 
     Parameters
@@ -231,19 +225,6 @@ class ImutuiApp(App[int]):
         if isinstance(field, Input) and event.is_printable and event.character is not None:
             event.prevent_default()
             field.insert_text_at_cursor(event.character)
-
-    async def run_action(
-        self,
-        action: "str | ActionParseResult",
-        default_namespace: DOMNode | None = None,
-        namespaces: Mapping[str, DOMNode] | None = None,
-    ) -> bool:
-        """Run what a key means; where no page has room nothing acts unseen but what leaves the screen."""
-        name = action if isinstance(action, str) else action[1]
-        hidden = too_small.is_too_small(self.size) and not isinstance(self.screen, Dialog)
-        if hidden and name.rpartition(".")[2].partition("(")[0] not in _UNSEEN:
-            return False
-        return await super().run_action(action, default_namespace, namespaces)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what needs an acquisition only with one, and no letters as keys while text is being typed."""
