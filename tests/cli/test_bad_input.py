@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.records import Chunk, Message
+from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
@@ -372,9 +372,13 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def chunks(content: bytes) -> list[tuple[int, int, int]]:
     """Start, end and samples of each chunk of a log."""
     stream, out, start = io.BytesIO(content), [], 8
+    samples_of: set[int] = set()
     for record in StreamReader(stream, emit_chunks=True).records:
         if isinstance(record, Chunk):
-            out.append((start, stream.tell(), sum(isinstance(part, Message) for part in breakup_chunk(record))))
+            parts = breakup_chunk(record)
+            samples_of |= {part.id for part in parts if isinstance(part, Channel) and part.topic == "/imu/data_raw"}
+            samples = sum(isinstance(part, Message) and part.channel_id in samples_of for part in parts)
+            out.append((start, stream.tell(), samples))
         start = stream.tell()
     return out
 
