@@ -86,7 +86,7 @@ def name(ax: "Axes", x: str, y: str, *, legend: bool = False) -> None:
     ax.set_ylabel(plain(y))
     ax.grid(visible=True, lw=0.3, color=FLOOR, alpha=0.6)
     ax.set_axisbelow(True)
-    if legend:
+    if legend and ax.get_legend_handles_labels()[0]:
         # above the axes: inside them it would lie on a curve
         ax.legend(
             frameon=False, fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderpad=0.1

@@ -208,24 +208,34 @@ def _traces(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> It
 
 
 def _error_table(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> Table:
-    columns = (Column("Channel", "code"), Column("Result", "code"), Column("Status"), Column("Before", "number"),
+    columns = (Column("Of"), Column("Result", "code"), Column("Status"), Column("Before", "number"),
                Column("After", "number"), Column("After / floor", "number"))  # fmt: skip
     rows = []
-    for channel in CHANNELS:
+    for metric, channel, label in _error_rows(documents):
         for d, name in zip(documents, names, strict=True):
-            error = next((e for e in d["error"] if e["metric"] == "e10" and e["channel"] == channel), None)
-            status = str(d["status"].get(channel, _DASH)).replace("_", " ")
+            error = next((e for e in d["error"] if e["metric"] == metric and e["channel"] == channel), None)
+            status = _DASH if channel is None else str(d["status"].get(channel, _DASH)).replace("_", " ")
             mark = f"{name.letter} {name.mark}".strip()
             if error is None:
-                rows.append((channel, mark, status, _DASH, _DASH, _DASH))
+                rows.append((label, mark, status, _DASH, _DASH, _DASH))
                 continue
-            unit = error["unit"]
             before, after = (
-                _with_interval(value, interval, unit)
+                _with_interval(value, interval, error["unit"])
                 for value, interval in ((error["before"], error["before_ci95"]), (error["after"], error["ci95"]))
             )
-            rows.append((channel, mark, status, before, after, _or_dash(error["after_x_floor"])))
-    return Table(columns, tuple(rows), "Error of 10 s means after the bias was taken over 60 s, with 95 % intervals.")
+            rows.append((label, mark, status, before, after, _or_dash(error["after_x_floor"])))
+    caption = "Error of 10 s means after the bias was taken over 60 s, with 95 % intervals."
+    return Table(columns, tuple(rows), caption)
+
+
+def _error_rows(documents: Sequence[TraceDocument]) -> list[tuple[str, str | None, str]]:
+    """Metric, channel and heading: every channel, and gravity where units were turned by hand."""
+    metrics = {e["metric"] for d in documents for e in d["error"]}
+    gravity = (("gravity_norm", "magnitude of gravity"), ("gravity_direction", "direction of gravity"))
+    return [
+        *(("e10", channel, channel) for channel in CHANNELS),
+        *((metric, None, label) for metric, label in gravity if metric in metrics),
+    ]
 
 
 def _with_interval(value: float | None, interval: Sequence[float], unit: str) -> str:

@@ -85,7 +85,11 @@ def of_replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
     if len(drawn) > 1:
         made.append(
             _six(
-                "compared-convergence", f"Biases over time, overlaid ({who})", _OVERLAID, partial(_courses, names=drawn)
+                "compared-convergence",
+                f"Biases over time, overlaid ({who})",
+                _OVERLAID,
+                partial(_courses, names=drawn),
+                [channel for own in seen for channel in own],
             )
         )
     drawn = [c for c in names if c.log.curves][:_MOST]

@@ -35,12 +35,12 @@ def biases(course: Course, rate_hz: float | None, name: str) -> Figure:
     """
     which = "Figure 4 (133 Hz)" if rate_hz is not None and rate_hz > _QUICK_HZ else "Figure 3 (20 Hz)"
     at = "" if rate_hz is None else f" at {rate_hz:.4g} Hz"
+    seen = np.asarray(np.isfinite(_table(course, "bias")).any(axis=0))
+    kinds = [kind for kind in _KINDS if seen[kind[2]].any()]
     panels = [
-        Panel(f"biases of {kind}", partial(_biases, course=course, part=part, unit=unit)) for kind, unit, part in _KINDS
-    ]
-    panels += [
-        Panel(f"3 sd of {kind}", partial(_deviations, course=course, part=part, unit=unit))
-        for kind, unit, part in _KINDS
+        Panel(f"{what} of {kind}", partial(draw, course=course, part=part, unit=unit))
+        for what, draw in (("biases", _biases), ("3 sd", _deviations))
+        for kind, unit, part in kinds
     ]
     said = f", {course.name}" if course.name else ""
     return Figure(

@@ -321,8 +321,17 @@ def test_a_text_cannot_become_markup() -> None:
     assert "&lt;b&gt;x" in text
 
 
-def test_markdown_and_json_say_what_the_page_says(folder: Path) -> None:
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are empty: what is around them is looked at."""
+    monkeypatch.setattr(figures, "file", lambda figure, kind: b"")
+    monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "")
+
+
+def test_markdown_and_json_say_what_the_page_says(tmp_path: Path, undrawn: None) -> None:
     """All sections and figures, and the names of all files."""
+    folder = tmp_path / "r"
+    page.write(folder, [page.Story(traced(common=[COMMON]))])
     told = json.loads((folder / "report.json").read_text())
     assert set(told["files"]) == {path.name for path in folder.iterdir()}
     (article,) = told["articles"]
@@ -337,10 +346,8 @@ def test_markdown_and_json_say_what_the_page_says(folder: Path) -> None:
     assert markdown.text("a_b | `x_y` <i>") == r"a\_b \| `x_y` \<i\>"
 
 
-def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, undrawn: None) -> None:
     """Those only: no file of another name, and nothing outside of the folder."""
-    monkeypatch.setattr(figures, "file", lambda figure, kind: b"")
-    monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "")
     (tmp_path / "own.txt").write_text("mine")
     (tmp_path / "outside.png").write_text("mine")
     made = tmp_path / "r"
