@@ -37,6 +37,8 @@ DEFAULTS: dict[str, Value] = {
     "acquisition.table": "",
     "acquisition.rotate_minutes": 0.0,  # 0: never
     "acquisition.rotate_mb": 0.0,  # 0: never
+    "foxglove.port": 0,  # 0: no stream
+    "foxglove.host": "127.0.0.1",  # of this computer only
     "site.latitude_deg": -23.21132308,
     "site.longitude_deg": -45.85917610,
     "site.height_m": PAPER_SITE.height,
@@ -70,6 +72,7 @@ LEAST: dict[str, float] = {
     "acquisition.rotate_minutes": 0.0,
     "acquisition.rotate_mb": 0.0,
     "site.gravity_mps2": 0.0,
+    "foxglove.port": 0,
     "filter.seed": 0,
     "screen.fps": 0.0,
 }

@@ -70,6 +70,7 @@ DOORS = {
     "textual": {"imutui.tui"},
     "typer": {"imutui.cli"},
     "matplotlib": {"imutui.report"},
+    "foxglove": {"imutui.session.foxglove_server"},
     "pyarrow": {"imutui.logbook.parquet"},
     "dask": {"imutui.jobs.campaign.cluster"},
     "distributed": {"imutui.jobs.campaign.cluster"},

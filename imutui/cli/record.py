@@ -64,6 +64,18 @@ def command(
             " names the one before it.",
         ),
     ] = False,
+    foxglove: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--foxglove", metavar="PORT", help="Stream what is recorded to Foxglove at this TCP port."),
+    ] = None,
+    foxglove_host: Annotated[
+        str | None,
+        typer.Option(
+            "--foxglove-host",
+            metavar="ADDR",
+            help="Address that the stream is served at; unless given, 127.0.0.1: this computer only.",
+        ),
+    ] = None,
     output: Output = None,
     accel_sign: AccelSign = None,
     mount: Mount = None,
@@ -85,7 +97,7 @@ def command(
     from imutui import config
     from imutui.cli.exit_codes import check_output
     from imutui.cli.follow_acquisition import follow
-    from imutui.cli.session_options import plan_from
+    from imutui.cli.session_options import check_stream, plan_from
 
     if output is not None:
         check_output(output, force)
@@ -99,6 +111,8 @@ def command(
         "acquisition.table": table,
         "acquisition.rotate_minutes": rotate_minutes,
         "acquisition.rotate_mb": rotate_mb,
+        "foxglove.port": foxglove,
+        "foxglove.host": foxglove_host,
         "filter.name": filter_name,
         "filter.reference": kind,
         "instrument.accel_sign": accel_sign,
@@ -120,6 +134,7 @@ def command(
         reference_file=("", "") if file is None else (_name_of(str(reference)), file.content.decode("utf-8-sig")),
         effects=(effects_of(effects) or b"").decode("utf-8-sig"),
     )
+    check_stream(plan)
     follow(plan, json=json)
 
 

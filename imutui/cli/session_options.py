@@ -1,5 +1,8 @@
 """From configuration to the records that the rest of the program takes."""
 
+import contextlib
+import importlib.util
+import ipaddress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +82,8 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
         table=config.text("acquisition.table"),
         rotate_minutes=config.number("acquisition.rotate_minutes"),
         rotate_mb=config.number("acquisition.rotate_mb"),
+        foxglove_port=config.integer("foxglove.port"),
+        foxglove_host=config.text("foxglove.host"),
         accel_sign=config.integer("instrument.accel_sign"),
         mount=config.text("instrument.mount"),
         gyro_sign=config.text("instrument.gyro_sign"),
@@ -103,6 +108,34 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
     if checked:
         _refuse(plan)
     return plan
+
+
+def check_stream(plan: Plan) -> None:
+    """Refuse a stream that lacks its library, and say of one that others than this computer can reach that it is so."""
+    from imutui.cli.exit_codes import USAGE, fail
+    from imutui.cli.installed_from import command_for
+
+    if not plan.foxglove_port:
+        return
+    if importlib.util.find_spec("foxglove") is None:
+        raise fail(
+            USAGE,
+            "a stream for Foxglove needs foxglove-sdk, which is not installed here. Type this, then the same command"
+            f" again:\n\n    {command_for('live')}\n",
+        )
+    if not _is_loopback(plan.foxglove_host):
+        say(
+            f"imutui: the stream for Foxglove is served at {plan.foxglove_host}, port {plan.foxglove_port}: whoever"
+            " reaches this computer can watch, without a password and unencrypted"
+        )
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return False
 
 
 def _refuse(plan: Plan) -> None:

@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ class LogWriter:
         Permissions of the file, and of its sum.
     checksum : bool
         Whether its SHA-256 is put beside it on closing.
+    also : callable or None
+        Given each message once the file has taken it: topic, CDR bytes, log time (UTC, ns).
 
     Attributes
     ----------
@@ -65,11 +67,13 @@ class LogWriter:
         overwrite: bool = False,
         mode: int = log_stream.MODE,
         checksum: bool = True,
+        also: Callable[[str, bytes, int], None] | None = None,
     ) -> None:
         self.path = path
         self.sha256: str | None = None
         self._mode = mode
         self._has_checksum = checksum
+        self._also = also
         self._raw_file = log_stream.create(path, overwrite=overwrite, mode=mode)
         self._file = io.BufferedWriter(self._raw_file)
         file_lock.claim(self._file)
@@ -130,6 +134,8 @@ class LogWriter:
         except OSError as error:
             self._abandon(error)
             raise
+        if self._also is not None:
+            self._also(topic, data, log_ns)
 
     def attach(self, name: str, media_type: str, data: bytes, now_ns: int) -> None:
         """Add an attachment, stamped with `now_ns`, UTC, ns."""

@@ -14,5 +14,6 @@ For viewers: `snapshot` what they see and `requests` what they ask, records only
 may be anything · `observe` fills the snapshot, with
 `observe_filter`, `observe_estimator`, `recent_packets`, `event_log` · `operator_guide` through a table profile · `ipc`
 the socket · `client` how they start an acquisition and talk to it, `overview` to all of them · `exit_codes`.
+For Foxglove: `live_stream` hands on what is recorded to a process of its own, `foxglove_server`.
 `python -m imutui.session` is the process itself.
 """

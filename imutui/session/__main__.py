@@ -23,6 +23,7 @@ from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
 from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
+from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
 from imutui.session.requests import Reply, Request, StartReport
 
@@ -47,8 +48,9 @@ def main() -> int:
         if plan.record:  # before the unit is touched
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
             DiskGuard(plan.min_free_mb).refuse(folder)
-        with _name(plan), _port(plan) as port:
-            return _acquire(plan, port)
+        # the stream before the port: what it can't have is said before the unit is touched
+        with _name(plan), _stream(plan) as stream, _port(plan) as port:
+            return _acquire(plan, port, stream)
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
@@ -56,7 +58,7 @@ def main() -> int:
             f'an acquisition named "{plan.name}" is running. `imutui attach{name}` shows it,'
             f" `imutui stop{name}` ends it; --name starts another beside it.",
         )
-    except (PortError, InstrumentError) as error:
+    except (PortError, InstrumentError, StreamError) as error:
         return _refuse(exit_codes.INSTRUMENT, str(error))
     except FileExistsError as error:
         return _refuse(exit_codes.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
@@ -66,9 +68,9 @@ def main() -> int:
         return _refuse(exit_codes.DISK, disk_message(None, error))
 
 
-def _acquire(plan: Plan, port: Port) -> int:
+def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
     identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
-    engine = Engine(plan, port, identity)
+    engine = Engine(plan, port, identity, stream)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -189,6 +191,15 @@ def _name(plan: Plan) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _stream(plan: Plan) -> Iterator[LiveStream | None]:
+    if not plan.foxglove_port:
+        yield None
+        return
+    with contextlib.closing(LiveStream(plan.foxglove_host, plan.foxglove_port, title(plan.name))) as stream:
+        yield stream
 
 
 @contextlib.contextmanager

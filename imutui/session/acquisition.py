@@ -19,6 +19,7 @@ from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.line_watch import LineState, LineWatch
+from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
 from imutui.session.observe import AcquisitionView
 from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
@@ -50,6 +51,8 @@ class Acquisition:
         Carries out what must be said to the unit.
     lifecycle : Lifecycle
         Where it stands.
+    stream : LiveStream or None
+        Gets what is recorded, for other viewers.
 
     Raises
     ------
@@ -57,14 +60,22 @@ class Acquisition:
         If the filter could not run with what is asked; the message names it.
     """
 
-    def __init__(self, plan: Plan, info: SessionInfo, clock: Clock, reader: Reader, lifecycle: Lifecycle) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        info: SessionInfo,
+        clock: Clock,
+        reader: Reader,
+        lifecycle: Lifecycle,
+        stream: LiveStream | None = None,
+    ) -> None:
         self._stamps = PacketStamps(clock)
         self._reader = reader
         self._lifecycle = lifecycle
         self._started_ns = time.monotonic_ns()
         self._timebase = Timebase.now()
         self._clock_steps = ClockStepMonitor(self._timebase)
-        self._recorder = Recorder(plan, info, lifecycle, self._timebase)
+        self._recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
         scaling = Scaling(plan.rate_range_dps, plan.accel_range_g)
         self._recent, self._statistics = RecentPackets(scaling), ChannelStatistics(scaling)
         self._guide: operator_guide.Guide | None = None
@@ -133,6 +144,8 @@ class Acquisition:
         unsaid = not_said(info.serial_number, info.firmware)
         if unsaid is not None:
             self.event("acquisition", unsaid, WARNING)
+        if self._recorder.stream is not None:
+            self.event("acquisition", f"what is recorded is streamed to Foxglove at {self._recorder.stream.url}")
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
@@ -194,11 +207,18 @@ class Acquisition:
                 self._reader.ask_again()
             for text, warns in self._line.each_second(line):
                 self.event("acquisition", text, WARNING if warns else INFORMATION)
+            self._look_after_stream()
             step = self._clock_steps.check()
             if step is not None:
                 self.event(
                     "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
                 )
+
+    def _look_after_stream(self) -> None:
+        stream = self._recorder.stream
+        said = None if stream is None else stream.look()
+        if said is not None:
+            self.event("acquisition", said, WARNING)
 
     def _line_state(self, now_ns: int) -> LineState:
         silent_s = (now_ns - self._reader.last_packet_ns) / 1e9
@@ -263,6 +283,7 @@ class Acquisition:
             recent=self._recent,
             events=recorder.events,
             guide=self._guide,
+            stream=None if recorder.stream is None else recorder.stream.snapshot(),
         )
         return observe.snapshot(view, since)
 

@@ -23,6 +23,7 @@ from imutui.session.event_log import ERROR
 from imutui.session.handshake import InstrumentError
 from imutui.session.identity import Identity
 from imutui.session.lifecycle import Lifecycle
+from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
@@ -58,6 +59,8 @@ class Engine:
         Open, the unit identified, in scaled mode, polled.
     identity : Identity
         What the unit said.
+    stream : LiveStream or None
+        Gets what is recorded; whoever made it closes it after the end.
 
     Attributes
     ----------
@@ -70,7 +73,7 @@ class Engine:
         If the filter could not run with what is asked.
     """
 
-    def __init__(self, plan: Plan, port: Port, identity: Identity) -> None:
+    def __init__(self, plan: Plan, port: Port, identity: Identity, stream: LiveStream | None = None) -> None:
         self.lifecycle = Lifecycle()
         self._plan = plan
         self._port = port
@@ -80,7 +83,7 @@ class Engine:
         self._reader = Reader(port, plan.rate_hz if polled else None, self._queue.put, known)
         clock = Clock(PACKET_BYTES * BITS_PER_BYTE / port.baud * 1e9, polled=polled)
         info = session_info(plan, port, identity)
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle)
+        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream)
         self._disk_error: OSError | None = None
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)

@@ -16,7 +16,14 @@ from imutui.session.plan import Plan
 from imutui.session.recent_packets import STATISTICS_S, RecentPackets
 from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.snapshot import FilterSnapshot, ReconnectingSnapshot, RecordingSnapshot, SessionState, Snapshot
+from imutui.session.snapshot import (
+    FilterSnapshot,
+    ReconnectingSnapshot,
+    RecordingSnapshot,
+    SessionState,
+    Snapshot,
+    StreamSnapshot,
+)
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0
@@ -60,6 +67,8 @@ class AcquisitionView:
         Last events and marks.
     guide : Guide or None
         Where the operator is in a profile.
+    stream : StreamSnapshot or None
+        The live stream for Foxglove.
     """
 
     now_ns: int
@@ -82,6 +91,7 @@ class AcquisitionView:
     recent: RecentPackets
     events: EventLog
     guide: Guide | None
+    stream: StreamSnapshot | None
 
 
 def snapshot(view: AcquisitionView, since: int) -> Snapshot:
@@ -137,6 +147,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "marks": view.events.marks(pipeline.started_ns),
         "reference": {"name": plan.reference, "file": plan.reference_file[0], "profile": view.follows_profile},
         "effects": list(effect_labels(plan.effects)),
+        "stream": view.stream,
         "guide": None if view.guide is None else view.guide.snapshot(now, pipeline.started_ns),
         "channels": view.recent.channels(),
         "statistics_s": STATISTICS_S,

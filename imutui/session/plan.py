@@ -14,6 +14,7 @@ MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = 133.0
 SAMPLINGS = ("stream", "polled")
 _LONGEST_S = 10 * 366 * 86400.0
+LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
 FILE_MODE = "0640"
 """Permissions of logs, unless configured."""
 MIN_FREE_MB = 200.0
@@ -124,6 +125,8 @@ class Plan:
         comes from none.
     effects : str
         Text of the effects file; empty for none.
+    foxglove_port, foxglove_host : int, str
+        TCP port and address at which what is recorded is streamed to Foxglove; port 0 for no stream.
     unattended : bool
         Nobody looks on: a recording names the one before it, be it finished.
     virtual : tuple of str
@@ -164,6 +167,8 @@ class Plan:
     noise: str = "table1"
     reference_file: tuple[str, str] = ("", "")
     effects: str = ""
+    foxglove_port: int = 0
+    foxglove_host: str = LOOPBACK
     unattended: bool = False
     virtual: tuple[str, ...] = ()
 
@@ -178,6 +183,10 @@ class Plan:
             raise ValueError(f"`duration` is {self.duration_s:g} s; it must be positive and at most ten years")
         _clean(self)
         check_rotation(self.rotate_minutes, self.rotate_mb)
+        if not 0 <= self.foxglove_port <= _LAST_PORT:
+            raise ValueError(
+                f"`foxglove.port` is {self.foxglove_port}; a TCP port is 1 to {_LAST_PORT}, and 0 streams nothing"
+            )
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
             raise ValueError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'

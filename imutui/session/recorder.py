@@ -15,6 +15,7 @@ from imutui.session.disk_space import FreeSpace, disk_message
 from imutui.session.duration import Duration
 from imutui.session.event_log import INFORMATION, WARNING, EventLog
 from imutui.session.lifecycle import Lifecycle
+from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import Setup, check_live, effects_of, motion_of
 from imutui.session.plan import Plan, RecordingWish
 from imutui.session.recording import Recording
@@ -41,6 +42,8 @@ class Recorder:
         Where the acquisition stands; what must be said at its end goes there.
     timebase : Timebase
         From the monotonic clock to UTC.
+    stream : LiveStream or None
+        Gets what goes into files.
 
     Attributes
     ----------
@@ -60,6 +63,8 @@ class Recorder:
         Last events and marks.
     event_clock : EventClock
         When what is told happened.
+    stream : LiveStream or None
+        As given.
     begins_with_packet : bool
         Whether the next packet begins the plan's recording.
 
@@ -69,7 +74,14 @@ class Recorder:
         If the filter could not run with what is asked; the message names it.
     """
 
-    def __init__(self, plan: Plan, info: SessionInfo, lifecycle: Lifecycle, timebase: Timebase) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        info: SessionInfo,
+        lifecycle: Lifecycle,
+        timebase: Timebase,
+        stream: LiveStream | None = None,
+    ) -> None:
         self.plan, self.info = plan, info
         self.motion = motion_of(plan)
         self.result: ResultDocument | None = None
@@ -82,6 +94,7 @@ class Recorder:
         check_live(info, self.motion, self._effects)
         self._lifecycle = lifecycle
         self._timebase = timebase
+        self.stream = stream
         self._free_space = FreeSpace()
         self._has_recorded = False
         self._is_out_of_space = False
@@ -183,7 +196,7 @@ class Recorder:
     def begin(self, note: str, path: Path | None) -> None:
         """Begin a recording and a run of samples in it; raises OSError."""
         previous = None if self._has_recorded else self._previous_log()
-        recording = Recording(self.plan, previous_log.told(self.info, previous), note, path)
+        recording = Recording(self.plan, previous_log.told(self.info, previous), note, path, self.stream)
         self.recording = recording
         self.begin_run()
         self._has_recorded = True

@@ -14,6 +14,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import previous_log, vanished_file
 from imutui.session.disk_space import DiskGuard, GrowthRate
+from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import attach, default_path
 from imutui.session.plan import Plan
 from imutui.session.rotation import RecordingParts
@@ -37,6 +38,8 @@ class Recording:
         The operator's remark on this recording.
     path : Path or None
         First file; None for a name made up in the plan's folder.
+    stream : LiveStream or None
+        Gets every message after the file.
 
     Attributes
     ----------
@@ -61,7 +64,14 @@ class Recording:
         If the disk does not take it, or has no room for it.
     """
 
-    def __init__(self, plan: Plan, info: SessionInfo, note: str, path: Path | None) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        info: SessionInfo,
+        note: str,
+        path: Path | None,
+        stream: LiveStream | None = None,
+    ) -> None:
         path = path or default_path(Path(plan.logs), info.serial_number, note)
         self.guard = DiskGuard(plan.min_free_mb)
         self.guard.refuse(path.parent)
@@ -69,7 +79,8 @@ class Recording:
         self.info = replace(info, note=note, log_id=own, power_on=own)
         self._next_info = self.info
         self._plan = plan
-        self.writer = _open(path, self.info, plan, overwrite=plan.overwrite)
+        self._stream = stream
+        self.writer = _open(path, self.info, plan, stream, overwrite=plan.overwrite)
         self.parts = RecordingParts(path, plan.rotate_minutes, plan.rotate_mb)
         self.growth = GrowthRate()
         self.vanished: VanishedFile | None = None
@@ -103,7 +114,7 @@ class Recording:
             self.vanished = None
         self.info = replace(self._next_info, log_id=_new_id())
         self.parts.number += 1
-        self.writer = _open(path, self.info, self._plan, overwrite=False)
+        self.writer = _open(path, self.info, self._plan, self._stream, overwrite=False)
 
     def _leave_reference(self) -> None:
         # a profile or trajectory is told from the recording's first sample on, so this file can't be filtered with it
@@ -239,7 +250,9 @@ def _new_id() -> str:
     return uuid.uuid4().hex[:16]
 
 
-def _open(path: Path, info: SessionInfo, plan: Plan, *, overwrite: bool) -> LogWriter:
-    writer = LogWriter(path, info, plan.configuration(), time.time_ns(), overwrite=overwrite, mode=plan.mode)
+def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, *, overwrite: bool) -> LogWriter:
+    also = None if stream is None else stream.send
+    now = time.time_ns()
+    writer = LogWriter(path, info, plan.configuration(), now, overwrite=overwrite, mode=plan.mode, also=also)
     attach(writer, plan, time.time_ns())
     return writer

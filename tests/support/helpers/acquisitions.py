@@ -16,6 +16,7 @@ from imutui.instrument.port import Port
 from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.session import exit_codes, handshake
 from imutui.session.engine import Engine
+from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
 
 
@@ -50,13 +51,13 @@ class Running:
 
 
 @contextmanager
-def acquiring(home: Path, **fields: Any) -> Iterator[Running]:
+def acquiring(home: Path, stream: LiveStream | None = None, **fields: Any) -> Iterator[Running]:
     """An acquisition in this process, some packets of which are on the disk."""
     logs = home / "logs"
     asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"}
     with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, **(asked | fields))
-        engine = Engine(plan, port, handshake.open_dialogue(port, plan.baud, say=lambda text: None))
+        engine = Engine(plan, port, handshake.open_dialogue(port, plan.baud, say=lambda text: None), stream)
         running = Running(engine, logs)
         try:
             engine.start()

@@ -1,0 +1,197 @@
+"""The process that serves a live stream to Foxglove: `python -m imutui.session.foxglove_server HOST PORT NAME SOCKET`.
+
+Started by `live_stream`, which says why it is a process. The only user of foxglove-sdk. Channels are those of the file:
+names, types, encoding, metadata. It ends when the acquisition closes the socket, or dies, and ignores signals that ask
+the acquisition to end: that one finishes its file first.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import queue
+import signal
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING, cast
+
+from imutui.logbook import schemas
+from imutui.plain_text import visible
+from imutui.session.live_stream import MESSAGE, MESSAGE_LIMIT, TOPICS
+
+if TYPE_CHECKING:
+    from foxglove import Channel
+    from foxglove.websocket import ChannelView, Client, ServerListener
+
+_REPORT_S = 0.5
+_NICENESS = 5
+_LAST_MESSAGES_S = 0.3
+_BACKLOG = 4096
+"""Messages that wait for a viewer that is slow, ten seconds at the full rate; then its oldest are left out."""
+_TRANSFORMS = TOPICS.index(schemas.TRANSFORMS)
+
+
+class Subscriptions:
+    """Who watches what. The library calls the methods in threads of its own.
+
+    Attributes
+    ----------
+    new : queue.SimpleQueue
+        Topics that somebody has subscribed to, until they are taken from it.
+    """
+
+    def __init__(self) -> None:
+        self.new: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._channels: dict[int, set[int]] = {}
+
+    @property
+    def viewers(self) -> int:
+        """Clients with a subscription."""
+        return sum(bool(channels) for channels in list(self._channels.values()))
+
+    def on_subscribe(self, client: "Client", channel: "ChannelView") -> None:
+        """Take note of a subscription."""
+        self._channels.setdefault(client.id, set()).add(channel.id)
+        self.new.put(channel.topic)
+
+    def on_unsubscribe(self, client: "Client", channel: "ChannelView") -> None:
+        """Take note that one has ended, also because its client has gone."""
+        self._channels.get(client.id, set()).discard(channel.id)
+
+
+class LibraryMessages(logging.Handler):
+    """What the library says: of viewers that do not keep up it is counted, warnings go to stderr.
+
+    Attributes
+    ----------
+    slow : int
+        How often a viewer's backlog was said to be full; the library says it again after a while only.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.slow = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take one."""
+        text = record.getMessage()
+        self.slow += "outbox" in text
+        if record.levelno >= logging.WARNING:
+            print(visible(f"stream for Foxglove: {text}"), file=sys.stderr)
+
+
+def main() -> int:
+    """Serve until the socket's other end is closed."""
+    host, port, name, descriptor = sys.argv[1:]
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(_NICENESS)  # the acquisition comes first
+    feed = socket.socket(fileno=int(descriptor))
+    try:
+        server = _Server(host, int(port), name)
+    except _RefusedError as error:
+        _tell(feed, {"error": str(error)})
+        return 1
+    _tell(feed, {})
+    server.serve(feed)
+    return 0
+
+
+class _RefusedError(Exception):
+    """The server cannot begin; the message is for the user."""
+
+
+class _Server:
+    def __init__(self, host: str, port: int, name: str) -> None:
+        try:
+            import foxglove
+        except ImportError as error:
+            raise _RefusedError(
+                "a stream for Foxglove needs foxglove-sdk, which is not installed: it is the extra `live` of imutui"
+                " (pip install 'imutui[live]')."
+            ) from error
+        self._subscriptions, self._messages = Subscriptions(), LibraryMessages()
+        logger = logging.getLogger("foxglove")
+        logger.addHandler(self._messages)
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+        foxglove.set_log_level("INFO")
+        listener = cast("ServerListener", self._subscriptions)  # clients only watch: nothing else is called
+        try:
+            self._server = foxglove.start_server(
+                name=name, host=host, port=port, server_listener=listener, message_backlog_size=_BACKLOG
+            )
+        except (RuntimeError, OSError, ValueError, OverflowError) as error:
+            raise _RefusedError(_refusal(host, port, str(error))) from error
+        self._channels = [_channel(topic) for topic in TOPICS]
+        self._transform: tuple[bytes, int] | None = None
+
+    def serve(self, feed: socket.socket) -> None:
+        """Hand on what comes, and report, until there is no more."""
+        feed.settimeout(_REPORT_S)
+        told, report_at = "", 0.0
+        while True:
+            with contextlib.suppress(TimeoutError):
+                message = feed.recv(MESSAGE_LIMIT)
+                if not message:
+                    break
+                self._log(message)
+            self._latched()
+            if time.monotonic() >= report_at:
+                report_at = time.monotonic() + _REPORT_S
+                told = self._report(feed, told)
+        if self._subscriptions.viewers:
+            time.sleep(_LAST_MESSAGES_S)
+        self._server.stop()
+
+    def _log(self, message: bytes) -> None:
+        number, log_ns = MESSAGE.unpack_from(message)
+        data = message[MESSAGE.size :]
+        self._channels[number].log(data, log_time=log_ns)
+        if number == _TRANSFORMS:
+            self._transform = data, log_ns
+
+    def _latched(self) -> None:
+        """Send the transform, which comes once in a file, to who has come since; the others get it again."""
+        with contextlib.suppress(queue.Empty):
+            while self._transform is not None:
+                if self._subscriptions.new.get_nowait() == schemas.TRANSFORMS:
+                    self._channels[_TRANSFORMS].log(self._transform[0], log_time=self._transform[1])
+
+    def _report(self, feed: socket.socket, before: str) -> str:
+        now = json.dumps({"viewers": self._subscriptions.viewers, "slow": self._messages.slow})
+        if now != before:
+            # one that does not fit is followed by another
+            with contextlib.suppress(OSError):
+                feed.send(now.encode())
+        return now
+
+
+def _channel(topic: str) -> "Channel":
+    import foxglove
+
+    typename = schemas.TYPES[topic]
+    schema = foxglove.Schema(name=typename, encoding="ros2msg", data=schemas.definition(typename).encode())
+    told = schemas.CHANNEL_METADATA.get(topic, {})
+    return foxglove.Channel(topic, message_encoding="cdr", schema=schema, metadata=told)
+
+
+def _refusal(host: str, port: int, said: str) -> str:
+    if "os error 98" in said:
+        taken = f"port {port}, where Foxglove is to be served, is in use at {host}, maybe by another acquisition"
+        return f"{taken}. Name another: --foxglove {port % 65535 + 1}."
+    if "os error 99" in said or "lookup" in said:
+        return f'"{host}" is no address of this computer: Foxglove cannot be served there. --foxglove-host names one.'
+    return f"Foxglove cannot be served at {host}, port {port}: {said}. --foxglove and --foxglove-host name others."
+
+
+def _tell(feed: socket.socket, document: dict[str, str]) -> None:
+    with contextlib.suppress(OSError):
+        feed.send(json.dumps(document).encode())
+
+
+if __name__ == "__main__":
+    code = main()
+    # threads of the library are not waited for
+    os._exit(code)

@@ -1,0 +1,223 @@
+"""The stream for Foxglove: what a viewer gets, and that none can harm the acquisition."""
+
+import contextlib
+import importlib.util
+import json
+import os
+import signal
+import socket
+import struct
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import pytest
+from helpers.acquisitions import acquiring
+from helpers.commands import imutui
+from helpers.processes import LIMIT_S, command_line, started, wait_until
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from imutui.logbook import schemas
+from imutui.session import client
+from imutui.session.live_stream import TOPICS, WAITING_LIMIT, LiveStream, StreamError
+
+pytestmark = pytest.mark.filterwarnings("ignore:connect.. must be used as a context manager")
+Message = tuple[str, int, bytes]
+# of a message to a client: opcode 1, the subscription's number, log time
+_HEAD = struct.Struct("<BIQ")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        return int(listening.getsockname()[1])
+
+
+class Viewer:
+    """A client of the websocket that subscribes to everything, as Foxglove does for its panels."""
+
+    def __init__(self, port: int) -> None:
+        self._socket: ClientConnection = connect(
+            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], open_timeout=LIMIT_S
+        )
+        self.server = json.loads(self._socket.recv(LIMIT_S))
+        self.channels: dict[int, dict[str, Any]] = {}
+        while len(self.channels) < len(TOPICS):
+            told = json.loads(self._socket.recv(LIMIT_S))
+            self.channels |= {channel["id"]: channel for channel in told["channels"]}
+        wishes = [{"id": number, "channelId": number} for number in self.channels]
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wishes}))
+        self.messages: list[Message] = []
+        self._thread = threading.Thread(target=self._receive, daemon=True)
+        self._thread.start()
+
+    def _receive(self) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                got = self._socket.recv()
+                if isinstance(got, bytes):
+                    _, number, log_ns = _HEAD.unpack_from(got)
+                    self.messages.append((self.channels[number]["topic"], log_ns, got[_HEAD.size :]))
+
+    def of(self, topic: str) -> list[Message]:
+        return [message for message in list(self.messages) if message[0] == topic]
+
+    def __enter__(self) -> "Viewer":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._socket.close()
+        self._thread.join(LIMIT_S)
+
+    def wait_until_closed(self) -> None:
+        self._thread.join(LIMIT_S)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def stream() -> Iterator[LiveStream]:
+    with closing(LiveStream("127.0.0.1", free_port(), "imutui")) as made:
+        yield made
+
+
+def port_of(stream: LiveStream) -> int:
+    return int(stream.url.rpartition(":")[2])
+
+
+def in_file(path: Path) -> list[Message]:
+    with path.open("rb") as file:
+        return [(c.topic, m.log_time, m.data) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+
+
+def test_a_viewer_gets_what_the_file_gets(home: Path, stream: LiveStream) -> None:
+    """Topics, definitions, bytes and log times; rosbags decodes the samples with the definition that came along."""
+    with acquiring(home, stream) as running, Viewer(port_of(stream)) as viewer:
+        wait_until(lambda: len(viewer.of(schemas.IMU)) > 20 and bool(viewer.of(schemas.TRANSFORMS)))
+        running.a_second_passes()
+        wait_until(lambda: running.seen()["stream"]["viewers"] == 1)
+        path = running.first
+        running.end()
+        held = in_file(path)
+        received = [message for message in viewer.messages if message[0] != schemas.TRANSFORMS]
+        wait_until(lambda: viewer.messages[-1] == held[-1])
+        received = [message for message in viewer.messages if message[0] != schemas.TRANSFORMS]
+        assert received == [message for message in held if message[0] != schemas.TRANSFORMS][-len(received) :]
+        # it came before this viewer did, once, and is sent again to who comes late
+        assert viewer.of(schemas.TRANSFORMS)[0] in held
+        assert {c["topic"]: c["schemaName"] for c in viewer.channels.values()} == schemas.TYPES
+        assert {(c["encoding"], c["schemaEncoding"]) for c in viewer.channels.values()} == {("cdr", "ros2msg")}
+        [samples] = [c for c in viewer.channels.values() if c["topic"] == schemas.IMU]
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(samples["schema"], samples["schemaName"]))
+        sample: Any = store.deserialize_cdr(viewer.of(schemas.IMU)[0][2], samples["schemaName"])
+        assert sample.linear_acceleration.z == pytest.approx(-9.79, abs=0.05)
+        assert sample.header.frame_id == "imu_link_ned"
+        stream.close()
+        viewer.wait_until_closed()
+
+
+def test_a_server_that_hangs_costs_its_viewers_messages_and_nobody_else(stream: LiveStream) -> None:
+    """What waits is bounded, the oldest goes, it is counted; when the process is back the newest come."""
+    os.kill(stream.pid, signal.SIGSTOP)
+    data = bytes(1000)
+    for k in range(3 * WAITING_LIMIT):
+        stream.send(schemas.IMU, data, k)
+    seen = stream.snapshot()
+    assert seen["dropped"] == 3 * WAITING_LIMIT - seen["sent"] - WAITING_LIMIT > 0
+    os.kill(stream.pid, signal.SIGCONT)
+    wait_until(lambda: stream.look() is None and stream.snapshot()["sent"] == seen["sent"] + WAITING_LIMIT)
+    assert stream.snapshot()["dropped"] == seen["dropped"]
+
+
+@contextmanager
+def stuck_viewer(port: int, channels: Iterable[int]) -> Iterator[None]:
+    """One that subscribes and never reads, by hand: a client's library reads whether it is asked to or not."""
+    with socket.create_connection(("127.0.0.1", port)) as viewer:
+        key = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+        upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n"
+        viewer.sendall(f"GET / HTTP/1.1\r\nHost: a\r\n{upgrade}{key}\r\n".encode())
+        assert b"101 Switching" in viewer.recv(1000)
+        wishes = [{"id": number, "channelId": number} for number in channels]
+        text = json.dumps({"op": "subscribe", "subscriptions": wishes}).encode()
+        viewer.sendall(struct.pack(">BBHI", 0x81, 0x80 | 126, len(text), 0) + text)
+        yield
+
+
+def test_a_viewer_that_hangs_is_told_of_and_holds_up_nobody(stream: LiveStream) -> None:
+    """One that reads nothing loses messages; the other one gets all of them."""
+    port, sent = port_of(stream), 0
+    with Viewer(port) as good, stuck_viewer(port, good.channels):
+        wait_until(lambda: stream.look() is None and stream.snapshot()["viewers"] == 2)
+        while not stream.snapshot()["slow"]:
+            for _ in range(500):
+                sent += 1
+                stream.send(schemas.IMU, bytes(4000), sent)
+            wait_until(lambda wanted=sent: stream.look() is None and len(good.messages) == wanted)  # type: ignore[misc]
+        assert [log_ns for _, log_ns, _ in good.messages] == list(range(1, sent + 1))
+        assert stream.snapshot()["dropped"] == 0
+
+
+def test_a_server_that_dies_ends_the_stream_and_not_the_recording(home: Path, stream: LiveStream) -> None:
+    """It is told once, as an event; packets go on into the file."""
+    with acquiring(home, stream) as running:
+        os.kill(stream.pid, signal.SIGKILL)
+        running.record(60)
+        running.a_second_passes()
+        seen = running.seen()
+        assert seen["stream"]["ended"]
+        told = [event for event in seen["events"] if "Foxglove has ended by itself" in event["text"]]
+        assert len(told) == 1
+        assert seen["recording"]["samples"] > 60
+
+
+def test_a_stream_ends_with_the_socket_of_its_acquisition(stream: LiveStream) -> None:
+    """As the system closes it for a process that is killed: the server ends by itself, and its port is free again."""
+    stream.close()
+    assert stream._process.returncode == 0
+    with closing(LiveStream("127.0.0.1", port_of(stream), "imutui")):
+        pass
+
+
+def test_a_stream_that_cannot_be_is_refused_before_the_unit_is_touched(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A port in use: exit 4; no such address; a library that is not there: exit 2 and what to type."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = imutui("record", "--port", "/dev/none", "--foxglove", str(port), check=4)
+        assert f"port {port}" in done.stderr
+        assert "in use" in done.stderr
+    with pytest.raises(StreamError, match="no address of this computer"):
+        LiveStream("203.0.113.7", port, "imutui")
+    assert "TCP port" in imutui("record", "--port", "/dev/none", "--foxglove", "70000", check=2).stderr
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert "[live]" in imutui("record", "--port", "/dev/none", "--foxglove", "8765", check=2).stderr
+
+
+def test_record_streams_and_status_says_so(home: Path) -> None:
+    """Asked for in the configuration; the stream ends with the acquisition, and its port is free again."""
+    port = free_port()
+    (home / "imutui.toml").write_text(f"[foxglove]\nport = {port}\n")
+    line = command_line("record", "--port", "virtual", "--filter", "none", "--name", "streamed")
+    with started(line) as command:
+        wait_until(lambda: _answers("streamed"))
+        with Viewer(port) as viewer:
+            wait_until(lambda: len(viewer.of(schemas.RAW)) > 3)
+            assert viewer.server["name"] == "imutui streamed"
+            wait_until(lambda: "1 viewer" in imutui("status").stdout)
+            imutui("stop", "--name", "streamed", check=None)
+            viewer.wait_until_closed()
+        command.wait(LIMIT_S)
+    socket.create_server(("127.0.0.1", port)).close()
+
+
+def _answers(name: str) -> bool:
+    with contextlib.suppress(client.SessionError):  # it is connecting
+        return client.attach(name).snapshot(2**62)["state"] == "running"
+    return False
