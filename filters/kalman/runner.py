@@ -96,7 +96,7 @@ class Estimator:
 
     @property
     def samples(self) -> int:
-        """Samples that the filter has used."""
+        """Samples that the filter has used; those over which biases were held count once it goes on."""
         return int(self._core(layout.CORE_SAMPLES))
 
     @property
@@ -108,9 +108,14 @@ class Estimator:
     def held_since(self) -> float | None:
         """Time of the last sample with a reference, s, once biases are held and nothing is integrated; else None."""
         if self._held is not None:
-            return self._held.since
+            return self._held.since if self.nis_count else None
         over = self.first_rest is not None and self.first_rest.over and self.samples
         return self._core(layout.CORE_T) if over else None
+
+    @property
+    def awaits_reference(self) -> bool:
+        """Whether samples have come, and no reference so far: navigation begins with the first that is known."""
+        return self._held is not None and not self.nis_count
 
     @property
     def nis_sum(self) -> float:
@@ -308,7 +313,7 @@ class Estimator:
             return
         before = self._core(layout.CORE_T) if self.samples else -np.inf
         before = before if self._held is None else self._held.t
-        samples = inputs.input(readings, self.samples, before)
+        samples = inputs.input(readings, self.taken, before)
         t = samples.t
         resumed = long_gaps.ends(t, samples.known, before)
         for first, last, is_held in stretches(samples.known, t.size, self.samples, is_held=self._held is not None):
@@ -318,6 +323,7 @@ class Estimator:
                 if self._held is not None:  # navigation begins anew as behind a long gap
                     resumed = sorted({first, *resumed})
                     engine.core[layout.CORE_NEXT_OUT] = self._held.next_out
+                    engine.core[layout.CORE_SAMPLES] = self._held.count
                     self._held = None
                 yield from self._advance(engine, samples, first, last, [k for k in resumed if first <= k < last])
 

@@ -200,6 +200,8 @@ def _waiting(live: LiveFilter) -> str | None:
         return f"{preparing}; {live.waiting} samples wait for it"
     if _is_aligning(live):
         return "finding level from gravity: keep the unit still for the first 10 s"
+    if live.estimator is not None and live.estimator.awaits_reference:
+        return "no reference yet: navigation begins in the first dwell that is marked"
     return "waiting for the first sample" if live.estimator is None else None
 
 

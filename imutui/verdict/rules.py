@@ -324,10 +324,10 @@ def _converged(standing: Standing) -> Check:
     pending = [bias for bias in seen if bias["converged_s"] is None]
     hidden = [bias["name"] for bias in biases if not bias["observable"]]
     if not seen and waiting_profile is not None:
-        return Check("wait", "converged", waiting_profile, "0 biases", "no bias is observable before that")
+        return Check("wait", "converged", waiting_profile, "profile waits", "no bias is observable before that")
     if not seen:
         todo = "use a reference or a table profile that shows them"
-        return Check("wait", "converged", "no bias is observable in this setup", "0 biases", todo)
+        return Check("wait", "converged", "no bias is observable in this setup", "none observable", todo)
     done, count = len(seen) - len(pending), len(seen)
     brief = f"{done} of {count}"
     if not pending:

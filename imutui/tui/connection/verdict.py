@@ -45,7 +45,9 @@ def judge(
         aside = "5 Table lays the profile aside, or traces its recording"
         return off if waiting_profile is None else replace(off, todo=aside)
     standing = sources.of_snapshot(estimates, slope_k_per_min)
-    return rules.judge(replace(standing, silent=silent, waiting_profile=waiting_profile))
+    # once samples come, what the operator can do about it comes before what the filter waits for
+    waiting = waiting_profile if standing.waiting and standing.t is not None and waiting_profile else standing.waiting
+    return rules.judge(replace(standing, silent=silent, waiting=waiting, waiting_profile=waiting_profile))
 
 
 def ended(last: Verdict | None) -> Verdict | None:

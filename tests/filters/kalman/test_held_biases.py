@@ -128,6 +128,43 @@ def test_another_mark_is_a_reference_again() -> None:
     assert estimator.alarms() == []
 
 
+@pytest.mark.parametrize(("first", "between"), [(28.0, 0.0), (300.0, 0.0), (1.0, 300.0)])
+def test_an_operator_may_take_as_long_as_it_takes(first: float, between: float) -> None:
+    """Before the first dwell and between two: biases are as good as they claim, and nothing is off the reference."""
+    waits = (*(Dwell(dwell.angles, dwell.seconds + between) for dwell in MARKED.segments if isinstance(dwell, Dwell)),)
+    moved = Profile((Dwell((0.0, 0.0, 0.0), first + 20.0 + between), waits[1]))
+    settings, arrived = Settings(1.0 / HZ, reference="profile", motion=MARKED), moved.rest_starts[1] + 0.5
+    errors = []
+    for seed in range(4):
+        samples, truth = simulation.simulate(moved, rate_hz=HZ, seconds=float(arrived) + 20.0, seed=seed)
+        estimator, rows = run(settings, samples, ((first, "segment 1"), (float(arrived), "segment 2")), 8192)
+        last = estimator.latest
+        assert last is not None
+        assert estimator.alarms() == []
+        assert estimator.rejected == 0
+        before = rows[(rows[:, layout.OUT_T] > 0.0) & (rows[:, layout.OUT_T] < first)]
+        assert np.isnan(before[:, layout.OUT_NAV]).all()
+        error = np.concatenate([last.belief.nav.accel_bias, last.belief.nav.gyro_bias])
+        errors.append(
+            (error - np.concatenate([truth.accel_bias, truth.gyro_bias])) / np.sqrt(np.diag(last.belief.P)[9:])
+        )
+    # six biases of four runs, standard normal: the mean of 24 squares is beyond 2 once in a thousand
+    assert np.mean(np.square(errors)) < 2.0
+
+
+def test_a_profile_by_marks_awaits_its_first_dwell() -> None:
+    """Until then nothing is known, which is not the end of a reference."""
+    settings, motion, _, _ = CASES["marks"]
+    estimator, _ = run(settings, readings(motion, 10.0), (), 64)
+    assert estimator.awaits_reference
+    assert estimator.held_since is None
+    estimator.mark(10.0, "segment 1")
+    later = readings(motion, 15.0)
+    new = later.t > 9.99
+    list(runner.rows(estimator, later.t[new], later.gyro[new], later.accel[new], last=False))
+    assert not estimator.awaits_reference
+
+
 def test_stretches_are_in_order_and_leave_no_sample_out() -> None:
     """Whatever is known where; the first sample of a run is never held."""
     ended, whole, nothing = (np.zeros(reference.COLUMNS) for _ in range(3))
