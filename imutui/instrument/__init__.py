@@ -4,5 +4,5 @@
 `clock` counter to time, no I/O, with `host_time` and `packet_count` · `port` the only user of pyserial ·
 `unit` an IMU400CD as a state machine, no I/O, with `unit_options`, `sampling_loop` and `transmitter` ·
 `faults` of its line · `wire` unit and line as one, no I/O ·
-`virtual` the same on a `pseudo_terminal`, with `sent_packets`.
+`virtual` the same on a `pseudo_terminal`, with `sent_packets` · `uut/` the protocol of the IMU440, IMU380 and IMU381.
 """

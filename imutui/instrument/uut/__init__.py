@@ -1,0 +1,6 @@
+"""Crossbow's IMU440, MEMSIC's IMU380 and Aceinna's IMU381: bytes to events and back, and a virtual unit.
+
+`frames` preamble, length and CRC · `frame_search` frames in a stream of bytes · `messages` what goes over the line ·
+`payloads` their bytes · `decoder` both ends of the line · `fields` configuration fields · `scaling` counts to units ·
+`counter` packets lost, by the counter's step. No I/O, no clock, and no exception for noise.
+"""

@@ -1,0 +1,142 @@
+"""Configuration fields of the 440, 380 and 381: numbers, what their values mean, and which go together.
+
+Fields that a plain inertial unit does not have are left out: user switches, magnetic calibration, status enables.
+"""
+
+import enum
+import math
+from dataclasses import dataclass
+
+from imutui.instrument.uut.frames import OVERHEAD_BYTES
+
+
+class Field(enum.IntEnum):
+    """Numbers of fields.
+
+    Documents disagree which of the two low-pass filters is the rate sensors', so both are set alike.
+    """
+
+    RATE_DIVIDER = 0x0001
+    BAUD = 0x0002
+    PACKET_TYPE = 0x0003
+    ANALOG_FILTER = 0x0004
+    LOW_PASS_5 = 0x0005
+    LOW_PASS_6 = 0x0006
+    ORIENTATION = 0x0007
+
+
+QUIET = 0
+"""The divider that stops the stream."""
+
+# "100 Hz divided by": as the guides list them. No manual has 200 (which is 200 Hz) and 100; later firmware knows both.
+RATE_OF_DIVIDER = {1: 100, 2: 50, 4: 25, 5: 20, 10: 10, 20: 5, 25: 4, 50: 2}
+RATE_OF_DIVIDER_LATER = {200: 200, **RATE_OF_DIVIDER, 100: 1}
+"""Packets a second by divider, Hz; without `QUIET`."""
+
+BAUD_OF_CODE = {0: 9600, 1: 19200, 2: 38400, 3: 57600, 4: 4800, 5: 115200, 6: 230400, 7: 460800}
+"""Speeds by the value of the field; the 440 and the 380 know 0 to 3, the 381 2, 3, 5 and 6."""
+
+# "Cut-off by the value of the field": the least value of each step, Hz; 0 is unfiltered in the later table only.
+LOW_PASS_380 = ((7142, 5.0), (3571, 10.0), (1530, 20.0), (0, 50.0))
+LOW_PASS_381 = (
+    (18750, 2.0),
+    (8135, 5.0),
+    (4018, 10.0),
+    (2411, 20.0),
+    (1741, 25.0),
+    (1205, 40.0),
+    (1, 50.0),
+    (0, math.inf),
+)
+
+# Later firmware refuses a rate that would take more of the line than this.
+_LINE_SHARE = 0.81
+_BITS_PER_BYTE = 10
+
+
+def low_pass_hz(value: int, table: tuple[tuple[int, float], ...] = LOW_PASS_381) -> float:
+    """Cut-off of a low-pass filter, Hz, by its field's value; infinite if it does not filter."""
+    return next(hz for least, hz in table if value >= least)
+
+
+def fits_line(rate_hz: float, payload_bytes: int, baud: int) -> bool:
+    """Whether packets of so many payload bytes fit the line, as the firmware judges it."""
+    return rate_hz * (payload_bytes + OVERHEAD_BYTES) <= _LINE_SHARE * baud / _BITS_PER_BYTE
+
+
+# "X axis: Ux, Uy, Uz; Y axis: Uy, Uz, Ux; Z axis: Uz, Ux, Uy": two bits each, above a bit for the sign.
+_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+_BITS_PER_AXIS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """How the axes of the packets lie in the case: a rotation by quarter turns.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        Which axis of the case, 0 to 2, the X, Y and Z of the packets are.
+    signs : tuple of int
+        +1 or -1 for each.
+
+    Raises
+    ------
+    ValueError
+        If that is no rotation.
+    """
+
+    axes: tuple[int, int, int] = (0, 1, 2)
+    signs: tuple[int, int, int] = (1, 1, 1)
+
+    def __post_init__(self) -> None:
+        if sorted(self.axes) != [0, 1, 2] or not set(self.signs) <= {-1, 1}:
+            raise ValueError(f"`axes` and `signs` must be those of a rotation, not {self.axes} and {self.signs}")
+        is_cyclic = self.axes in _cyclic((0, 1, 2))
+        if math.prod(self.signs) != (1 if is_cyclic else -1):
+            raise ValueError(f"`axes` {self.axes} with `signs` {self.signs} make a left-handed frame")
+
+    @classmethod
+    def of_field(cls, value: int) -> "Orientation":
+        """Orientation that the field's value says.
+
+        Parameters
+        ----------
+        value : int
+            16 bits.
+
+        Raises
+        ------
+        ValueError
+            If it is none of the 24 that a unit takes.
+        """
+        codes = [value >> _BITS_PER_AXIS * k + 1 & 0b11 for k in range(3)]
+        if value >> 3 * _BITS_PER_AXIS or 3 in codes:
+            raise ValueError(f"`value` must be one of the 24 orientations, not {value:#06x}")
+        x, y, z = (_AXES[k][code] for k, code in enumerate(codes))
+        sx, sy, sz = (-1 if value >> _BITS_PER_AXIS * k & 1 else 1 for k in range(3))
+        try:
+            return cls((x, y, z), (sx, sy, sz))
+        except ValueError as error:
+            raise ValueError(f"`value` must be one of the 24 orientations, not {value:#06x}") from error
+
+    @property
+    def field(self) -> int:
+        """The field's value."""
+        codes = [_AXES[k].index(axis) for k, axis in enumerate(self.axes)]
+        return sum(
+            (code << 1 | (sign < 0)) << _BITS_PER_AXIS * k
+            for k, (code, sign) in enumerate(zip(codes, self.signs, strict=True))
+        )
+
+    @property
+    def text(self) -> str:
+        """As the manuals write it: "+Ux +Uy +Uz"."""
+        return " ".join(
+            f"{'+' if sign > 0 else '-'}U{'xyz'[axis]}" for axis, sign in zip(self.axes, self.signs, strict=True)
+        )
+
+
+def _cyclic(axes: tuple[int, int, int]) -> set[tuple[int, int, int]]:
+    x, y, z = axes
+    return {(x, y, z), (y, z, x), (z, x, y)}

@@ -1,0 +1,80 @@
+"""Configuration fields: orientations, rates, speeds and filters as the documents list them."""
+
+import numpy as np
+import pytest
+
+from imutui.instrument.uut.fields import (
+    LOW_PASS_380,
+    RATE_OF_DIVIDER,
+    RATE_OF_DIVIDER_LATER,
+    Orientation,
+    fits_line,
+    low_pass_hz,
+)
+
+
+def legal(value: int) -> Orientation | None:
+    """Orientation of a field's value; None if it is refused."""
+    try:
+        return Orientation.of_field(value)
+    except ValueError:
+        return None
+
+
+def test_24_of_512_orientations_are_legal() -> None:
+    """Each is a rotation of its own, and its value comes back; all others are refused, and so are bits above."""
+    found = {value: it for value in range(1024) if (it := legal(value)) is not None}
+    assert len(found) == len({(it.axes, it.signs) for it in found.values()}) == 24
+    assert max(found) < 512
+    for value, it in found.items():
+        matrix = np.zeros((3, 3))
+        matrix[range(3), it.axes] = it.signs
+        assert np.linalg.det(matrix) == pytest.approx(1.0)
+        assert it.field == value
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0x0000, "+Ux +Uy +Uz"), (0x006B, "-Uy -Ux -Uz"), (0x0009, "-Ux -Uy +Uz"), (0x0062, "+Uy +Ux -Uz")],
+)
+def test_orientations_read_as_in_the_guides(value: int, text: str) -> None:
+    """By bits: a sign and two for the axis, of X, Y and Z."""
+    assert Orientation.of_field(value).text == text
+
+
+@pytest.mark.parametrize(("axes", "signs"), [((0, 1, 1), (1, 1, 1)), ((0, 1, 2), (1, 1, -1)), ((0, 1, 2), (1, 2, 1))])
+def test_what_is_no_rotation_is_refused(axes: tuple[int, int, int], signs: tuple[int, int, int]) -> None:
+    """Neither a mirror image nor an axis twice."""
+    with pytest.raises(ValueError, match="axes"):
+        Orientation(axes, signs)
+
+
+def test_rates_are_a_hundred_by_the_divider() -> None:
+    """But for two that later firmware has."""
+    assert all(divider * hz == 100 for divider, hz in RATE_OF_DIVIDER.items())
+    assert set(RATE_OF_DIVIDER_LATER.items()) - set(RATE_OF_DIVIDER.items()) == {(200, 200), (100, 1)}
+
+
+def test_a_rate_has_to_fit_the_line() -> None:
+    """S1 at 100 Hz just fits 38400 baud; S0 needs 57600, and 200 Hz need 115200."""
+    assert fits_line(100, 24, 38400)
+    assert not fits_line(100, 24, 19200)
+    assert not fits_line(100, 30, 38400)
+    assert fits_line(100, 30, 57600)
+    assert not fits_line(200, 24, 57600)
+    assert fits_line(200, 24, 115200)
+
+
+def test_filters_are_steps_of_their_fields_value() -> None:
+    """Of both tables, at the edges."""
+    assert [low_pass_hz(v) for v in (65535, 18750, 18749, 4018, 2410, 1204, 1)] == [
+        2.0,
+        2.0,
+        5.0,
+        10.0,
+        25.0,
+        50.0,
+        50.0,
+    ]
+    assert low_pass_hz(0) == float("inf")
+    assert [low_pass_hz(v, LOW_PASS_380) for v in (7142, 7141, 3571, 1530, 0)] == [5.0, 10.0, 10.0, 20.0, 50.0]
