@@ -140,6 +140,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "place": plan.place,
         "table": plan.table,
         "note": plan.note if view.recording is None else view.recording.info.note,
+        "next_note": plan.note,
         "rotate_minutes": plan.rotate_minutes,
         "rotate_mb": plan.rotate_mb,
         "free_bytes": view.free_bytes,

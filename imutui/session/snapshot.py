@@ -243,6 +243,7 @@ class Snapshot(TypedDict):
     place: str
     table: str
     note: str
+    next_note: NotRequired[str]
     rotate_minutes: float
     rotate_mb: float
     free_bytes: int | None

@@ -104,8 +104,8 @@ class ImutuiApp(NothingUnseen):
         self.drawing = Drawing(self.context, self.appearance)
         # a plan that failed is mended in the form: what the form does not ask stays as it was
         usual = plan or defaults or Plan(VIRTUAL_PORT, logs=str(Path(logs).resolve()))
-        self._connector = Connector(self.context, usual)
         self._recorder = RecordingControl(self.context)
+        self._connector = Connector(self.context, usual, self._recorder.tell_finished)
         self._leaving = Leaving(self.context, self._connector, self._recorder)
         self.experiment: requests.ExperimentFound | None = None
         """What the last trace of this screen recommends to be done next."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import cast
 
 from textual.message import Message
 from textual.screen import ModalScreen
@@ -10,6 +11,7 @@ from textual.widgets import Input
 from imutui.session import client as session
 from imutui.session.client import Client, EndReport
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
+from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.background import in_thread
 from imutui.tui.connection.attempt import Attempt
@@ -17,6 +19,8 @@ from imutui.tui.connection.poller import Poller
 from imutui.tui.context import FAULTS, AppContext
 from imutui.tui.pages import requests
 from imutui.tui.pages.dialogs.quit import ended_dialog
+
+TellFinished = Callable[[RecordingSnapshot, messages.RecordingResult], None]
 
 _OVER = ("stopped", "failed")
 _GIVE_UP_S = 40.0
@@ -39,13 +43,16 @@ class Connector:
         Pages that say what happens, and the acquisition.
     defaults : Plan
         What an acquisition that is started here has beside port, rate and sampling.
+    tell_finished : callable
+        Takes the recording that an acquisition finished at its end, and its result.
     """
 
-    def __init__(self, context: AppContext, defaults: Plan) -> None:
+    def __init__(self, context: AppContext, defaults: Plan, tell_finished: TellFinished) -> None:
         self.defaults = defaults
         self.exit_code = 0
         """Of the program, if it ends now."""
         self._context = context
+        self._tell_finished = tell_finished
         self._attempt: Attempt | None = None
         self._given_up: list[Attempt] = []
 
@@ -155,12 +162,14 @@ class Connector:
     def lost(self, event: Poller.Lost) -> None:
         """The acquisition does not answer."""
         if self._context.connection.owns(event.poller):
-            self._ended(event.error, event.report)
+            self._ended(messages.KILLED if event.gone and event.report is None else event.error, event.report)
 
     def _ended(self, error: str | None, report: EndReport | None) -> None:
-        """Say that the acquisition is over, and offer to connect again."""
+        """Say that the acquisition is over, and offer to connect again; its last file stays on the Record page."""
         context, app = self._context, self._context.app
         reason = messages.ended(context.connection.newest, error, report)
+        if context.recording is not None and report is not None and report["result"] is not None:
+            self._tell_finished(context.recording, cast("messages.RecordingResult", report["result"]))
         typing = isinstance(app.focused, Input)
         self.release()
         context.connection.over()

@@ -107,7 +107,10 @@ class AppContext:
     def connected(self, purpose: str) -> bool:
         """Whether there is an acquisition; without one, what it is lacking for is said."""
         if self.connection.client is None:
-            self.say(f"nothing to {purpose}: not connected. 1 connects; there, v starts the demo", "wait")
+            newest = self.connection.newest
+            ended = newest is not None and newest["state"] == "ended"
+            cure = "the acquisition has ended. 1 connects again" if ended else "not connected. 1 connects; there, v"
+            self.say(f"nothing to {purpose}: {cure}{'' if ended else ' starts the demo'}", "wait")
         return self.connection.client is not None
 
     # what may take a while

@@ -9,6 +9,7 @@ from imutui.tui import formatting
 from imutui.verdict.rules import STEADY_K_PER_MIN
 
 WARM_UP_S = 15 * 60.0
+KILLED = "Its process was killed or broke down: it is gone, and has left no word of its end."
 
 
 class FinalBiases(TypedDict, total=False):
@@ -90,6 +91,9 @@ def ended(snapshot: Snapshot | None, error: str | None, report: EndReport | None
     said += [finding["text"] for finding in report["findings"]] if report else []
     if recording and report and report["result"] is not None:
         said.append(finished(recording, cast("RecordingResult", report["result"])))
+    elif recording and error == KILLED:
+        path = recording["path"]
+        said.append(f"It was recording to {path}: that file is not finished. On 6 Logs, v recovers what it holds.")
     elif recording:
         said.append(f"It was recording to {recording['path']}: `imutui check` looks at that file.")
     return "\n\n".join(said)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from imutui.session.client import Client
 from imutui.session.plan import RecordingWish
+from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.background import in_thread
 from imutui.tui.context import AppContext
@@ -105,6 +106,10 @@ class RecordingControl:
         """What the form asks of the recording; ValueError if it cannot be."""
         page = self._context.record_page
         return page.wish() if page is not None else None
+
+    def tell_finished(self, recording: RecordingSnapshot, result: "RecordingResult") -> None:
+        """A recording was finished by somebody else."""
+        self.tell_page(text.finished(recording, result))
 
     def tell_page(self, finished: list[tuple[str, str]]) -> None:
         """What was written last stays on the Record page, which need not exist yet."""

@@ -394,6 +394,47 @@ async def test_a_stop_in_another_shell_is_said_with_who_it_was_and_no_verdict_st
         assert connection._said_until - time.monotonic() <= 15.0, "what was said on another page does not stay"
 
 
+async def test_after_the_end_no_page_speaks_as_if_it_ran() -> None:
+    """The Record page names the file that was finished, and what Table and Filter offered is on page 6 now."""
+    client = FakeClient()
+    client.recording = True
+    angles: dict[str, Any] = {"angles_deg": [0.0, 0.0, 0.0], "axis": None, "rate_dps": None}
+    rest = {"kind": "dwell", **angles, "amplitude_deg": None, "hz": None, "text": "go to outer 0°", "seconds": 30.0}
+    client.table_profile = cast("Any", {"name": "x.toml", "align": "marks", "segments": [rest, rest]})
+    client.changes["guide"] = {"state": "hold", "segment": 0, "count": 2, "left_s": 23.0, "begun": [1.0, None]}
+    client.changes["reference"] = {"name": "profile", "file": "x.toml", "profile": True}
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC", "filter")
+        await pilot.press("5")
+        await shows(pilot, "23 s left")
+        client.report = {
+            "pid": client.pid, "utc": "2026-11-23T10:43:07Z", "ended_by": "the command imutui stop, ana, pid 42",
+            "error": None, "findings": [], "result": cast("Any", {"log": PATH, "samples": 15246}),
+        }  # fmt: skip
+        client.gone = "the acquisition has ended"
+        await shows(pilot, "It was ended at 10:43:07 UTC")
+        await pilot.press("escape")
+        assert "s left" not in await shows(pilot, "The acquisition has ended.", "6 Logs has what was recorded")
+        await pilot.press("4", "t")
+        await shows(pilot, "the acquisition has ended: 6 Logs, t traces what it recorded")
+        await pilot.press("3")
+        screen = await shows(pilot, " ENDED ", "wrote     ", "15246 samples", "line      the acquisition has ended")
+        assert "NOT RECORDING" not in screen
+        assert "r records" not in screen
+        await pilot.press("r")
+        await shows(pilot, "nothing to record: the acquisition has ended. 1 connects again")
+
+
+async def test_an_acquisition_that_was_killed_is_said_to_be_and_its_file_to_be_recovered() -> None:
+    """It leaves no word of its end, which is no calm one."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC", "filter")
+        client.gone = "the acquisition has ended"
+        await shows(pilot, "Its process was killed or broke down", "v recovers what it holds")
+
+
 async def test_a_failed_state_is_an_end_too() -> None:
     """A last snapshot that says failed is enough."""
     client = FakeClient()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from imutui.history_rows import HistoryRows, HistorySnapshot
-from imutui.session.client import Client, EndReport, SessionError
+from imutui.session.client import Client, EndReport, SessionError, SessionGoneError
 from imutui.session.plan import HistoryWish
 from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
@@ -46,11 +46,15 @@ class Poller:
 
     @dataclass(frozen=True, slots=True)
     class Lost:
-        """The acquisition does not answer any more; the poller has ended. `report` is what it left, if anything."""
+        """The acquisition does not answer any more; the poller has ended.
+
+        `report` is what it left, if anything; `gone` says that its process is no more.
+        """
 
         poller: "Poller"
         error: str
         report: EndReport | None = None
+        gone: bool = False
 
     def __init__(self, client: Client, post: Callable[[Arrived | Lost], bool], rate_hz: float = LOCAL_FPS) -> None:
         self._client = client
@@ -91,7 +95,8 @@ class Poller:
                 history = self._new_history(snapshot)
             except (SessionError, OSError) as error:
                 if not self._stop.is_set():
-                    self._post(Poller.Lost(self, messages.fault(error), self._client.end()))
+                    gone = isinstance(error, SessionGoneError)
+                    self._post(Poller.Lost(self, messages.fault(error), self._client.end(), gone))
                 return
             since = int(snapshot["series"]["next"])
             self._taken.clear()

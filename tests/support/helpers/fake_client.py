@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from imutui.history_rows import HistorySnapshot
-from imutui.session.client import SessionError
+from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.end_report import EndReport
 from imutui.session.plan import HistoryWish, RecordingWish
 from imutui.session.snapshot import (
@@ -135,7 +135,8 @@ class FakeClient:
         """The state now."""
         with self._lock:
             if self.gone is not None:
-                raise SessionError(self.gone)
+                # a process that is gone, or one that does not answer
+                raise (SessionGoneError if "has ended" in self.gone else SessionError)(self.gone)
             self.polls += 1
             return cast("Snapshot", {**self._snapshot(since), **self.changes})
 

@@ -94,6 +94,18 @@ async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> No
         assert client.asked == ["record", "describe colder None"]
 
 
+async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the_present_one() -> None:
+    """A note that was given to the running file is its own."""
+    client = FakeClient()
+    client.recording = True
+    client.changes |= {"note": "cold", "next_note": "demo"}
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("3")
+        screen = await shows(pilot, "the recording after this gets", "note      demo")
+        assert "note      cold" not in screen
+
+
 async def test_a_rotation_that_is_no_number_is_refused_with_its_field() -> None:
     """It is said while typing, and r says it again instead of recording."""
     client = FakeClient()

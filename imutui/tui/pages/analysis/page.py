@@ -135,7 +135,8 @@ class AnalysisPage(Page):
         self.post_message(self.Ask(ask, "", done))
 
     def _redraw(self) -> None:
-        if self.view is not None and self.is_mounted:
+        # an answer may come when the page has been left
+        if self.view is not None and self.is_mounted and self in self.app.screen_stack:
             self._draw()
             super().show(self.view)
 

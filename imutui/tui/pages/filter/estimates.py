@@ -55,6 +55,7 @@ class UnexplainedLine(TextLines):
             said, loud = f"{channel} 10 s means {ratio:.1f} × what noise allows", ratio > NOTICED
         left = self.line((" unexplained".ljust(_LABEL), "bold"), (said, "bold $text-warning" if loud else ""))
         key = "t traces this recording " if view.recording is not None else "r records, then t traces "
+        key = "6 Logs, t traces " if view.now is not None and view.now["state"] == "ended" else key
         return [self.spread(left, self.line((key, "dim")), width)]
 
 

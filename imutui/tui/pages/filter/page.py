@@ -150,7 +150,10 @@ class FilterPage(Page):
     def action_trace(self) -> None:
         """Have the present recording traced."""
         recording = self.view.recording if self.view is not None else None
-        if recording is None:
+        now = self.view.now if self.view is not None else None
+        if now is not None and now["state"] == "ended":
+            self.post_message(self.Say("the acquisition has ended: 6 Logs, t traces what it recorded", "wait"))
+        elif recording is None:
             self.post_message(self.Say("not recording: r starts a recording, then t traces it", "wait"))
         else:
             self.post_message(requests.Trace(Path(recording["path"])))

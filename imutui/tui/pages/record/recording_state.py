@@ -54,8 +54,12 @@ class RecordingState(TextLines):
             (name, path), *others = self.finished
             rows = [self._row(name, formatting.shorten_path(path, width - _NAME))]
             rows += [self._row(name, formatting.shorten(said, width - _NAME)) for name, said in others]
-            rows += [self._row("next", "6 Logs opens it: info, check, replay, trace; r records again", "good")]
+            again = "" if now["state"] == "ended" else "; r records again"
+            rows += [self._row("next", f"6 Logs opens it: info, check, replay, trace{again}", "good")]
             return [*rows, *[Content("")] * (4 - len(rows))]
+        if now["state"] == "ended":
+            folder = formatting.shorten_path(now["logs"] or "the logs folder", width - _NAME)
+            return [self._row("files", folder), self._row("", "6 Logs lists them"), Content(""), Content("")]
         return [
             self._row("r writes", formatting.shorten_path(text.will_write(now), width - _NAME)),
             self._row("", f"every packet, onto the disk each second{space}"),

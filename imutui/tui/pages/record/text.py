@@ -28,6 +28,8 @@ def state(now: Snapshot | None) -> tuple[str, str]:
     """Level and words of the one thing to know: whether it is recording."""
     if now is None:
         return "none", "NOT CONNECTED"
+    if now["state"] == "ended":
+        return "none", "ENDED"
     recording = now["recording"]
     if recording is None:
         return "none", "NOT RECORDING"
@@ -38,6 +40,8 @@ def hint(now: Snapshot | None) -> str:
     """What the next key does."""
     if now is None:
         return "1 connects to an instrument; there, v starts the demo"
+    if now["state"] == "ended":
+        return "nothing is recorded any more; 1 connects again"
     if now["recording"]:
         return "m marks what happens; r finishes the file"
     return "r begins a file, with what stands below"
@@ -106,7 +110,7 @@ def line(now: Snapshot) -> tuple[str, str]:
     if silent is not None:
         return "bad", silent
     if now["silent_s"] is None:
-        return "none", "no packet yet"
+        return "none", "the acquisition has ended" if now["state"] == "ended" else "no packet yet"
     return "none", f"ok, last packet {max(now['silent_s'], 0.0):.1f} s ago"
 
 
@@ -129,7 +133,8 @@ def prefilled(now: Snapshot) -> dict[str, str]:
         "operator": now["operator"],
         "place": now["place"],
         "table": now["table"],
-        "note": now["note"],
+        # not that of the recording that runs, which is its own
+        "note": now.get("next_note", now["note"]),
         "rotate_minutes": f"{now['rotate_minutes']:g}" if now["rotate_minutes"] else "",
         "rotate_mb": f"{now['rotate_mb']:g}" if now["rotate_mb"] else "",
     }

@@ -27,17 +27,20 @@ class GuideHead(TextLines):
             return []
         guide, segments = view.now["guide"], self.profile["segments"]
         by_hand = text.guided(self.profile, view.now)
-        what, then = text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded)
+        ended = view.now["state"] == "ended"
+        what, then = (
+            text.ENDED if ended else text.said(guide, self.profile, view.recording is not None, by_hand, self.recorded)
+        )
         about = " ".join(self.profile.get("about", []))
         seconds = sum(s["seconds"] for s in segments)
-        warned = text.warning(view.now, width) if by_hand else []
+        warned = text.warning(view.now, width) if by_hand and not ended else []
         return [
             self.line((text.title(self.profile, seconds), "bold")),
             self.line((formatting.shorten(about, width - 2), "dim")),
-            self.line((what, "bold reverse" if guide and guide["state"] == "go" else "bold")),
+            self.line((what, "bold reverse" if guide and guide["state"] == "go" and not ended else "bold")),
             self.line(then),
             *(self.line(said) for said in warned),
-            *([] if warned else [self._bar(guide, segments)]),
+            *([] if warned or ended else [self._bar(guide, segments)]),
         ]
 
     def _bar(self, guide: GuideSnapshot | None, segments: list[SegmentDescription]) -> Content:

@@ -32,6 +32,8 @@ _NEEDED = 74
 _LEAST_PLACE = 14
 WORKING_OUT = "working out…"
 NOTHING_NEW = "nothing new by itself"
+ENDED = "The acquisition has ended.", "6 Logs has what was recorded: t there traces it. 1 connects again."
+"""What the operator is to do once it has, and what then."""
 _VIRTUAL = (
     "a virtual unit does not turn by hand: from segment 2 on its filter will say RED, unless its scenario follows this"
     " profile"
