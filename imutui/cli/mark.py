@@ -12,6 +12,9 @@ def command(text: Annotated[str, typer.Argument(help="What to write into the rec
 
     Example: imutui mark "table at 90 deg"
     """
+    from imutui.cli.exit_codes import tell
     from imutui.session import client
 
-    client.attach(name).mark(text)
+    acquisition = client.attach(name)
+    acquisition.mark(text)
+    tell(f"marked in {acquisition.name}: {text}")

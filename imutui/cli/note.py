@@ -31,7 +31,9 @@ def command(
     if log is None:
         from imutui.session import client
 
-        client.attach(name).describe(text, operator)
+        acquisition = client.attach(name)
+        acquisition.describe(text, operator)
+        tell(f"written into the file that {acquisition.name} is recording")
         return
     from imutui.jobs import log_files
 

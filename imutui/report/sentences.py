@@ -82,6 +82,11 @@ class Section:
     sentences: tuple[str, ...]
 
 
+def status_words(status: str) -> str:
+    """What became of a channel, in words."""
+    return _STATUS.get(status, status)
+
+
 def text(d: TraceDocument, source: str, width: int, saved: str = SAVED) -> str:
     """All of it as paragraphs of at most so many characters a line.
 
@@ -152,7 +157,7 @@ def channel_lines(d: TraceDocument) -> list[ChannelLine]:
             said.append(error)
         if status == "clean":
             said = [" ".join(["Nothing found.", *said])]
-        lines.append(ChannelLine(channel, _STATUS.get(status, status), tuple(said)))
+        lines.append(ChannelLine(channel, status_words(status), tuple(said)))
     return lines
 
 

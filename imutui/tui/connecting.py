@@ -181,6 +181,8 @@ class Connector:
     def _after_end(self, answer: str | None) -> None:
         if answer == "connect" and not self.connecting:
             self._context.app.switch_mode("connect")
+        elif answer == "quit":
+            self._context.app.call_later(self._context.app.action_quit)  # which asks, if a job runs
 
     def release(self) -> None:
         """Let go of the client without waiting for it."""

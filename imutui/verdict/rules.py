@@ -287,6 +287,7 @@ def nis_meaning(nis: NisSnapshot, *, whole: bool = False) -> str:
     """What the normalised innovation squared says; `whole` with the reason in full."""
     if not nis["is_test"]:
         short = nis["why"].partition(",")[0].partition(":")[0].removeprefix("the ")
+        short = short.replace("reference is fed exact", "exact reference")
         return f"no test: {nis['why'] if whole else short}"
     mean, limits = nis["mean"], _band(nis)
     if mean is None or limits is None:

@@ -1,5 +1,6 @@
 """The Connect page: first steps, the form, who answers, what is connected."""
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -120,6 +121,27 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
         await until(pilot, lambda: asked == ["/dev/ttyUSB0", *(port for port, _ in ports)])
         await shows(pilot, "ttyUSB1, 133 Hz")
     assert machine == []
+
+
+async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not begun anew each time that one is due, on a busy machine never to be done."""
+    released, asked = threading.Event(), []
+
+    def running() -> list[str]:
+        asked.append(1)
+        released.wait(60.0)
+        return ["bench"]
+
+    monkeypatch.setattr(session, "running", running)
+    monkeypatch.setattr(session, "ports", list)
+    app = _app(None)
+    async with app.run_test(size=SMALLEST) as pilot:
+        await until(pilot, lambda: bool(asked))
+        for _ in range(3):
+            await pilot.press("f5")
+        assert len(asked) == 1
+        released.set()
+        await shows(pilot, "bench")
 
 
 async def test_filter_and_reference_go_into_the_plan(machine: list[Plan]) -> None:

@@ -43,7 +43,7 @@ async def test_every_vital_text_is_there_at_80x24() -> None:
         screen = await filter_page(pilot, "▲ AMBER", "z gyro: 3 sd 0.2100 deg/s, needs 0.15", FOOTER)
         for text in (
             ">x gyro     0.3461 ±0.0291  deg/s ▕·····│██···▏ ±1   +0.0004", "-6.11   ±0.67    mg", "9.8 s", "not yet",
-            "NIS         0.24 of 9  no test: reference is fed exact", "first 0.00",
+            "NIS         0.24 of 9  no test: exact reference", "first 0.00",
             "unexplained gz 10 s means 2.1 × what noise allows", "t traces this recording", "velocity N", "m/s",
             "roll   0.002 ±0.017  deg", "lat -23.211323° ±0.4 m", "641.20", "reference level", "± is 3 sd", "w why",
             "─> x gyro, deg/s", "↑↓ choose, Enter enlarges", "since attached",

@@ -103,8 +103,8 @@ async def test_a_recording_is_noted_renamed_and_deleted_with_its_files(client: F
         await pilot.press("R")
         await shows(pilot, "Rename whole.mcap")
         await pilot.press("ctrl+a", "ctrl+k", *"cut", "enter")
-        await shows(pilot, "cut.mcap exists already")
-        await pilot.press("R", "ctrl+a", "ctrl+k", *"kept", "enter")
+        await shows(pilot, "Rename whole.mcap", "cut.mcap exists already")  # and what was typed is still there
+        await pilot.press("end", *["backspace"] * 3, *"kept", "enter")
         await shows(pilot, "whole.mcap is kept.mcap now", "t traces kept")
         assert (logs / "kept.mcap").read_bytes() == before
         await pilot.press("D")
@@ -142,6 +142,10 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
         await shows(pilot, "converged", "x gyro", "z accel", "Table 1", "of limit", "y copies")
         await pilot.press("s")
         await shows(pilot, "whole_replay.json")
+        (home / "logs" / "whole.mcap").rename(home / "logs" / "elsewhere.mcap")
+        await pilot.press("s")
+        await shows(pilot, "is not there any more", "Nothing is written")
+        (home / "logs" / "elsewhere.mcap").rename(home / "logs" / "whole.mcap")
         await pilot.press("p")
         await shows(pilot, "Biases over time", "── x gyro, deg/s", "── y accel, mg")
         other = json.loads((home / "logs" / "whole_replay.json").read_text())
@@ -275,6 +279,7 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
         traces.PROFILE,
     )
     log = home / "logs" / "a.mcap"
+    log.touch()
     made = Outcome(
         "trace", "trace of a.mcap", log, document, result_text.traced(result), result.effects, result.experiment,
         result.included,

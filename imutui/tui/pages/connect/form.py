@@ -37,6 +37,7 @@ class ConnectForm(Vertical):
     def __init__(self) -> None:
         super().__init__(id="form")
         self._choices: list[text.Choice] = []
+        self._looking = False
         self._answers: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
@@ -105,14 +106,22 @@ class ConnectForm(Vertical):
 
     # looking for ports
 
-    @work(exclusive=True, group="look")
-    async def look(self) -> None:
-        """Look for ports and running acquisitions."""
+    def look(self) -> None:
+        """Look for ports and running acquisitions, unless that is being done."""
+        # one that takes long is not begun anew: it would never come to its end
+        if not self._looking:
+            self._looking = True
+            self._look()
+
+    @work
+    async def _look(self) -> None:
         try:
             found = await in_thread(lambda: text.choices(session.running(), session.ports()))
         except (session.SessionError, OSError) as error:
             found = text.choices([], [])
             self.say_error(str(error))
+        finally:
+            self._looking = False
         if found != self._choices:
             self._offer(found)
 

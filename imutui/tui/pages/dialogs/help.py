@@ -68,6 +68,7 @@ ON THE LIVE PAGE
 ON THE RECORD PAGE
   e        type operator, place, table, note, rotation; Esc is done. They
            go into the file that r begins next
+  n        change note and operator of the file that is being written
   rotation the file is finished and the next one begun, none lost between
   losses   packets missing by the instrument's own counter; packets that
            arrived damaged and were dropped; bytes skipped to find the next
@@ -106,6 +107,9 @@ ON THE LOGS PAGE
   t        trace the file under the cursor, or those chosen with x; one
            file is one power-on. The result page says what was found;
            there, w writes the effects, e loads them into the live filter
+  x        choose for a trace;  n note, R another name, D delete. A log's
+           own files go with it, and D asks first
+  e        load found effects into the live filter
   o        another folder or file
 
 MOUSE

@@ -72,7 +72,7 @@ class ChannelTable(TextLines):
             (f"{'>' if chosen else ' '}{name:<3}", "bold reverse" if chosen else "bold"),
             f"{counts:>8}",
             (formatting.aligned(value, 10, decimals, 3), "bold"),
-            f" {formatting.unit_name(unit):<6}"
+            f" {self.glyphs.text(formatting.unit_name(unit)):<6}"
             + formatting.aligned(mean, 10, mean_decimals, 4)
             + formatting.aligned(sd, 8, mean_decimals, 4)
             + formatting.aligned(low, 10, decimals, 3)

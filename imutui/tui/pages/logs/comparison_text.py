@@ -2,13 +2,17 @@
 
 from typing import TYPE_CHECKING, Any
 
+from imutui.report import sentences
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import FindingEntry, ResultDocument, TraceDocument
 
 _KEYS = (("gyro", "gyro_bias_dps", "deg/s"), ("accel", "accel_bias_mg", "mg"))
-_MEANING = "In sd: B - A over √(sd A² + sd B²); beyond 3, one power-on or one model is not the other's."
+_MEANING = (
+    "In sd: B - A over its own standard deviation, of which both results have their part; beyond 3, one power-on or one"
+    " model is not the other's."
+)
 _SHARED = "Both are of the same readings: their errors are not independent, so that few sd say little."
 
 
@@ -95,7 +99,7 @@ def _traces(a: "TraceDocument", b: "TraceDocument") -> list[str]:
     errors = [{e["channel"]: e for e in d.get("error", []) if e["metric"] == "e10"} for d in (a, b)]
     for channel in a.get("status", {}) | b.get("status", {}):
         told = [_times(e.get(channel), key) for e in errors for key in ("before_x_floor", "after_x_floor")]
-        states = [d.get("status", {}).get(channel, formatting.NOTHING) for d in (a, b)]
+        states = [sentences.status_words(d.get("status", {}).get(channel, formatting.NOTHING)) for d in (a, b)]
         lines.append(f"{channel:<14} {' '.join(f'{text:>9}' for text in told)}  {', '.join(states)}")
     return [*lines, "", *_findings(a, b)]
 
@@ -106,7 +110,7 @@ def _times(entry: Any, key: str) -> str:
 
 def _findings(a: "TraceDocument", b: "TraceDocument") -> list[str]:
     found = [{(f["effect"], *f["channels"]): f for f in d.get("findings", [])} for d in (a, b)]
-    lines: list[str] = []
+    lines = ["", f"  {'effects':<10} {'A ± 3 sd':>19} {'B ± 3 sd':>19} {'B - A':>9} {'in sd':>6}  unit"]
     for key in found[0] | found[1]:
         both = [d.get(key) for d in found]
         entry = both[0] or both[1]
@@ -114,7 +118,7 @@ def _findings(a: "TraceDocument", b: "TraceDocument") -> list[str]:
         where = "" if all(both) else f" (only {'A' if both[0] else 'B'})"
         lines += ["", f"{' '.join(entry['channels'])}: {entry['label']}{where}"]
         lines += [_parameter(p["name"], both, p["unit"]) for p in entry["params"]]
-    return lines[1:] if lines else ["Neither found an effect."]
+    return lines[1:] if found[0] or found[1] else ["Neither found an effect."]
 
 
 def _parameter(name: str, both: "list[FindingEntry | None]", unit: str) -> str:

@@ -1,6 +1,7 @@
 """A recording's note, name and end: add to it, rename it, delete it, each with the files that are its own."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,13 +63,17 @@ class FileActions:
         if brief.state == text.WRITING:
             self._say(text.WRITTEN, "wait")
             return
-        dialog = PathDialog(f"Rename {brief.name}", text.RENAME_HINT, brief.path.name)
+        self._ask_for_name(brief, text.RENAME_HINT, brief.path.name)
+
+    def _ask_for_name(self, brief: "Brief", hint: str, value: str) -> None:
+        """Ask; a name that cannot be is asked for again, with the reason."""
 
         def entered(name: str | None) -> None:
             if name is not None:
-                self._run(lambda: _rename(brief.path, name), None)
+                again = partial(self._ask_for_name, brief, value=name)
+                self._run(lambda: _rename(brief.path, name), None, again)
 
-        self._page.app.push_screen(dialog, entered)
+        self._page.app.push_screen(PathDialog(f"Rename {brief.name}", hint, value), entered)
 
     # the end
 
@@ -96,14 +101,24 @@ class FileActions:
 
     # in a thread
 
-    def _run(self, steps: Callable[[], tuple[str, Path | None]], cursor: Path | None) -> None:
-        self._page.run_worker(self._steps(steps, cursor), exclusive=True, group="files")
+    def _run(
+        self,
+        steps: Callable[[], tuple[str, Path | None]],
+        cursor: Path | None,
+        again: Callable[[str], None] | None = None,
+    ) -> None:
+        self._page.run_worker(self._steps(steps, cursor, again), exclusive=True, group="files")
 
-    async def _steps(self, steps: Callable[[], tuple[str, Path | None]], cursor: Path | None) -> None:
+    async def _steps(
+        self, steps: Callable[[], tuple[str, Path | None]], cursor: Path | None, again: Callable[[str], None] | None
+    ) -> None:
         try:
             said, path = await in_thread(steps)
         except ValueError as error:
-            self._say(str(error), "bad")
+            if again is None:
+                self._say(str(error), "bad")
+            else:
+                again(str(error))
         except OSError as error:
             self._say(f"{error.filename or 'the file'}: {error.strerror or error}", "bad")
         else:

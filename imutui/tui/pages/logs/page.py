@@ -73,6 +73,8 @@ class LogsPage(Page):
         self._files = FileActions(self, self._look_at)
         self._results: list[Outcome] = []
         self._outcome: Outcome | None = None
+        self._asks: ChoiceDialog | None = None
+        """Whether to cancel the job that runs."""
         self._failure = ""
         """A result that waits until this page is in front."""
         self._wanted: Path | None = None
@@ -248,6 +250,8 @@ class LogsPage(Page):
     def on_job_line_ended(self, message: JobLine.Ended) -> None:
         """Show what a job came to, now or once this page is in front; or say why it came to nothing."""
         job, state, failure = message.job, message.worker.state, message.worker.failure
+        if self._asks is not None and self._asks is self.app.screen:
+            self._asks.dismiss(None)  # there is nothing to cancel any more
         if state == DONE:
             self._outcome = job.made(message.worker.result)
             if self._outcome.experiment:
@@ -342,4 +346,5 @@ class LogsPage(Page):
             if answer == "yes" and self._job_line.job is job:
                 self._job_line.cancel("cancelling")
 
-        self.app.push_screen(cancel_dialog(job.what), cancel)
+        self._asks = cancel_dialog(job.what)
+        self.app.push_screen(self._asks, cancel)

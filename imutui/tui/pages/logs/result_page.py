@@ -1,5 +1,6 @@
 """A job's result: text to scroll, and what can be made of it."""
 
+import errno
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -194,4 +195,6 @@ class ResultPage(Page):
 def _kept(log: Path, ending: str, content: str) -> Path:
     from imutui.jobs import sidecar_files
 
+    if not log.exists() and not log.name.count("_with_"):
+        raise FileNotFoundError(errno.ENOENT, "is not there any more: it was renamed or deleted meanwhile", str(log))
     return sidecar_files.keep(log, ending, content)

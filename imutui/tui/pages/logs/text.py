@@ -25,6 +25,7 @@ _STATES = {WRITING: "writing"}
 _MAKE = "imu400cd_"  # every name that we make up begins so
 _NOTE_FROM = 112
 _NOTE = 28
+_NOTE_IN_DETAIL = 60
 
 
 def heading(width: int) -> str:
@@ -136,7 +137,7 @@ def detail(brief: "Brief | None") -> str:
         f"{formatting.plural(brief.lost_packets, 'packet')} lost" if brief.lost_packets else "",
         f"operator {brief.latest_operator}" if brief.latest_operator else "",
         brief.place,
-        brief.latest_note + (" (added later)" if brief.added_note else ""),
+        formatting.shorten(brief.latest_note, _NOTE_IN_DETAIL) + (" (added later)" if brief.added_note else ""),
     ]
     return " · ".join(part for part in told if part)
 

@@ -31,7 +31,7 @@ class RecordingState(TextLines):
             return [badge]
         recording = now["recording"]
         rows = self._idle(now, width) if recording is None else self._file(now, recording, width)
-        return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now))]
+        return [row.truncate(width, ellipsis=True) for row in (badge, *rows, *self._link(now, width))]
 
     def _row(self, name: str, said: str, level: str = "none") -> Content:
         return self.line((f"{name:{_NAME}}", "dim"), (said, "" if level == "none" else LEVEL_STYLES[level]))
@@ -67,12 +67,14 @@ class RecordingState(TextLines):
             Content(""),
         ]
 
-    def _link(self, now: Snapshot) -> list[Content]:
+    def _link(self, now: Snapshot, width: int) -> list[Content]:
         measured, packets = now["measured_hz"], now["packet_hz"]
         rate = f"asked {now['rate_hz']:g} Hz, measured {formatting.number(measured, 0, 2)} Hz"
         if packets is not None:
             rate += f"; {packets:.2f} packets/s, {formatting.plural(now['packets'], 'packet')}"
         trouble, losses = text.losses(now)
+        if len(losses) > width - _NAME:  # counts whole, rather than half an advice
+            losses = losses.partition(": ")[0]
         level, line = text.line(now)
         return [
             self._row("rate", rate),
