@@ -48,6 +48,6 @@ def _chosen(view: View) -> tuple[str, str]:
 
 
 def event_text(event: EventLine) -> str:
-    """Time, kind and text of an event."""
+    """Time, kind and text of an event, without the bounds of a gap that stand there for programs."""
     kind = "" if event["name"] == "acquisition" else f"{event['name']}: "
-    return f"{formatting.utc_time(event['utc'])}  {kind}{event['text']}"
+    return f"{formatting.utc_time(event['utc'])}  {kind}{event['text'].partition(' (lost_min=')[0]}"
