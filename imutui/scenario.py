@@ -125,7 +125,7 @@ def load_profile(path: Path) -> Profile:
     return _profile(_parsed(path), path)
 
 
-def load_scenario(path: Path) -> Scenario:
+def load_scenario(path: Path, axes: AxisMap | None = None) -> Scenario:
     """Scenario from a TOML file.
 
     Parameters
@@ -133,6 +133,8 @@ def load_scenario(path: Path) -> Scenario:
     path : Path
         The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and so
         does the name of a ready-made one.
+    axes : AxisMap or None
+        How the unit reads and sits where the file does not say; None: as the IMU400CD does.
 
     Returns
     -------
@@ -143,16 +145,17 @@ def load_scenario(path: Path) -> Scenario:
     ScenarioError
         If it can't be read, or something in it does not fit.
     """
+    usual = AxisMap() if axes is None else axes
     named = None if path.exists() else named_profiles.find(str(path))
     if named is not None:
-        return Scenario(profile=named.profile)
+        return Scenario(profile=named.profile, axes=usual)
     if not path.suffix and not path.exists():
         raise ScenarioError(f"{path} is no file, nor a ready-made profile: {named_profiles.listed()}.")
     document = _parsed(path)
     try:
         if "segment" in document or "samples" in document:
-            return Scenario(profile=_profile(document, path))
-        return _scenario(document, path)
+            return Scenario(profile=_profile(document, path), axes=usual)
+        return _scenario(document, path, usual)
     except ScenarioError:
         raise
     except ValueError as error:
@@ -218,7 +221,7 @@ _TOP = (
 )
 
 
-def _scenario(document: Mapping[str, Any], path: Path) -> Scenario:
+def _scenario(document: Mapping[str, Any], path: Path, usual: AxisMap) -> Scenario:
     known(document, _TOP, "in a scenario")
     biases = table_of(document, "biases")
     known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
@@ -236,7 +239,7 @@ def _scenario(document: Mapping[str, Any], path: Path) -> Scenario:
         faults=tuple(fault_of(table, f"fault {n}: ") for n, table in enumerate(tables_of(document, "fault"), 1)),
         personality=personality_of(table_of(document, "unit"), table_of(document, "line")),
         site=_site(table_of(document, "site")),
-        axes=_axes(table_of(document, "instrument")),
+        axes=_axes(table_of(document, "instrument"), usual),
     )
 
 
@@ -348,9 +351,9 @@ def _site(table: Mapping[str, Any]) -> Site:
     return Site.at(latitude, longitude, height, gravity)
 
 
-def _axes(table: Mapping[str, Any]) -> AxisMap:
+def _axes(table: Mapping[str, Any], usual: AxisMap) -> AxisMap:
     known(table, ("accel_sign", "mount"), "in [instrument]")
-    sign, mount = table.get("accel_sign", -1), table.get("mount", "x,y,z")
+    sign, mount = table.get("accel_sign", usual.accel_sign), table.get("mount", "x,y,z")
     if sign not in (-1, 1):
         raise ValueError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
     if not isinstance(mount, str):

@@ -198,7 +198,7 @@ def test_text_and_verdicts_never_load_textual() -> None:
 def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
     """Help is instant: no command loads numpy, textual, mcap or a filter at the top of its module."""
     # helpers that commands import when they run
-    names = ("virtual_readings", "played_recording", "spoil", "follow_acquisition", "session_options")
+    names = ("virtual_readings", "virtual_units", "played_recording", "spoil", "follow_acquisition", "session_options")
     late = tuple(f"imutui.cli.{name}" for name in names)
     wrong = [
         f"{module} imports {name} at its top"

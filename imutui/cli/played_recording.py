@@ -56,9 +56,9 @@ class PlayedRecording:
     simulated: bool
     motion: RecordedMotion | None
 
-    def background(self, site: Site) -> Background:
+    def background(self, site: Site, rate_hz: float = LOOP_HZ) -> Background:
         """The recording as what a scenario adds to; without a motion of its own it is at rest."""
-        readings = PlayedReadings(self.t, self.values, self.degc)
+        readings = PlayedReadings(self.t, self.values, self.degc, rate_hz)
         unit = np.repeat([DPS, STANDARD_GRAVITY], 3)
         motion = self.motion if self.motion is not None else at_rest(self.values[:, 3:] * STANDARD_GRAVITY, site)
         temperature = None if self.degc is None else RecordedTemperature(self.t, self.degc)
@@ -79,22 +79,25 @@ class PlayedReadings:
         deg/s and g, instrument axes, shape (N, 6).
     degc : np.ndarray or None
         Shape (N,).
+    rate_hz : float
+        Rate of the unit's loop.
     """
 
-    def __init__(self, t: np.ndarray, values: np.ndarray, degc: np.ndarray | None) -> None:
+    def __init__(self, t: np.ndarray, values: np.ndarray, degc: np.ndarray | None, rate_hz: float = LOOP_HZ) -> None:
+        self._rate_hz = rate_hz
         self._t = t - t[0]
         self._values = np.column_stack([values, np.full(t.size, _ROOM_DEGC) if degc is None else degc])
         self._sums = np.vstack([np.zeros(7), np.cumsum(self._values, axis=0)])
 
     def reading(self, k: int) -> Reading | None:
         """Reading k of the unit's loop; None after the end."""
-        v = self.at(np.array([k / LOOP_HZ]))[0].tolist()
+        v = self.at(np.array([k / self._rate_hz]))[0].tolist()
         return Reading((v[0], v[1], v[2]), (v[3], v[4], v[5]), v[6]) if v[0] == v[0] else None
 
     def at(self, instants: np.ndarray) -> np.ndarray:
         """Readings at times of the loop, s, shape (M,): deg/s, g, degC, shape (M, 7); NaN after the end."""
         # samples of the period that ends at the instant; else the last one before it
-        first = np.searchsorted(self._t, instants - 1.0 / LOOP_HZ + 1e-9, side="right")
+        first = np.searchsorted(self._t, instants - 1.0 / self._rate_hz + 1e-9, side="right")
         last = np.searchsorted(self._t, instants + 1e-9, side="right")
         count = (last - first)[:, None]
         mean = (self._sums[last] - self._sums[first]) / np.maximum(count, 1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.channels import DPS, G
-from filters.simulation import LOOP_HZ, Unit
+from filters.simulation import Unit
 from imutui.cli.exit_codes import UNREADABLE, USAGE
 from imutui.instrument.virtual import Reading
 
@@ -173,7 +173,7 @@ class Spoiled:
 
     def _fill(self, start: int) -> None:
         """Inputs of the next samples, each as the function is given it."""
-        t = (start + np.arange(_BLOCK)) / LOOP_HZ
+        t = (start + np.arange(_BLOCK)) / self._unit.rate_hz
         perfect = self._sensed.perfect(t)
         degrees = [np.rad2deg(values) for values in (self._sensed.angles(t), self._sensed.rates(t))]
         self._inputs = [t, self._unit.temperature.at(t), *degrees, perfect[:, :3] / DPS, perfect[:, 3:] / G]

@@ -1,4 +1,4 @@
-"""`imutui virtual`: the virtual IMU400CD."""
+"""`imutui virtual`: the virtual instrument."""
 
 import math
 import signal
@@ -12,12 +12,18 @@ import typer
 
 from imutui.cli.options import Force
 
+INSTRUMENTS = ("imu400cd", "imu381")
+
 
 def command(
+    instrument: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--instrument", metavar="|".join(INSTRUMENTS), help="Which unit to be (imu400cd)."),
+    ] = None,
     link: Annotated[Optional[Path], typer.Option("--link", help="Also make this symbolic link to the port.")] = None,  # noqa: UP045
     from_: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option("--from", metavar="LOG|NPZ", help="Play this recording instead of made readings."),
+        typer.Option("--from", metavar="LOG|NPZ|RAW", help="Play this recording instead of made readings."),
     ] = None,
     scenario: Annotated[
         Optional[Path],  # noqa: UP045
@@ -49,31 +55,38 @@ def command(
         Optional[Path],  # noqa: UP045
         typer.Option("--sent", metavar="FILE.csv", help="Write when each packet was sampled to this file."),
     ] = None,
-    serial_number: Annotated[int, typer.Option("--serial-number", help="Serial number that it reports.")] = 9911750,
+    serial_number: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--serial-number", help="Serial number that it reports (9911750, or the recorded unit's)."),
+    ] = None,
     force: Force = False,
     while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
 ) -> None:
-    """Run a virtual IMU400CD-200 on a pseudo-terminal.
+    """Run a virtual instrument on a pseudo-terminal: an IMU400CD-200, or an IMU381ZA-200.
 
     Its port is the first line on stdout.
-    It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud.
+    It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud;
+    the IMU381 identity, configuration fields and packets S0 and S1 at 100 Hz or slower, 115200 baud at first.
     Commands received are logged on stderr. Its readings are simulated (Table 1 biases and noise, drawn from the seed)
     or made by a scenario's file, or played from a recording; time starts with the first request for data.
     With a recording and a scenario, the scenario's motion, temperature and effects are added to what was recorded:
-    such readings are called simulated. Ctrl+C ends it.
+    such readings are called simulated. A file *.raw is a stream that an IMU381 sent: it is played byte for byte, from
+    its beginning each time that a host asks for its rate. Ctrl+C ends it.
 
     Example: imutui virtual --link /tmp/imu --seed 7
     """
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
     from imutui.cli.spoil import SpoilError, load
-    from imutui.cli.virtual_readings import on_the_line
+    from imutui.cli.virtual_units import Asked, imu381_unit, imu400cd_unit, recorded_unit
     from imutui.instrument.sent_packets import SentPackets
-    from imutui.instrument.virtual import VirtualUnit, serve
+    from imutui.instrument.virtual import serve
     from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
-    if not 0 <= serial_number < 2**32:
+    if instrument is not None and instrument not in INSTRUMENTS:
+        raise fail(USAGE, f"--instrument is {instrument}; it must be one of: {', '.join(INSTRUMENTS)}.")
+    if serial_number is not None and not 0 <= serial_number < 2**32:
         raise fail(USAGE, f"--serial-number is {serial_number}; it travels as 32 bits, 0 to 4294967295.")
     if seed is not None and seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
@@ -85,16 +98,24 @@ def command(
         raise fail(USAGE, "--from-start is a place in a recording: it needs --from.")
     if from_start is not None and not 0.0 <= from_start < math.inf:
         raise fail(USAGE, f"--from-start is {from_start:g}; it must be a number of seconds from 0 on.")
+    plays_bytes = from_ is not None and from_.suffix.lower() == ".raw"
+    if plays_bytes and instrument == "imu400cd":
+        raise fail(USAGE, f"{from_} is a stream of an IMU381: leave --instrument away.")
+    if plays_bytes and (spoil is not None or power_on is not None or from_start is not None):
+        raise fail(USAGE, f"{from_} is played byte for byte: leave --spoil, --power-on and --from-start away.")
     try:
-        added = None if spoil is None else load(spoil)
-        made = on_the_line(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
+        if plays_bytes and from_ is not None:
+            made = recorded_unit(from_, scenario, seed, serial_number)
+        else:
+            added = None if spoil is None else load(spoil)
+            asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
+            made = (imu381_unit if instrument == "imu381" else imu400cd_unit)(asked, serial_number)
     except ScenarioError as error:
         raise fail(UNREADABLE, str(error)) from error
     except SpoilError as error:
         raise fail(error.exit_code, str(error)) from error
     if made.source:
         say(f"imutui: {made.source}")
-    unit = VirtualUnit(made.readings, made.options(serial_number), made.seed)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         # where a shell has put us into the background, its Ctrl+C is for others, and ignored from the start
@@ -110,7 +131,7 @@ def command(
         truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")))
         try:
             serve(
-                unit,
+                made.unit,
                 link=link,
                 tap=sink,
                 on_ready=ready,

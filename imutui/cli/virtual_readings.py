@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.imu import STANDARD_GRAVITY
+from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
@@ -76,10 +76,14 @@ class SimulatedReadings:
         Which, from 0.
     background : Background or None
         A recording that is played in place of biases and noise.
+    rate_hz : float
+        Rate of the unit's loop.
     """
 
-    def __init__(self, scenario: Scenario, power_on: int = 0, background: Background | None = None) -> None:
-        self.unit = Unit(scenario, power_on, background=background)
+    def __init__(
+        self, scenario: Scenario, power_on: int = 0, background: Background | None = None, rate_hz: float = LOOP_HZ
+    ) -> None:
+        self.unit = Unit(scenario, power_on, rate_hz, background)
         self._fates: dict[int, tuple[bool, float]] = {}
 
     def reading(self, k: int) -> Reading | None:
@@ -98,7 +102,7 @@ class SimulatedReadings:
     def line(self) -> FaultyLine | None:
         """What its scenario does to bytes on the wire; None where that is nothing."""
         scenario = self.unit.scenario
-        faults = [LineFault(**asdict(fault)) for fault in scenario.faults]
+        faults = faults_of(scenario)
         lossy = any(effect.name in ("dropout", "jitter") for effect in scenario.effects)
         bursts = scenario.personality.usb_bursts
         if not (faults or lossy or bursts):
@@ -106,7 +110,12 @@ class SimulatedReadings:
         return FaultyLine(faults, self._fate if lossy else None, scenario.seed, bursts)
 
     def _fate(self, t: float) -> tuple[bool, float]:
-        return self._fates.get(math.floor(t * LOOP_HZ + 1e-6), (False, 0.0))
+        return self._fates.get(math.floor(t * self.unit.rate_hz + 1e-6), (False, 0.0))
+
+
+def faults_of(scenario: Scenario) -> list[LineFault]:
+    """Faults of unit, line and port that a scenario has."""
+    return [LineFault(**asdict(fault)) for fault in scenario.faults]
 
 
 def on_the_line(
@@ -116,6 +125,8 @@ def on_the_line(
     recording: Path | None,
     start: float,
     spoil: ErrorFunction | None,
+    rate_hz: float = LOOP_HZ,
+    axes: AxisMap | None = None,
 ) -> UnitOnTheLine:
     """The unit that the options of `imutui virtual` ask for.
 
@@ -133,8 +144,12 @@ def on_the_line(
         Where in the recording to begin, s.
     spoil : ErrorFunction or None
         What to add besides.
+    rate_hz : float
+        Rate of the unit's loop.
+    axes : AxisMap or None
+        How it reads and sits where the scenario does not say; None: as the IMU400CD does.
     """
-    made = scenario_of(scenario, seed)
+    made = scenario_of(scenario, seed, axes)
     played = None if recording is None else load(recording, start, made.axes, made.site)
     if played is not None and np.isnan(played.values).any():
         raise ValueError(
@@ -143,10 +158,11 @@ def on_the_line(
         )
     if played is not None and scenario is None and spoil is None:
         version = SIMULATED if played.simulated else PLAYED
-        return UnitOnTheLine(PlayedReadings(played.t, played.values, played.degc), version, seed=made.seed)
+        return UnitOnTheLine(PlayedReadings(played.t, played.values, played.degc, rate_hz), version, seed=made.seed)
     if played is not None and scenario is None and played.degc is None:
         made = replace(made, temperature=_ROOM)
-    readings = SimulatedReadings(made, power_on, None if played is None else played.background(made.site))
+    background = None if played is None else played.background(made.site, rate_hz)
+    readings = SimulatedReadings(made, power_on, background, rate_hz)
     source: Source = readings if spoil is None else Spoiled(readings, readings.unit, spoil)
     told = "" if played is None and spoil is None else _source(played, readings.unit, spoil)
     return UnitOnTheLine(source, SIMULATED, told, readings.line(), made.seed, made.personality)
@@ -157,11 +173,12 @@ def simulated(scenario: Path | None, power_on: int, seed: int | None) -> Simulat
     return SimulatedReadings(scenario_of(scenario, seed), power_on)
 
 
-def scenario_of(path: Path | None, seed: int | None) -> Scenario:
+def scenario_of(path: Path | None, seed: int | None, axes: AxisMap | None = None) -> Scenario:
     """Scenario of a file, or of a plain unit without one; a seed that is given wins over the file's."""
     from imutui.scenario import load_scenario
 
-    what = Scenario() if path is None else load_scenario(path)
+    plain = Scenario() if axes is None else Scenario(axes=axes)
+    what = plain if path is None else load_scenario(path, axes)
     return what if seed is None else replace(what, seed=seed)
 
 

@@ -19,9 +19,6 @@ LINE_KINDS = ("drop_bytes", "garbage", "bit_flips", "silence", "lose_packets", "
 UNIT_KINDS = ("reset", "mode_change", "pause", "hang_up")
 KINDS = LINE_KINDS + UNIT_KINDS
 
-# How much of a packet comes before it stutters: half.
-_BEFORE_STUTTER = PACKET_BYTES // 2
-
 
 @dataclass(frozen=True, slots=True)
 class LineFault:
@@ -36,8 +33,8 @@ class LineFault:
         "bit_flips": a bit is turned in each of the next `count` messages. "silence": nothing arrives for `seconds`,
         and what was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
         `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them, or
-        with a reply between them. "stutter": a packet stops after 9 of its bytes; the others, and what is behind them,
-        arrive `seconds` later.
+        with a reply between them. "stutter": a packet stops after half of its bytes; the others, and what is behind
+        them, arrive `seconds` later.
         Of the unit: "reset": it is as after power-up. "mode_change": it falls into the other mode, a stream goes on.
         "pause": it sends nothing for `seconds`, and then goes on with the newest reading.
         Of the port: "hang_up": it is gone for `seconds` and comes back under another name.
@@ -102,6 +99,7 @@ class FaultyLine:
         self._held_until = -math.inf
         self._silent_until = -math.inf
         self._queue: deque[tuple[float, bytes]] = deque()
+        self._packet_bytes = PACKET_BYTES
 
     def started(self, now: float) -> None:
         """Let time since the first request begin, if it has not."""
@@ -123,10 +121,14 @@ class FaultyLine:
         """Return the next fault of the unit itself, once."""
         return self._for_unit.popleft()
 
-    def put(self, message: bytes, sent: float, left: float) -> None:
-        """Take a message whose first bit left the unit at `sent` and whose last at `left`."""
+    def put(self, message: bytes, sent: float, left: float, *, packet_bytes: int = PACKET_BYTES) -> None:
+        """Take a message whose first bit left the unit at `sent` and whose last at `left`.
+
+        What the line does to packets it does to messages of `packet_bytes`.
+        """
+        self._packet_bytes = packet_bytes
         lost, late = False, 0.0
-        if self._fate is not None and len(message) == PACKET_BYTES and sent >= self._start:
+        if self._fate is not None and len(message) == self._packet_bytes and sent >= self._start:
             lost, late = self._fate(sent - self._start)
         self._begin_faults(left)
         while self._hang_ups and self._start + self._hang_ups[0].at + self._hang_ups[0].seconds <= sent:
@@ -175,7 +177,7 @@ class FaultyLine:
         before, self._garbage = self._garbage, b""
         if left < self._silent_until:
             return b""
-        if self._to_lose and len(message) == PACKET_BYTES:
+        if self._to_lose and len(message) == self._packet_bytes:
             self._to_lose -= 1
             return before
         dropped = min(self._to_drop, len(message))
@@ -199,13 +201,13 @@ class FaultyLine:
 
     def _deliver(self, piece: bytes, left: float, late: float) -> None:
         arrives = max(left + late, self._held_until)
-        if self._stutter_s and len(piece) >= PACKET_BYTES:
-            self._queue_at(arrives, piece[:_BEFORE_STUTTER])
+        if self._stutter_s and len(piece) >= self._packet_bytes:
+            self._queue_at(arrives, piece[: self._packet_bytes // 2])
             self._held_until, self._stutter_s = left + self._stutter_s, 0.0
-            piece, arrives = piece[_BEFORE_STUTTER:], self._held_until
+            piece, arrives = piece[self._packet_bytes // 2 :], self._held_until
         if self._to_gather and piece:
             self._gathered += piece
-            self._to_gather = self._to_gather - 1 if len(piece) >= PACKET_BYTES else 0
+            self._to_gather = self._to_gather - 1 if len(piece) >= self._packet_bytes else 0
             piece, self._gathered = (b"", self._gathered) if self._to_gather else (self._gathered, b"")
         arrives = self._burst_after(arrives) if self._bursts_s else arrives
         if not any(left < end and begin <= arrives for begin, end in self._absences()):

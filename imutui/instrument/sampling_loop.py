@@ -14,6 +14,11 @@ class SamplingLoop:
         self._hz = {Mode.SCALED: options.loop_hz, Mode.VOLTAGE: options.loop_hz_voltage}
         self._start = math.inf  # not begun
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether it has."""
+        return self._start < math.inf
+
     def begin(self, now: float) -> None:
         """Begin, if it has not."""
         self._start = min(self._start, now)

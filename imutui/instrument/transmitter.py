@@ -12,6 +12,9 @@ _BAUD_TOLERANCE = 0.03
 # Instants closer than this are one: far above the rounding of a clock that runs for weeks, far below a bit time.
 SAME_INSTANT_S = 1e-9
 
+# What a receiver makes of bytes at a wrong speed: garbage, here the same garbage each time, and never the right byte.
+_SCRAMBLE = 0b1011_0110
+
 
 def same_speed(baud: int, other_baud: int) -> bool:
     """Whether a receiver at one speed understands a sender at the other."""
@@ -21,6 +24,11 @@ def same_speed(baud: int, other_baud: int) -> bool:
 def transfer_s(length: int, baud: int) -> float:
     """Time that `length` bytes take on the line, s."""
     return length * BITS_PER_BYTE / baud
+
+
+def as_heard(data: bytes, baud: int, host_baud: int) -> bytes:
+    """What a receiver at the host's speed makes of bytes at another."""
+    return data if same_speed(baud, host_baud) else bytes(byte ^ _SCRAMBLE for byte in data)
 
 
 class Transmitter:

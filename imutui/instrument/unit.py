@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from imutui.instrument.command_text import in_words
 from imutui.instrument.crossbow import (
     COUNTER_SPAN,
     PACKET_BYTES,
@@ -47,7 +48,7 @@ from imutui.instrument.crossbow import (
 )
 from imutui.instrument.sampling_loop import SamplingLoop
 from imutui.instrument.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
-from imutui.instrument.transmitter import Transmitter, same_speed, transfer_s
+from imutui.instrument.transmitter import Transmitter, as_heard, same_speed, transfer_s
 from imutui.instrument.unit_options import VERSION_CHARACTERS, Reading, Source, UnitOptions
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
@@ -56,9 +57,6 @@ _BAUD_PATIENCE_S = 10.0
 
 # "Sensor voltages: 2.5 V at rest": the middle of what a word can say
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
-
-# What a receiver makes of bytes at a wrong speed: garbage, here the same garbage each time, and never the right byte.
-_SCRAMBLE = 0b1011_0110
 
 
 @dataclass(slots=True)
@@ -117,6 +115,14 @@ class VirtualUnit:
         self._zero_dps = np.zeros(3)
         self._versions = _versions(self.options)
         self._versions_told = 0
+
+    packet_bytes = PACKET_BYTES
+    in_words = staticmethod(in_words)
+
+    @property
+    def data_asked_for(self) -> bool:
+        """Whether a host has ever asked for data."""
+        return self._loop.has_begun
 
     @property
     def baud(self) -> int:
@@ -204,10 +210,7 @@ class VirtualUnit:
             Each byte is returned once. At a wrong speed they are garbage.
         """
         self._advance(now)
-        return b"".join(
-            data if same_speed(baud, host_baud) else bytes(byte ^ _SCRAMBLE for byte in data)
-            for baud, data in self._line.take(now)
-        )
+        return b"".join(as_heard(data, baud, host_baud) for baud, data in self._line.take(now))
 
     def next_event(self, now: float) -> float | None:
         """Return when a packet or reply will next have left, so that `transmit` is worth calling.

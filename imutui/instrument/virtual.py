@@ -1,4 +1,4 @@
-"""A virtual IMU400CD on a pseudo-terminal: a unit and its line (`wire.Wire`) with the time kept."""
+"""A virtual unit on a pseudo-terminal: a unit and its line (`wire.Wire`) with the time kept."""
 
 import os
 import select
@@ -10,27 +10,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.crossbow import (
-    AskSerialNumber,
-    AskVersion,
-    Command,
-    GetPacket,
-    MeasureBaud,
-    Packet,
-    Ping,
-    RequestBaud,
-    SetMode,
-    StartStream,
-    StopStream,
-    UnknownCommand,
-    ZeroRateSensors,
-    encode,
-)
+from imutui.instrument.command_text import in_words
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.pseudo_terminal import PseudoTerminal
 from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.unit import VirtualUnit
 from imutui.instrument.unit_options import Reading, Source, UnitOptions
+from imutui.instrument.virtual_instrument import CommandT, PacketT, VirtualInstrument
 from imutui.instrument.wire import Wire
 
 __all__ = [
@@ -59,7 +45,7 @@ _BURST_BYTES = 65536
 
 
 def serve(
-    unit: VirtualUnit,
+    unit: VirtualInstrument[PacketT, CommandT],
     *,
     link: Path | None,
     tap: BinaryIO | None,
@@ -69,7 +55,7 @@ def serve(
     while_stdin: bool = False,
     stop: threading.Event | None = None,
     line: FaultyLine | None = None,
-    on_packet: Callable[[Packet, int], None] | None = None,
+    on_packet: Callable[[PacketT, int], None] | None = None,
 ) -> None:
     """Run a unit on a pseudo-terminal until told to stop.
 
@@ -77,7 +63,7 @@ def serve(
 
     Parameters
     ----------
-    unit : VirtualUnit
+    unit : VirtualInstrument
         The unit; its time begins now.
     link : Path or None
         Symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
@@ -136,7 +122,7 @@ def serve(
             last = now
 
 
-def _on_the_hosts_clock(on_packet: Callable[[Packet, int], None], began: float) -> Callable[[Packet, float], None]:
+def _on_the_hosts_clock(on_packet: Callable[[PacketT, int], None], began: float) -> Callable[[PacketT, float], None]:
     return lambda packet, instant: on_packet(packet, round((began + instant) * 1e9))
 
 
@@ -180,51 +166,18 @@ def _back(pty: PseudoTerminal) -> str:
     return f"back: the port is {pty.name} now"
 
 
-def _hear(unit: VirtualUnit, wire: Wire, data: bytes, now: float, host_baud: int, log: Callable[[str], None]) -> None:
+def _hear(
+    unit: VirtualInstrument[PacketT, CommandT],
+    wire: Wire[PacketT, CommandT],
+    data: bytes,
+    now: float,
+    host_baud: int,
+    log: Callable[[str], None],
+) -> None:
     """Hand bytes to the unit and log what it understood."""
     unit_baud = unit.baud
     commands = wire.receive(data, now, host_baud)
     for command in commands:
-        log(in_words(command))
+        log(unit.in_words(command))
     if not commands and not same_speed(unit_baud, host_baud):
         log(f"line noise: {len(data)} bytes at {host_baud} baud, the unit is at {unit_baud}")
-
-
-def in_words(command: Command) -> str:
-    """Say what a command asks for.
-
-    Parameters
-    ----------
-    command : Command
-        As received.
-
-    Returns
-    -------
-    str
-        Such as ``c: scaled mode``.
-    """
-    letter = ascii(encode(command)[:1].decode("latin-1"))[1:-1]
-    match command:
-        case Ping():
-            meaning = "ping"
-        case SetMode(mode):
-            meaning = f"{mode.value} mode"
-        case StopStream():
-            meaning = "stop, polled mode"
-        case StartStream():
-            meaning = "stream, continuous mode"
-        case GetPacket():
-            meaning = "one packet"
-        case AskSerialNumber():
-            meaning = "serial number"
-        case AskVersion():
-            meaning = "version"
-        case ZeroRateSensors(argument):
-            meaning = f"zero the rate sensors, argument {argument}"
-        case RequestBaud():
-            meaning = "change of baud rate announced"
-        case MeasureBaud():
-            meaning = "measure the baud rate"
-        case UnknownCommand(byte):
-            meaning = f"unknown command 0x{byte:02x}, ignored"
-    return f"{letter}: {meaning}"

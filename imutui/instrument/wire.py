@@ -5,21 +5,21 @@ No clock and no I/O. The unit's own time is the host's, faster by `speed` and by
 
 import math
 from collections.abc import Callable
+from typing import Generic
 
-from imutui.instrument.crossbow import Command, GetPacket, Packet, StartStream, ZeroRateSensors
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.transmitter import SAME_INSTANT_S, transfer_s
-from imutui.instrument.unit import VirtualUnit
+from imutui.instrument.virtual_instrument import CommandT, PacketT, VirtualInstrument
 
 
-class Wire:
+class Wire(Generic[PacketT, CommandT]):
     """A unit, its line, and the faults of both.
 
     Times are seconds since the unit's begin, on the host's clock; they never go back.
 
     Parameters
     ----------
-    unit : VirtualUnit
+    unit : VirtualInstrument
         The unit; it is at its time 0.
     line : FaultyLine, optional
         What happens to bytes on their way, and when the unit and its port have faults; nothing without it.
@@ -31,10 +31,10 @@ class Wire:
 
     def __init__(
         self,
-        unit: VirtualUnit,
+        unit: VirtualInstrument[PacketT, CommandT],
         line: FaultyLine | None = None,
         speed: float = 1.0,
-        on_packet: Callable[[Packet, float], None] | None = None,
+        on_packet: Callable[[PacketT, float], None] | None = None,
     ) -> None:
         self._unit = unit
         self._line = FaultyLine(()) if line is None else line
@@ -43,11 +43,11 @@ class Wire:
         if on_packet is not None:
             unit.on_packet = lambda packet, instant: on_packet(packet, instant / self._rate)
 
-    def receive(self, data: bytes, now: float, host_baud: int) -> list[Command]:
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[CommandT]:
         """Let bytes from the host arrive, all by `now`, and return what the unit understood."""
         self._carry(now, host_baud)
         commands = self._unit.receive(data, self._at(now), host_baud)
-        if any(isinstance(command, GetPacket | StartStream | ZeroRateSensors) for command in commands):
+        if self._unit.data_asked_for:
             self._line.started(self._at(now))
         return commands
 
@@ -88,7 +88,8 @@ class Wire:
                 self._suffer(self._line.take_for_unit())
             elif left is not None and left <= until:
                 message = self._unit.transmit(left, host_baud)
-                self._line.put(message, left - transfer_s(len(message), self._unit.baud), left)
+                sent = left - transfer_s(len(message), self._unit.baud)
+                self._line.put(message, sent, left, packet_bytes=self._unit.packet_bytes)
                 self._now = max(self._now, left)
             else:
                 break

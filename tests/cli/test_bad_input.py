@@ -620,6 +620,12 @@ VIRTUAL: dict[str, tuple[int, tuple[str, ...]]] = {
     "--speed nan": (2, ("--speed", "positive")),
     "--speed inf": (2, ("--speed",)),
     "--seed -1": (2, ("--seed",)),
+    "--instrument imu999": (2, ("imu999", "imu400cd, imu381")),
+    "--from missing.raw": (3, ("missing.raw",)),
+    "--from nothing.raw": (3, ("nothing.raw", "S1")),
+    "--from nothing.raw --instrument imu400cd": (2, ("nothing.raw", "IMU381")),
+    "--from nothing.raw --from-start 1": (2, ("byte for byte", "--from-start")),
+    "--from nothing.raw --scenario noisy.toml": (2, ("byte for byte", "noisy.toml")),
     "--serial-number -1": (2, ("--serial-number",)),
     "--serial-number 4294967296": (2, ("--serial-number",)),
     "--tap kept": (2, ("kept exists", "--force")),
@@ -658,6 +664,7 @@ def spoilers(folder: Path) -> None:
     (folder / "noisy.toml").write_text(noisy)
     moved = '[[segment]]\nkind = "dwell"\nangles_deg = [90.0, 0.0, 0.0]\nseconds = 5.0\n'
     (folder / "moved.toml").write_text(moved)
+    (folder / "nothing.raw").write_bytes(KEPT)
 
 
 @pytest.mark.parametrize("flags", VIRTUAL)

@@ -17,6 +17,9 @@ from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS
+from imutui.instrument.uut.frames import Frame, framed
+from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields
+from imutui.instrument.uut.payloads import encode
 from imutui.logbook import schemas
 
 ACEINNA = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
@@ -178,6 +181,19 @@ def test_the_virtual_instrument_answers_on_its_link_and_names_what_it_heard(home
     assert sum(packet[1:17]) % 256 == packet[17]
     assert [text.split(":")[0] for text in heard.splitlines()] == ["R", "S", "c", "G"]
     assert not (home / "imu").is_symlink()
+
+
+def test_a_recorded_stream_is_played_byte_for_byte(home: Path) -> None:
+    """A file *.raw is of an IMU381: quiet, its identity known, and all its bytes once a host asks for its rate."""
+    packets = [PacketS1((k, 0, 0), (0, 0, 0), (0, 0, 0), 0, k * 655 % 65536, 2) for k in range(20)]
+    stream = b"".join(map(encode, packets))
+    (home / "a.raw").write_bytes(stream)
+    with virtual("--from", "a.raw") as (port, _), serial.Serial(port, 115200, timeout=LIMIT_S) as line:
+        identity = (2008705635).to_bytes(4, "big") + b"IMU381ZA-400 5020-1383-01 10.00.01"
+        line.write(encode(GetPacket(b"ID")))
+        assert line.read(7 + len(identity)) == framed(Frame(b"ID", identity))
+        line.write(encode(SetFields(Memory.RAM, ((1, 1),))))
+        assert line.read(10 + len(stream)) == encode(FieldsSet(Memory.RAM, (1,))) + stream
 
 
 def test_a_played_recording_is_silent_after_its_end(home: Path) -> None:

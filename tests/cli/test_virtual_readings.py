@@ -17,7 +17,13 @@ from filters.state import PAPER_SITE
 from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
 from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
+from imutui.cli.virtual_units import Asked, imu381_unit
+from imutui.instrument.uut.decoder import Decoder
+from imutui.instrument.uut.messages import GetPacket, Identification, Memory, PacketS1, SetFields
+from imutui.instrument.uut.payloads import encode
+from imutui.instrument.uut.scaling import Scaling
 from imutui.instrument.virtual import Reading
+from imutui.instrument.wire import Wire
 from imutui.logbook import reader
 
 GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
@@ -251,3 +257,18 @@ def test_an_error_arrives_in_the_log_to_a_count(home: Path) -> None:
     count = 1.5 * 200.0 / 2**15
     assert difference[:, 0] == pytest.approx(expected, abs=count)
     assert difference[:, 1] == pytest.approx(seed_of(3, 0) % 5, abs=count)
+
+
+def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) -> None:
+    """Level it reads -1 g on Z, at its own loop's rate; its text says that they are simulated."""
+    (home / "warm.toml").write_text("[temperature]\nconstant_degc = 31.0\n")
+    setting = imu381_unit(Asked(home / "warm.toml", 0, 3, None, 0.0, None), None)
+    wire = Wire(setting.unit, setting.line)
+    wire.receive(encode(SetFields(Memory.RAM, ((1, 1),))) + encode(GetPacket(b"ID")), 0.0, 115200)
+    events = Decoder().feed(wire.arrived(5.0, 115200))
+    packets = [event for event in events if isinstance(event, PacketS1)]
+    assert len(packets) >= 498
+    scaling = Scaling()
+    assert scaling.accels_g([p.accels for p in packets]).mean(axis=0) == pytest.approx([0.0, 0.0, -1.0], abs=0.03)
+    assert scaling.temperature_degc(packets[0].board_temperature) == pytest.approx(31.0, abs=0.01)
+    assert [event.text for event in events if isinstance(event, Identification)] == ["IMU381ZA-200 VIRTUAL SIM"]

@@ -1,0 +1,129 @@
+"""Which virtual unit `imutui virtual` runs: an IMU400CD, an IMU381, or a recorded stream of one, byte for byte."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filters.imu import AxisMap
+from imutui import outside_file
+from imutui.cli.spoil import ErrorFunction
+from imutui.cli.virtual_readings import UnitOnTheLine, faults_of, on_the_line, scenario_of
+from imutui.instrument import unit as imu400cd
+from imutui.instrument.faults import FaultyLine
+from imutui.instrument.uut import unit as uut
+from imutui.instrument.uut.fields import Field
+from imutui.instrument.uut.messages import Version
+from imutui.instrument.uut.packet_makers import MeasuredPackets, RecordedStream
+from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
+from imutui.instrument.virtual_instrument import VirtualInstrument
+
+SERIAL_NUMBER = 9911750
+
+_IMU381 = "IMU381ZA-200"
+_IMU381_LOOP_HZ = 100
+# "Level, z reads -1 g": specific force, with z down
+_IMU381_AXES = AxisMap(accel_sign=1)
+
+# The one recorded stream that there is comes without an identity; this is what its maker's own stand-in says.
+_RECORDED_SERIAL_NUMBER = 2008705635
+_RECORDED_TEXT = "IMU381ZA-400 5020-1383-01 10.00.01"
+_RECORDED_VERSION = Version(10, 0, 1, 0, 0)
+_RECORDED_BIT = 2
+# an hour at the highest rate
+_LONGEST_STREAM = 64 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the options of `imutui virtual` ask for; see `virtual_readings.on_the_line`."""
+
+    scenario: Path | None
+    power_on: int
+    seed: int | None
+    recording: Path | None
+    start: float
+    spoil: ErrorFunction | None
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualSetting:
+    """A unit, its line, and where its readings come from, in words; "" where its identity says enough."""
+
+    unit: VirtualInstrument[Any, Any]
+    line: FaultyLine | None
+    source: str
+
+
+def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
+    """An IMU400CD-200."""
+    made = _made(asked)
+    options = made.options(SERIAL_NUMBER if serial_number is None else serial_number)
+    return VirtualSetting(imu400cd.VirtualUnit(made.readings, options, made.seed), made.line, made.source)
+
+
+def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
+    """An IMU381ZA-200."""
+    made = _made(asked, _IMU381_LOOP_HZ, _IMU381_AXES)
+    it = made.personality
+    text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
+    options = UnitOptions(
+        serial_number=SERIAL_NUMBER if serial_number is None else serial_number,
+        text=f"{text} from {made.source}" if made.source else text,
+        reply_delay_s=it.reply_delay,
+        clock_skew_ppm=it.clock_skew_ppm,
+    )
+    unit = uut.VirtualUnit(MeasuredPackets(made.readings, options), options, made.seed)
+    return VirtualSetting(unit, made.line, made.source)
+
+
+def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:
+    """A unit that sends a recorded stream as it is, once it is told the stream's own rate; quiet at power-up.
+
+    Parameters
+    ----------
+    path : Path
+        The stream's bytes.
+    scenario : Path or None
+        What happens on the wire; it can't change readings.
+    seed : int or None
+        Wins over the scenario's.
+    serial_number : int or None
+        None: that of the recorded unit.
+
+    Raises
+    ------
+    ValueError
+        If the scenario makes readings.
+    ImportDataError
+        If there is nothing to play.
+    """
+    from imutui.logbook.importer import ImportDataError
+
+    made = scenario_of(scenario, seed)
+    if made.profile is not None or made.effects:
+        raise ValueError(f"{path} is played byte for byte: leave motion and effects out of {scenario}.")
+    try:
+        stream = RecordedStream(outside_file.read(path, _LONGEST_STREAM))
+    except OSError as error:
+        raise ImportDataError(f"{path} can't be read: {error.strerror}. Check the path.") from error
+    except ValueError as error:
+        raise ImportDataError(f"{path} can't be played: {error}.") from error
+    fields = {**dict(IMU381ZA), **dict(stream.only), Field.RATE_DIVIDER: 0}
+    options = UnitOptions(
+        serial_number=_RECORDED_SERIAL_NUMBER if serial_number is None else serial_number,
+        text=_RECORDED_TEXT,
+        text_ends_with_zero=False,
+        version=_RECORDED_VERSION,
+        fields=tuple(fields.items()),
+        packet_types=(stream.kind,),
+        bit=_RECORDED_BIT,
+        reply_delay_s=made.personality.reply_delay,
+        clock_skew_ppm=made.personality.clock_skew_ppm,
+    )
+    faults, bursts = faults_of(made), made.personality.usb_bursts
+    line = FaultyLine(faults, None, made.seed, bursts) if faults or bursts else None
+    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, "")
+
+
+def _made(asked: Asked, *unit: Any) -> UnitOnTheLine:
+    return on_the_line(asked.scenario, asked.power_on, asked.seed, asked.recording, asked.start, asked.spoil, *unit)

@@ -1,0 +1,107 @@
+"""Configuration fields of a virtual unit: in RAM, where they are in force, and in EEPROM, for the next power-up."""
+
+from collections.abc import Iterable
+
+from imutui.instrument.uut.fields import (
+    BAUD_OF_CODE,
+    QUIET,
+    RATE_OF_DIVIDER,
+    RATE_OF_DIVIDER_LATER,
+    Field,
+    Orientation,
+    fits_line,
+)
+from imutui.instrument.uut.frame_search import FIXED_LENGTHS
+from imutui.instrument.uut.messages import Memory
+from imutui.instrument.uut.unit_options import FieldValues, UnitOptions
+
+# Fields that are judged together: a rate has to fit the line.
+_TOGETHER = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE)
+
+
+class Configuration:
+    """The fields of a unit.
+
+    Parameters
+    ----------
+    options : UnitOptions
+        Its fields at first, and what it takes.
+    only : FieldValues
+        Fields that take no value but this; a divider may be `QUIET` all the same.
+
+    Attributes
+    ----------
+    baud : int
+        Speed in force.
+    packet_type : bytes
+        Type of the stream's packets in force.
+    rate_hz : int
+        Packets a second in force; 0 if the unit is quiet.
+    orientation : Orientation
+        Orientation in force.
+    """
+
+    def __init__(self, options: UnitOptions, only: FieldValues = ()) -> None:
+        self._options = options
+        self._only = dict(only)
+        self._rates = RATE_OF_DIVIDER if options.loop_hz == 100 else RATE_OF_DIVIDER_LATER
+        self._kept = {Memory.EEPROM: dict(options.fields)}
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Put what is in EEPROM in force."""
+        self._kept[Memory.RAM] = dict(self._kept[Memory.EEPROM])
+        self._put_in_force()
+
+    def _put_in_force(self) -> None:
+        ram = self._kept[Memory.RAM]
+        self.baud = BAUD_OF_CODE[ram[Field.BAUD]]
+        self.packet_type = ram[Field.PACKET_TYPE].to_bytes(2, "big")
+        self.rate_hz = self._rates.get(ram[Field.RATE_DIVIDER], 0)
+        self.orientation = Orientation.of_field(ram[Field.ORIENTATION])
+
+    def get(self, memory: Memory, ids: Iterable[int]) -> FieldValues:
+        """Fields by number; those that there are not are left out."""
+        kept = self._kept[memory]
+        return tuple((number, kept[number]) for number in ids if number in kept)
+
+    def put(self, memory: Memory, values: FieldValues) -> tuple[int, ...]:
+        """Take what is possible of new values; returns the numbers of the fields that were taken."""
+        kept = self._kept[memory]
+        good = {number: value for number, value in values if self._takes(number, value)}
+        if not self._go_together({**kept, **good}):
+            good = {number: value for number, value in good.items() if number not in _TOGETHER}
+        kept.update(good)
+        self._put_in_force()
+        return tuple(number for number, value in values if good.get(number) == value)
+
+    def _takes(self, number: int, value: int) -> bool:
+        if number not in self._kept[Memory.EEPROM]:
+            return False
+        if number == Field.RATE_DIVIDER and value == QUIET:
+            return True
+        if number in self._only:
+            return value == self._only[number]
+        match number:
+            case Field.RATE_DIVIDER:
+                return value in self._rates
+            case Field.BAUD:
+                return value in self._options.baud_codes
+            case Field.PACKET_TYPE:
+                return value.to_bytes(2, "big") in self._options.packet_types
+            case Field.ORIENTATION:
+                return _is_orientation(value)
+        return True
+
+    def _go_together(self, kept: dict[int, int]) -> bool:
+        rate_hz = self._rates.get(kept[Field.RATE_DIVIDER], 0)
+        payload_bytes = FIXED_LENGTHS[kept[Field.PACKET_TYPE].to_bytes(2, "big")]
+        return fits_line(rate_hz, payload_bytes, BAUD_OF_CODE[kept[Field.BAUD]])
+
+
+def _is_orientation(value: int) -> bool:
+    try:
+        Orientation.of_field(value)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,201 @@
+"""Where the packets of a virtual unit come from: readings of a source, or a recorded stream of bytes."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median_low
+from typing import Protocol
+
+import numpy as np
+
+from imutui.instrument.messages import Discarded
+from imutui.instrument.unit_options import Source
+from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN, Meaning
+from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field, Orientation
+from imutui.instrument.uut.frame_search import FIXED_LENGTHS, FrameSearch
+from imutui.instrument.uut.frames import OVERHEAD_BYTES, Frame, framed
+from imutui.instrument.uut.messages import Measurement, PacketS0, PacketS1, PacketS2
+from imutui.instrument.uut.payloads import encode, read_reply
+from imutui.instrument.uut.scaling import Scaling
+from imutui.instrument.uut.unit_options import FieldValues, UnitOptions
+
+MEASUREMENTS = (b"S0", b"S1", b"S2")
+
+
+@dataclass(frozen=True, slots=True)
+class MadePacket:
+    """A packet, and its bytes with whatever a recording has before them."""
+
+    packet: Measurement
+    data: bytes
+
+
+class PacketMaker(Protocol):
+    """Makes a unit's packets, in order."""
+
+    def restart(self) -> None:
+        """Take note that a host has asked for a stream."""
+        ...
+
+    def length(self, kind: bytes) -> int:
+        """Bytes of the stream's next packet; 0 if there is none."""
+        ...
+
+    def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
+        """The stream's next packet: of reading k, with a counter; None once there is none."""
+        ...
+
+    def polled(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
+        """A packet that was asked for by itself."""
+        ...
+
+
+class MeasuredPackets:
+    """Packets of a source's readings.
+
+    The source has them in the axes of the unit as it came; another orientation turns them.
+    """
+
+    def __init__(self, source: Source, options: UnitOptions) -> None:
+        self._source = source
+        self._bit = options.bit
+        self._home = _matrix(Orientation.of_field(dict(options.fields)[Field.ORIENTATION]))
+        self._scaling = Scaling()
+        self._last = 0
+        self._ended = False
+
+    def restart(self) -> None:
+        """Readings go on where they are."""
+
+    def length(self, kind: bytes) -> int:
+        """Bytes of a packet of this type."""
+        return 0 if self._ended else FIXED_LENGTHS[kind] + OVERHEAD_BYTES
+
+    def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
+        """Packet of reading k; None once the source has no more."""
+        self._last = max(self._last, k)
+        reading = None if self._ended else self._source.reading(self._last)
+        self._ended = reading is None
+        if reading is None:
+            return None
+        turn = _matrix(orientation) @ self._home.T
+        accels = _triple(self._scaling.accel_counts(turn @ reading.accels_g))
+        rates = _triple(self._scaling.rate_counts(turn @ reading.rates_dps))
+        degc = int(self._scaling.temperature_counts(reading.temperature_degc))
+        packet: Measurement
+        if kind == b"S0":
+            packet = PacketS0(accels, rates, (0, 0, 0), (degc, degc, degc), degc, counter, self._bit)
+        else:
+            packet = PacketS1(accels, rates, (degc, degc, degc), degc, counter, self._bit)
+        return MadePacket(packet, encode(packet))
+
+    polled = streamed
+
+
+class RecordedStream:
+    """Packets of a stream that a real unit sent, byte for byte.
+
+    Bytes between two packets belong to the later one, those behind the last to that.
+
+    Parameters
+    ----------
+    raw : bytes
+        The stream.
+
+    Attributes
+    ----------
+    divider : int
+        Divider of its rate, by the steps of its counter; of 100 Hz where that does not count time.
+
+    Raises
+    ------
+    ValueError
+        If there is no packet in it, or of several types.
+    """
+
+    def __init__(self, raw: bytes) -> None:
+        self._packets = _packets_of(raw)
+        kinds = {type(made.packet) for made in self._packets}
+        if len(kinds) != 1:
+            raise ValueError(f"a stream has packets S0, S1 or S2 of one type, and this has {len(kinds)} types of them")
+        self.divider = _divider_of([made.packet for made in self._packets])
+        self._next = 0
+
+    def __len__(self) -> int:
+        return len(self._packets)
+
+    @property
+    def kind(self) -> bytes:
+        """Type of its packets."""
+        return encode(self._packets[0].packet)[2:4]
+
+    @property
+    def only(self) -> FieldValues:
+        """Fields that can't be other than they were."""
+        return (
+            (Field.RATE_DIVIDER, self.divider),
+            (Field.PACKET_TYPE, int.from_bytes(self.kind, "big")),
+            (Field.ORIENTATION, 0x0000),
+        )
+
+    def restart(self) -> None:
+        """Begin at the first packet."""
+        self._next = 0
+
+    def length(self, kind: bytes) -> int:
+        """Bytes of the next packet, with those before it; 0 after the last."""
+        return len(self._packets[self._next].data) if self._next < len(self._packets) else 0
+
+    def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
+        """The next packet; None after the last."""
+        if self._next == len(self._packets):
+            return None
+        self._next += 1
+        return self._packets[self._next - 1]
+
+    def polled(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
+        """The packet that the stream had last, or its first; bytes between packets are left out."""
+        made = self._packets[max(self._next - 1, 0)]
+        return MadePacket(made.packet, encode(made.packet)) if self.kind == kind else None
+
+
+def _packets_of(raw: bytes) -> list[MadePacket]:
+    search, made, before = FrameSearch(), list[MadePacket](), b""
+    for found in [*search.feed(raw), *search.quiet()]:
+        if isinstance(found, Frame) and found.type in MEASUREMENTS:
+            packet = read_reply(found)
+            if isinstance(packet, PacketS0 | PacketS1 | PacketS2):
+                made.append(MadePacket(packet, before + framed(found)))
+                before = b""
+                continue
+        before += found.data if isinstance(found, Discarded) else framed(found)
+    if made:
+        made[-1] = MadePacket(made[-1].packet, made[-1].data + before)
+    return made
+
+
+def _divider_of(packets: list[Measurement]) -> int:
+    """Divider by which the counter steps as it does."""
+    counters = [packet.time if isinstance(packet, PacketS0) else packet.counter for packet in packets]
+    steps = [(after - before) % SPAN for before, after in pairwise(counters)]
+    if not steps:
+        return 1
+    period = median_low(steps) / COUNTS_PER_SECOND
+    return next((divider for divider, hz in RATE_OF_DIVIDER.items() if math.isclose(period * hz, 1.0, rel_tol=0.02)), 1)
+
+
+def counter_at(meaning: Meaning, instant: float, packets: int) -> int:
+    """What a counter that began at 0 says: by its meaning the time, s, or the packets that were sent."""
+    return (packets if meaning is Meaning.PACKETS else math.floor(instant * COUNTS_PER_SECOND)) % SPAN
+
+
+def _matrix(orientation: Orientation) -> np.ndarray:
+    """From the axes of the case to those of the packets."""
+    matrix = np.zeros((3, 3))
+    matrix[range(3), orientation.axes] = orientation.signs
+    return matrix
+
+
+def _triple(counts: np.ndarray) -> tuple[int, int, int]:
+    x, y, z = counts.tolist()
+    return x, y, z

@@ -1,0 +1,390 @@
+"""The virtual IMU381: a state machine on a time of the test's own, with its fields, and streams played back."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.messages import Discarded
+from imutui.instrument.unit_options import Reading
+from imutui.instrument.uut.counter import Meaning
+from imutui.instrument.uut.decoder import Decoder
+from imutui.instrument.uut.frames import Frame, framed
+from imutui.instrument.uut.messages import (
+    Echo,
+    Event,
+    FactoryWords,
+    Fields,
+    FieldsSet,
+    GetFields,
+    GetPacket,
+    Identification,
+    Measurement,
+    Memory,
+    PacketS0,
+    PacketS1,
+    Ping,
+    ReadFactoryWords,
+    Refused,
+    Request,
+    Reset,
+    SetFields,
+    StatusWords,
+    Version,
+)
+from imutui.instrument.uut.packet_makers import MeasuredPackets, RecordedStream
+from imutui.instrument.uut.payloads import encode
+from imutui.instrument.uut.scaling import Scaling
+from imutui.instrument.uut.unit import VirtualUnit
+from imutui.instrument.uut.unit_options import IMU380ZA_200, UnitOptions
+from imutui.instrument.wire import Wire
+
+RAM, EEPROM = Memory.RAM, Memory.EEPROM
+RATE, BAUD, TYPE, ORIENTATION = 1, 2, 3, 7
+S0 = int.from_bytes(b"S0")
+
+
+class Ramp:
+    """A source whose X rate tells the number of the reading, in counts."""
+
+    def __init__(self, length: int = 10**9) -> None:
+        self.length = length
+        self.asked: list[int] = []
+
+    def reading(self, k: int) -> Reading | None:
+        self.asked.append(k)
+        lsb = Scaling().rate_lsb_dps
+        return Reading((k * lsb, 1.0, 2.0), (0.0, 0.1, -1.0), 25.0) if k < self.length else None
+
+
+class Host:
+    """A host that reads whatever comes when it comes, on a simulated time."""
+
+    def __init__(
+        self,
+        packets: Ramp | RecordedStream | None = None,
+        *faults: LineFault,
+        options: UnitOptions | None = None,
+        baud: int = 115200,
+    ) -> None:
+        options = options or UnitOptions()
+        self.sent: list[tuple[Measurement, float]] = []
+        maker = packets if isinstance(packets, RecordedStream) else MeasuredPackets(packets or Ramp(), options)
+        self.unit = VirtualUnit(maker, options, seed=1)
+        self.wire = Wire(self.unit, FaultyLine(faults, seed=5), 1.0, lambda *packet: self.sent.append(packet))
+        self.now, self.baud = 0.0, baud
+        self.decoder = Decoder()
+        self.raw = b""
+
+    def send(self, *messages: Request | bytes) -> None:
+        """Send requests now."""
+        data = b"".join(message if isinstance(message, bytes) else encode(message) for message in messages)
+        self.wire.receive(data, self.now, self.baud)
+
+    def listen(self, seconds: float) -> list[Event]:
+        """Read for so long, and return what came."""
+        end, got = self.now + seconds, b""
+        while (due := self.wire.next_event()) is not None and due <= end:
+            self.now = max(due, self.now)
+            got += self.wire.arrived(self.now, self.baud)
+        self.now = end
+        got += self.wire.arrived(end, self.baud)
+        self.raw += got
+        return self.decoder.feed(got)
+
+    def ask(self, *messages: Request | bytes) -> list[Event]:
+        """What a quiet unit answers."""
+        self.send(*messages)
+        return self.listen(0.2)
+
+    def quiet(self) -> None:
+        """Let it send nothing by itself."""
+        self.send(SetFields(RAM, ((RATE, 0),)))
+        self.listen(0.2)
+
+
+def quiet_host(options: UnitOptions | None = None) -> Host:
+    """A host with a unit that only answers."""
+    host = Host(options=options)
+    host.quiet()
+    return host
+
+
+def packets_of(events: Sequence[Event]) -> list[PacketS1]:
+    """Packets S1 among events."""
+    return [event for event in events if isinstance(event, PacketS1)]
+
+
+def test_it_streams_from_power_up_on() -> None:
+    """S1 at 100 Hz, 115200 baud, the time in its counter; every packet is told with its instant."""
+    host = Host()
+    events = host.listen(1.0)
+    assert packets_of(events) == events
+    assert 99 <= len(events) <= 101
+    assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} == {655, 656}
+    assert [packet for packet, _ in host.sent][: len(events)] == events
+    assert [at for _, at in host.sent] == pytest.approx([(n + 1) / 100 for n in range(len(host.sent))])
+
+
+def test_at_another_speed_it_is_noise_and_hears_nothing() -> None:
+    """Both ways, until the host has found the speed."""
+    host = Host(baud=57600)
+    host.send(SetFields(RAM, ((RATE, 0),)))
+    assert all(isinstance(event, Discarded) for event in host.listen(1.0))
+    host.baud = 115200
+    assert len(packets_of(host.listen(1.0))) >= 98
+
+
+def test_a_factory_new_imu380_sends_at_38400_baud() -> None:
+    """S1 at 100 Hz just fits; its counter counts packets where it is told to."""
+    host = Host(options=UnitOptions(fields=IMU380ZA_200, baud_codes=(0, 1, 2, 3), counter=Meaning.PACKETS), baud=38400)
+    packets = packets_of(host.listen(1.0))
+    assert len(packets) >= 98
+    assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets)} == {1}
+
+
+def test_divider_zero_makes_it_quiet() -> None:
+    """The packet already begun still comes; then nothing, until there is another divider."""
+    host = quiet_host()
+    assert host.listen(1.0) == []
+    assert host.wire.next_event() is None
+    host.send(SetFields(RAM, ((RATE, 5),)))
+    events = host.listen(1.0)
+    assert events[0] == FieldsSet(RAM, (RATE,))
+    assert len(packets_of(events)) in (19, 20, 21)
+    assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} <= {3276, 3277}
+
+
+@pytest.mark.parametrize("ping", [encode(Ping()), b"UUPK"])
+def test_a_ping_is_answered_amid_the_stream(ping: bytes) -> None:
+    """Whole or bare; no packet is lost for it, and the next ones are in time."""
+    host = Host()
+    before = host.listen(0.5)
+    host.send(ping)
+    events = before + host.listen(0.5)
+    assert [event for event in events if not isinstance(event, PacketS1)] == [Ping()]
+    assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} == {655, 656}
+
+
+ANSWERS: list[tuple[Request | bytes, list[Event]]] = [
+    (Echo(b"A"), [Echo(b"A")]),
+    (GetPacket(b"VR"), [Version(1, 0, 0, 0, 0)]),
+    (GetPacket(b"ID"), [Identification(9911750, "IMU381ZA-200 VIRTUAL 1.0")]),
+    (GetPacket(b"T0"), [StatusWords((0,) * 14)]),
+    (GetPacket(b"XX"), [Refused(b"GP")]),
+    (GetPacket(b"S2"), [Refused(b"GP")]),
+    (ReadFactoryWords(0x071C, 1), [FactoryWords(0x071C, (0x0081,))]),
+    (ReadFactoryWords(0x071C, 2), [Refused(b"RE")]),
+    (GetFields(RAM, (1, 2, 3)), [Fields(RAM, ((1, 0), (2, 5), (3, 0x5331)))]),
+    (GetFields(EEPROM, (1,)), [Fields(EEPROM, ((1, 1),))]),
+    (GetFields(RAM, (99, 1, 98)), [Fields(RAM, ((1, 0),)), Refused(b"GF")]),
+    (GetFields(EEPROM, (99,)), [Refused(b"RF")]),
+    (SetFields(RAM, ((5, 1), (99, 1))), [FieldsSet(RAM, (5,)), Refused(b"SF")]),
+    (SetFields(EEPROM, ((6, 1), (1, 3))), [FieldsSet(EEPROM, (6,)), Refused(b"WF")]),
+    (SetFields(RAM, ((1, 3),)), [Refused(b"SF")]),
+    (SetFields(RAM, ((ORIENTATION, 488),)), [Refused(b"SF")]),
+    (framed(Frame(b"SF", b"\x02\0\1\0\0")), [Refused(b"SF")]),
+    (framed(Frame(b"GF", b"\0")), [Refused(b"GF")]),
+    (framed(Frame(b"pG")), [Refused(b"pG")]),
+    (encode(Ping())[:-1] + b"\0", [Ping()]),
+    (encode(Echo(b"A"))[:-1] + b"\0", []),
+    (b"noise\x55\x55", []),
+]
+
+
+@pytest.mark.parametrize(("request_", "answers"), ANSWERS)
+def test_requests_are_answered_as_documented(request_: Request | bytes, answers: list[Event]) -> None:
+    """What is partly good twice, what is bad with a refusal, what is damaged not at all."""
+    assert quiet_host().ask(request_) == answers
+
+
+def test_a_measurement_is_polled() -> None:
+    """Of either type, in any type's stream, and it begins the readings."""
+    source = Ramp()
+    host = Host(source)
+    host.quiet()
+    ((first,), (other,)) = host.ask(GetPacket(b"S1")), host.ask(GetPacket(b"S0"))
+    assert isinstance(first, PacketS1)
+    assert isinstance(other, PacketS0)
+    assert (first.rates[0], other.rates[0]) == (0, 20)
+
+
+def test_readings_begin_when_a_host_asks_for_data() -> None:
+    """Until then the first one is repeated; from then on each packet has the reading of its instant."""
+    host = Host()
+    assert {packet.rates[0] for packet in packets_of(host.listen(1.0))} == {0}
+    host.send(SetFields(RAM, ((RATE, 2),)))
+    assert [packet.rates[0] for packet in packets_of(host.listen(0.21))[-9:]] == list(range(2, 20, 2))
+
+
+def test_it_is_silent_when_there_are_no_more_readings() -> None:
+    """And still answers."""
+    host = Host(Ramp(50))
+    host.send(SetFields(RAM, ((RATE, 1),)))
+    assert len(packets_of(host.listen(2.0))) in (50, 51)
+    assert host.ask(Ping()) == [Ping()]
+
+
+def test_what_is_written_takes_effect_at_the_next_power_up() -> None:
+    """What is set acts at once and is gone then; a restart is answered first."""
+    host = quiet_host()
+    assert host.ask(SetFields(EEPROM, ((RATE, 2),)), SetFields(RAM, ((5, 7),))) == [
+        FieldsSet(EEPROM, (RATE,)),
+        FieldsSet(RAM, (5,)),
+    ]
+    assert host.ask(GetFields(RAM, (RATE, 5))) == [Fields(RAM, ((RATE, 0), (5, 7)))]
+    host.send(Reset())
+    events = host.listen(1.0)
+    assert events[0] == Reset()
+    assert 43 <= len(packets_of(events)) == len(events) - 1 <= 46
+    host.quiet()
+    assert host.ask(GetFields(RAM, (RATE, 5)))[-1] == Fields(RAM, ((RATE, 0), (5, 0x085E)))
+
+
+def test_a_rate_that_does_not_fit_the_line_is_refused() -> None:
+    """By rate, by speed and by type, alone and together."""
+    host = quiet_host(UnitOptions(baud_codes=(2, 3, 5), fields=IMU380ZA_200))
+    host.baud = 38400
+    host.quiet()
+    assert host.ask(SetFields(RAM, ((RATE, 1), (TYPE, S0)))) == [Refused(b"SF")]
+    assert host.ask(SetFields(RAM, ((RATE, 2), (TYPE, S0))))[0] == FieldsSet(RAM, (RATE, TYPE))
+    host.send(SetFields(RAM, ((RATE, 1), (5, 1))))
+    answers = [event for event in host.listen(0.2) if not isinstance(event, PacketS0)]
+    assert answers == [FieldsSet(RAM, (5,)), Refused(b"SF")]
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_new_speed_holds_from_the_reply_on_or_from_behind_it(at_once: bool) -> None:
+    """The manuals and the firmware differ; a host has to take both."""
+    host = quiet_host(UnitOptions(new_baud_at_once=at_once))
+    host.send(SetFields(RAM, ((BAUD, 3),)))
+    host.baud = 57600 if at_once else 115200
+    assert host.listen(0.1) == [FieldsSet(RAM, (BAUD,))]
+    host.baud = 57600
+    assert host.ask(Ping()) == [Ping()]
+    assert host.ask(SetFields(RAM, ((BAUD, 0),))) == [Refused(b"SF")]
+
+
+def test_an_orientation_turns_the_packets() -> None:
+    """-Uy -Ux -Uz: from the axes that it had, of rates and specific forces alike."""
+    host = quiet_host()
+    (before,) = packets_of(host.ask(GetPacket(b"S1")))
+    host.ask(SetFields(RAM, ((ORIENTATION, 0x006B),)))
+    (after,) = packets_of(host.ask(GetPacket(b"S1")))
+    assert after.accels == tuple(-before.accels[k] for k in (1, 0, 2))
+    assert after.rates[2] == -before.rates[2]
+
+
+def test_the_beginning_of_a_frame_is_forgotten() -> None:
+    """The rest may come within 4 s; what comes later begins anew."""
+    host = quiet_host()
+    data = encode(Echo(b"UU"))
+    host.send(data[:6])
+    host.listen(3.9)
+    assert host.ask(data[6:]) == [Echo(b"UU")]
+    host.send(data[:6])
+    host.listen(4.1)
+    assert host.ask(data[6:]) == []
+    assert host.ask(Ping()) == [Ping()]
+
+
+@pytest.mark.parametrize(
+    ("fault", "lost"),
+    [
+        (LineFault(0.5, "lose_packets", count=3), 3),
+        (LineFault(0.5, "drop_bytes", count=7), 1),
+        (LineFault(0.5, "bit_flips", count=4), 4),
+        (LineFault(0.5, "garbage", count=40), 0),
+        (LineFault(0.5, "stutter", seconds=0.2), 0),
+        (LineFault(0.5, "backlog", count=20), 0),
+        (LineFault(0.5, "stall", seconds=0.3), 0),
+        (LineFault(0.5, "pause", seconds=0.2), 20),
+        (LineFault(0.5, "reset"), 11),
+        (LineFault(0.5, "hang_up", seconds=0.3), 30),
+    ],
+)
+def test_the_line_has_the_faults_that_it_has_for_other_units(fault: LineFault, lost: int) -> None:
+    """Each costs as many packets as it says, and no more."""
+    host = Host(None, fault)
+    host.send(SetFields(RAM, ((RATE, 1),)))
+    got = len(packets_of(host.listen(2.0)))
+    assert abs(200 - lost - got) <= 1 + (fault.kind == "hang_up")
+
+
+def test_it_falls_into_another_type_and_another_unit_takes_its_place() -> None:
+    """The faults of a unit itself."""
+    host = Host(None, LineFault(0.2, "mode_change"), LineFault(0.6, "hang_up", seconds=0.2, serial_number=7))
+    host.send(SetFields(RAM, ((RATE, 2),)))
+    assert isinstance(host.listen(0.5)[-1], PacketS0)
+    host.listen(0.5)
+    host.send(GetPacket(b"ID"))
+    assert [e.serial_number for e in host.listen(0.2) if isinstance(e, Identification)] == [7]
+
+
+def stream_of(count: int, noise: bytes = b"") -> bytes:
+    """A stream at 20 Hz that a unit could have sent, with bytes between."""
+    packets = [PacketS1((k, 0, 0), (0, 0, 0), (0, 0, 0), 0, int(k * 3276.8) % 65536, 2) for k in range(count)]
+    return b"".join(noise + encode(packet) for packet in packets) + noise
+
+
+def playing(raw: bytes) -> Host:
+    """A host with a unit that plays a stream; the unit is quiet."""
+    stream = RecordedStream(raw)
+    fields = {**dict(UnitOptions().fields), **dict(stream.only), RATE: 0}
+    return Host(stream, options=UnitOptions(fields=tuple(fields.items()), packet_types=(stream.kind,)))
+
+
+@pytest.mark.parametrize("noise", [b"", b"noise\x55"])
+def test_a_stream_is_played_byte_for_byte(noise: bytes) -> None:
+    """At its own rate and no other, from its beginning, and then no more; whatever is asked meanwhile."""
+    raw = stream_of(30, noise)
+    host = playing(raw)
+    assert host.listen(1.0) == []
+    assert host.ask(SetFields(RAM, ((RATE, 1),))) == [Refused(b"SF")]
+    assert host.ask(SetFields(RAM, ((ORIENTATION, 0x006B),))) == [Refused(b"SF")]
+    assert host.ask(GetPacket(b"S1")) == Decoder().feed(stream_of(1))
+    host.raw = b""
+    start = host.now
+    host.send(SetFields(RAM, ((RATE, 5),)))
+    host.listen(5.0)
+    assert host.raw == encode(FieldsSet(RAM, (RATE,))) + raw
+    assert [at for _, at in host.sent[-30:]] == pytest.approx([start + k / 20 for k in range(30)], abs=0.011)
+    assert host.ask(Ping())[-1] == Ping()
+    host.send(SetFields(RAM, ((RATE, 5),)))
+    assert packets_of(host.listen(0.3))[0].accels[0] == 0
+
+
+def test_what_is_no_stream_is_not_played() -> None:
+    """Without a packet, or with packets of several types; a counter that tells no rate is taken for 100 Hz."""
+    for raw in (b"", b"noise" * 100, stream_of(1) + encode(PacketS0(*((0, 0, 0),) * 4, 0, 0, 0))):
+        with pytest.raises(ValueError, match="of one type"):
+            RecordedStream(raw)
+    assert RecordedStream(stream_of(1)).divider == 1
+    assert RecordedStream(stream_of(9)).divider == 5
+
+
+def test_the_recording_is_played_whole_over_a_line_with_faults(recording: Callable[[str], Path]) -> None:
+    """1002 frames of 1002 over a plain line; over a bad one all that no fault has touched."""
+    raw = recording("aceinna_imu381_scale1.raw").read_bytes()
+    frames = [raw[start : start + 31] for start in range(0, len(raw), 31)]
+    for faults, lost in ((), 0), ((LineFault(3.0, "bit_flips", count=20), LineFault(9.0, "garbage", count=300)), 20):
+        stream = RecordedStream(raw)
+        fields = {**dict(UnitOptions().fields), **dict(stream.only), RATE: 0}
+        host = Host(stream, *faults, options=UnitOptions(fields=tuple(fields.items()), packet_types=(b"S1",)))
+        host.send(SetFields(RAM, ((RATE, 5),)))
+        got = [encode(packet) for packet in packets_of(host.listen(51.0))]
+        assert len(got) == 1002 - lost
+        assert got == frames if not lost else set(got) <= set(frames)
+
+
+def test_a_cut_anywhere_in_a_request_changes_nothing() -> None:
+    """Byte by byte: the same answers."""
+    data = b"".join(encode(each) for each in (Ping(), GetPacket(b"VR"), GetFields(RAM, (1, 99)), Echo(b"\x55\x55")))
+    whole, slow = quiet_host(), quiet_host()
+    for byte in data:
+        slow.send(bytes([byte]))
+    assert slow.listen(0.2) == whole.ask(data)
+    assert np.isfinite(slow.now)
