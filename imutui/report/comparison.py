@@ -173,7 +173,7 @@ def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]
 def _cells(made: Difference, unit: str) -> tuple[str, str]:
     if made.value is None:
         return _DASH, _DASH
-    return plus_minus(made.value, made.sd, unit), _DASH if made.in_sd is None else f"{made.in_sd:+.1f}"
+    return plus_minus(made.value, made.sd, unit), _DASH if made.in_sd is None else f"{round(made.in_sd, 1) + 0.0:+.1f}"
 
 
 def _noise_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:

@@ -50,6 +50,7 @@ figcaption strong { color: var(--ink) }
 }
 @media print { :root { color-scheme: light; --ink: #000; --paper: #fff; --faint: #444; --rule: #bbb; --fill: #f3f4f6;
   --before: #c2530a; --after: #1b4f9c; --floor: #8a8a8a; --good: #e7f3ea; --warn: #fdf0d5 }
+  article + article { break-before: page }
   body { font-size: 10.5pt; max-width: none; padding: 0 } h2 { margin-top: 1.4rem } table { font-size: 9pt }
   .panels { grid-template-columns: 1fr 1fr } .panels svg:only-child { max-width: 12cm }
   .origin { print-color-adjust: exact; -webkit-print-color-adjust: exact } }

@@ -14,6 +14,7 @@ def plus_minus(value: float, sd: float | None, unit: str) -> str:
         decimals = _decimals(sd / scale)
         return f"({value / scale:.{decimals}f} ± {sd / scale:.{decimals}f})e{power:d}{tail}"
     decimals = _decimals(sd)
+    value = round(value, decimals) + 0.0  # without a negative zero
     return f"{value:.{decimals}f} ± {sd:.{decimals}f}{tail}"
 
 
