@@ -3,5 +3,5 @@
 `frames` preamble, length and CRC · `frame_search` frames in a stream of bytes · `messages` what goes over the line ·
 `payloads` their bytes · `decoder` both ends of the line · `fields` configuration fields · `scaling` counts to units ·
 `counter` packets lost, by the counter's step · `unit` an IMU381 as a state machine, with `unit_options`,
-`configuration`, `packet_makers` and `request_text`. No I/O, no clock, and no exception for noise.
+`configuration`, `schedule`, `packet_makers` and `request_text`. No I/O, no clock, and no exception for noise.
 """

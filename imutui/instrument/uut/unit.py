@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imutui.instrument.transmitter import SAME_INSTANT_S, Transmitter, as_heard, same_speed, transfer_s
+from imutui.instrument.transmitter import Transmitter, as_heard, same_speed, transfer_s
 from imutui.instrument.uut.configuration import Configuration
 from imutui.instrument.uut.counter import SPAN
 from imutui.instrument.uut.decoder import RequestDecoder
@@ -43,6 +43,7 @@ from imutui.instrument.uut.messages import (
 from imutui.instrument.uut.packet_makers import MadePacket, PacketMaker, RecordedStream, counter_at
 from imutui.instrument.uut.payloads import GET, GET_PACKET, SET, encode, frame_of
 from imutui.instrument.uut.request_text import in_words
+from imutui.instrument.uut.schedule import Schedule
 from imutui.instrument.uut.unit_options import UnitOptions
 
 # "A frame must arrive within 4 s."
@@ -86,6 +87,7 @@ class VirtualUnit:
         only = packets.only if isinstance(packets, RecordedStream) else ()
         self._fields = Configuration(self.options, only)
         self._line = Transmitter()
+        self._schedule = Schedule(self.options.loop_hz)
         self._begun = math.inf  # the loop's number of the source's first reading
         self._first_count = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake(0.0)
@@ -97,11 +99,7 @@ class VirtualUnit:
         self._last_byte = ready
         self._sent = 0
         self._fields.power_up()
-        self._stream_from(ready)
-
-    def _stream_from(self, now: float) -> None:
-        """Let the stream, if there is one, go on from the loop's next instant."""
-        self._next = self._newest(now) + 1
+        self._schedule.begin(ready)
 
     @property
     def baud(self) -> int:
@@ -146,7 +144,8 @@ class VirtualUnit:
         """Send nothing for so long after what is on the line; the loop and the counter go on."""
         self._advance(now)
         self._line.hold(now + seconds)
-        self._skip_to(now + seconds)
+        if self.rate_hz:
+            self._schedule.skip_to(now + seconds, self.rate_hz)
 
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
         """Let bytes from the host arrive.
@@ -287,11 +286,11 @@ class VirtualUnit:
     def _begin_stream(self, values: dict[int, int], now: float) -> None:
         """Take note of fields that a host has put in force: they may ask for data."""
         if Field.RATE_DIVIDER in values:
-            self._stream_from(now)
+            self._schedule.begin(now)
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET:
             self._packets.restart()
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET or Field.PACKET_TYPE in values:
-            self._begin_source(self._newest(now) + 1)
+            self._begin_source(self._schedule.newest(now) + 1)
 
     def _begin_source(self, number: int) -> None:
         """Let time of the source begin, if it has not, at an instant of the loop."""
@@ -300,53 +299,37 @@ class VirtualUnit:
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
-    @property
-    def _step(self) -> int:
-        """Instants of the loop from packet to packet."""
-        return self.options.loop_hz // self.rate_hz
-
-    def _instant(self, number: int) -> float:
-        return number / self.options.loop_hz
-
-    def _newest(self, now: float) -> int:
-        """The loop's last instant by `now`."""
-        return math.floor((now + SAME_INSTANT_S) * self.options.loop_hz)
-
     def _next_start(self) -> float:
-        return max(self._instant(self._next), self._line.free_at)
-
-    def _skip_to(self, instant: float) -> None:
-        """Leave out packets, so that the next one is the newest at an instant."""
-        if self.rate_hz:
-            behind = (instant - self._instant(self._next) + SAME_INSTANT_S) * self.options.loop_hz / self._step
-            self._next += max(0, math.floor(behind)) * self._step
+        return max(self._schedule.instant(self._schedule.next), self._line.free_at)
 
     def _advance(self, now: float) -> None:
         """Begin all packets that fall due by `now`."""
         while self.rate_hz and self._packets.length(self._fields.packet_type):
             if math.isfinite(self._line.free_at):
-                self._skip_to(self._line.free_at - _LONGEST_BACKLOG_S)
+                self._schedule.skip_to(self._line.free_at - _LONGEST_BACKLOG_S, self.rate_hz)
             start = self._next_start()
             if start > now:
                 return
-            made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._next))
+            made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._schedule.next))
             if made is not None:
-                self._tell(made, self._instant(self._next))
+                self._tell(made, self._schedule.instant(self._schedule.next))
                 self._send(made.data, start)
-            self._next += self._step
+            self._schedule.advance(self.rate_hz)
 
     def _poll(self, kind: bytes, now: float) -> MadePacket | None:
         """A packet of the loop's newest instant."""
-        newest = self._newest(now)
+        newest = self._schedule.newest(now)
         self._begin_source(newest)
         made = self._packets.polled(*self._asked_of(kind, newest))
         if made is not None:
-            self._tell(made, self._instant(newest))
+            self._tell(made, self._schedule.instant(newest))
         return made
 
     def _asked_of(self, kind: bytes, number: int) -> tuple[bytes, int, int, Orientation]:
         reading = max(0, number - int(self._begun)) if math.isfinite(self._begun) else 0
-        counter = (self._first_count + counter_at(self.options.counter, self._instant(number), self._sent)) % SPAN
+        counter = (
+            self._first_count + counter_at(self.options.counter, self._schedule.instant(number), self._sent)
+        ) % SPAN
         return kind, reading, counter, self._fields.orientation
 
     def _tell(self, made: MadePacket, instant: float) -> None:

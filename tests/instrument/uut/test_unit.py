@@ -380,6 +380,20 @@ def test_the_recording_is_played_whole_over_a_line_with_faults(recording: Callab
         assert got == frames if not lost else set(got) <= set(frames)
 
 
+def test_a_driver_of_the_imu440_finds_the_unit_and_stays_in_step() -> None:
+    """As it does it: a bare ping, 1000 bytes for its answer, on to the next preamble, then 31 bytes at a time."""
+    host = Host()
+    host.send(b"UUPK")
+    host.listen(1.0)
+    assert b"PK" in host.raw[:1000]
+    host.listen(4.0)
+    rest = host.raw[1000:].partition(b"UU")[2]
+    rest = rest[3 + rest[2] + 2 :]
+    packets = [rest[start : start + 31] for start in range(0, len(rest) - 30, 31)]
+    assert len(packets) >= 460
+    assert {packet[:5] for packet in packets} == {b"UUS1\x18"}
+
+
 def test_a_cut_anywhere_in_a_request_changes_nothing() -> None:
     """Byte by byte: the same answers."""
     data = b"".join(encode(each) for each in (Ping(), GetPacket(b"VR"), GetFields(RAM, (1, 99)), Echo(b"\x55\x55")))

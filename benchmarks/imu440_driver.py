@@ -1,0 +1,90 @@
+"""A driver that was written for a real IMU440, unmodified, on the virtual unit: whether it finds it, and what it reads.
+
+    python benchmarks/imu440_driver.py --xbow440 DIR --serial DIR [--seconds 5]
+
+Nothing is downloaded. It needs g++, Boost (on Debian libboost-thread-dev and libboost-date-time-dev) and two source
+trees: of https://github.com/GAVLab/xbow440 (at 88478c6c), and of the library that it is built on,
+https://github.com/wjwwood/serial. The driver looks for the unit with a bare ping, and checks no CRC.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from machine import describe
+
+from filters.imu import STANDARD_GRAVITY
+
+# what is shared with the tests
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+
+from helpers.units import Still, served
+
+from imutui.instrument.uut.packet_makers import MeasuredPackets
+from imutui.instrument.uut.unit import VirtualUnit
+from imutui.instrument.uut.unit_options import UnitOptions
+
+HARNESS = """
+#include <cstdio>
+#include <cstdlib>
+#include <unistd.h>
+#include "xbow440/xbow440.h"
+
+static int packets = 0;
+static double sum = 0.0;
+static void take(const xbow440::ImuData& data) { packets += 1; sum += data.az; }
+
+int main(int, char** argv) {
+    xbow440::XBOW440 imu;
+    imu.set_data_handler(take);
+    if (!imu.Connect(argv[1], 115200)) return 1;
+    sleep(std::atoi(argv[2]));
+    std::printf("\\nRESULT %d %.6f\\n", packets, sum / packets);
+    std::fflush(stdout);
+    _exit(0);
+}
+"""
+
+
+def compiled(xbow440: Path, serial: Path, folder: Path) -> Path:
+    """The driver with a main function that counts packets."""
+    harness, program = folder / "harness.cpp", folder / "harness"
+    harness.write_text(HARNESS)
+    sources = [harness, xbow440 / "src/xbow440.cpp", serial / "src/serial.cc", serial / "src/impl/unix.cc"]
+    missing = [str(path) for path in sources if not path.exists()]
+    if missing:
+        raise SystemExit(f"not found: {', '.join(missing)}")
+    includes = [f"-I{xbow440 / 'include'}", f"-I{serial / 'include'}"]
+    libraries = ["-lboost_thread", "-lboost_system", "-lpthread"]
+    subprocess.run(["g++", "-O1", "-w", *includes, *map(str, sources), *libraries, "-o", str(program)], check=True)
+    return program
+
+
+def main() -> int:
+    """Run it; 0 if it found the unit and read what there is."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--xbow440", type=Path, required=True)
+    parser.add_argument("--serial", type=Path, required=True)
+    parser.add_argument("--seconds", type=int, default=5)
+    asked = parser.parse_args()
+    print(describe("numpy"))
+    options = UnitOptions()
+    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+    with tempfile.TemporaryDirectory() as folder, served(unit, log=print) as port:
+        program = compiled(asked.xbow440, asked.serial, Path(folder))
+        limit = asked.seconds + 30
+        done = subprocess.run([program, port, str(asked.seconds)], capture_output=True, text=True, timeout=limit)
+    print(done.stdout, done.stderr)
+    result = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("RESULT")]
+    if not result:
+        print("the driver has not found the unit")
+        return 1
+    count, mean = int(result[0][0]), float(result[0][1])
+    print(f"{count} packets in {asked.seconds} s, z {mean:.4f} m/s^2 of {0.998 * STANDARD_GRAVITY:.4f}")
+    return 0 if count > 90 * asked.seconds and abs(mean - 0.998 * STANDARD_GRAVITY) < 0.01 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
