@@ -6,21 +6,22 @@ A finding is something that a calibration should not rest on unseen; a note is w
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-
-from imutui.jobs import check_data, check_file, damage_text
-from imutui.jobs.check_context import SHOWN, CheckContext, Finding
+from imutui.jobs import check_file, damage_text
+from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding
+from imutui.jobs.check_packets import PacketSteps
+from imutui.jobs.check_samples import Limits, SamplesOfPackets
+from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument, FindingField
 from imutui.jobs.info import lacking_channels
 from imutui.jobs.quantities import plural
-from imutui.logbook import checksum_file, reader, scan, summary
-from imutui.logbook.message_arrays import Audit, audit
+from imutui.logbook import audit, checksum_file, message_arrays, reader, scan, summary
+from imutui.logbook.audit import Audit
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.scan import Scan
 
 VERSION = 1
 _SCANNED = 0.5
-_RULES = (*check_file.RULES, *check_data.RULES)
+_DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps, SamplesOfPackets, Limits)
 
 
 def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> CheckDocument:
@@ -45,13 +46,18 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         If there is no such file, or it is no log at all.
     """
     found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
-    content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages"))
+    content = audit.belongings(found)
+    rules = [rule(content) for rule in _DATA_RULES]
+    looked = lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, "looking at the messages")  # noqa: E731
+    for part in message_arrays.parts(found, content, looked):
+        for rule in rules:
+            rule.take(part)
     if content.imu_topic is None and not found.damages:
         raise UnreadableLogError(_no_samples(path, content))
     log = CheckContext(found, content, reader.sha256(path))
-    findings = [finding for rule in _RULES for finding in rule(log)]
+    findings = [finding for rule in check_file.RULES for finding in rule(log)]
+    findings += [finding for rule in rules for finding in rule.findings(log)]
     progress(1.0, "done")
-    seconds = float(np.max(log.t)) if log.t.size else 0.0
     return {
         "version": VERSION,
         "log": str(path.resolve()),
@@ -61,11 +67,11 @@ def check(path: Path, progress: Callable[[float, str], None] = lambda share, tex
         "notes": list(_notes(log)),
         "bytes": found.size,
         "chunks": sum(piece.last_ns > 0 for piece in found.pieces),
-        "messages": sum(heads.size for heads in content.messages.values()),
-        "topics": {topic: int(heads.size) for topic, heads in content.messages.items()},
-        "samples": int(content.samples.size),
-        "packets": int(content.packets.size),
-        "duration_s": seconds,
+        "messages": sum(run.count for run in content.messages.values()),
+        "topics": {topic: run.count for topic, run in content.messages.items()},
+        "samples": content.samples,
+        "packets": content.packets,
+        "duration_s": log.seconds_at(content.latest_ns) if content.samples else 0.0,
         "log_sha256": log.sha256,
     }
 
@@ -82,18 +88,18 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield "Another program's file: it has no session, so only its samples were looked at."
     elif a.session.get("kind", "") not in ("measured", "simulated"):
         yield "The log does not say whether a sensor made its readings, or a simulation."
-    if a.session and not a.packets.size:
+    if a.session and not a.packets:
         how = "imported" if a.session.get("sampling") == "imported" else "without packets"
         yield f"The log is {how}: there are no packets to compare the samples with."
     if checksum_file.read_or_none(found.path) == log.sha256:
         yield f"Its SHA-256 is the one in {checksum_file.path_of(found.path).name}."
     if scan.RECOVERED in a.metadata:
         yield f"It was rebuilt by `imutui recover`; lost then: {a.metadata[scan.RECOVERED].get('lost', 'not said')}"
-    if not a.samples.size:
+    if not a.samples:
         yield "It holds no samples."
     elif lacking := lacking_channels(a):
         yield f"It holds no readings of {', '.join(lacking)}: these channels are left out of replay and trace."
-    if a.samples.size and not a.temperature_degc.size:
+    if a.samples and a.temperatures is None:
         yield "It holds no temperature: effects of temperature can't be traced in it."
     if found.unknown:
         yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."

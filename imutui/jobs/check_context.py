@@ -1,11 +1,11 @@
 """What the rules of `check` look at, and what they find."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-
-import numpy as np
+from typing import Protocol
 
 from imutui.logbook import reader, schemas
-from imutui.logbook.message_arrays import Audit
+from imutui.logbook.audit import Audit, Part
 from imutui.logbook.scan import Scan
 
 SHOWN = 10
@@ -43,21 +43,18 @@ class CheckContext:
         Hash of the whole file.
     start_ns : int or None
         First sample, or first message where there is none.
-    t : np.ndarray
-        Samples' time since the first, s.
+    paired : bool
+        Whether each packet's message can be read, and there are some.
     """
 
     def __init__(self, found: Scan, content: Audit, sha256: str) -> None:
         self.found = found
         self.audit = content
         self.sha256 = sha256
-        first = [heads["log_ns"][0] for heads in content.messages.values() if heads.size]
-        stamps = content.samples
-        self.start_ns: int | None = int(stamps[0]) if stamps.size else int(min(first)) if first else None
-        self.t = reader.seconds_since(stamps, int(stamps[0])) if stamps.size else np.empty(0)
+        first = [run.first_ns for run in content.messages.values()]
+        self.start_ns: int | None = content.first_ns if content.samples else min(first) if first else None
         raw = content.messages.get(schemas.RAW)
-        self.raw = raw if raw is not None and raw.size == content.packets.size else None
-        """Numbers and times of the packets; None where there are none, or not all of them can be read."""
+        self.paired = raw is not None and raw.count == content.packets
 
     @property
     def name(self) -> str:
@@ -67,12 +64,39 @@ class CheckContext:
     @property
     def polled(self) -> bool:
         """Whether every packet was asked for."""
-        return self.audit.info is not None and self.audit.info.sampling == "polled"
+        return is_polled(self.audit)
 
     def at(self, ns: int, preposition: str = "at") -> str:
         """An instant in the log."""
         return "" if self.start_ns is None else f"{preposition} {(ns - self.start_ns) / 1e9:.3f} s"
 
+    def seconds_at(self, ns: int) -> float:
+        """Time of a sample since the first, s."""
+        return float(reader.seconds_since(ns, self.audit.first_ns))
+
     def recover(self) -> str:
         """What to do about a broken file."""
         return f"`imutui recover {self.name} -o FIXED.mcap` makes a whole file of what can be read."
+
+
+class DataRule(Protocol):
+    """A rule on messages, made with the log's `audit.belongings`; given every part of it, then asked."""
+
+    def take(self, part: Part, /) -> None:
+        """Look at the next part."""
+
+    def findings(self, log: CheckContext, /) -> Iterator[Finding]:
+        """What it found, after the last part."""
+
+
+def is_polled(known: Audit) -> bool:
+    """Whether every packet was asked for."""
+    return known.info is not None and known.info.sampling == "polled"
+
+
+def integer(text: str | None) -> int:
+    """A count as diagnostics say it; 0 where they don't."""
+    try:
+        return int(text) if text else 0
+    except ValueError:
+        return 0

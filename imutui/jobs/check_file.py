@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.quantities import plural
 from imutui.logbook import checksum_file, effects_file, reference_file, scan, schemas, summary
-from imutui.logbook.message_arrays import Audit
+from imutui.logbook.audit import Audit
 
 
 def _bytes(log: CheckContext) -> Iterator[Finding]:
@@ -79,7 +77,7 @@ def _counts(log: CheckContext) -> Iterator[Finding]:
         yield Finding("homeless", what, "", log.recover())
     if index is not None and index.statistics is not None and not damage_text.lossy(found):
         told = index.statistics.message_count
-        have = sum(heads.size for heads in log.audit.messages.values()) + log.audit.homeless
+        have = sum(run.count for run in log.audit.messages.values()) + log.audit.homeless
         if told != have:
             what = f"The index counts {plural(told, 'message')}, the file holds {have:,}."
             yield Finding("count", what, "", log.recover())
@@ -92,14 +90,15 @@ def _numbers(log: CheckContext) -> Iterator[Finding]:
     """The messages' own numbers, which imutui counts from 0 on each topic."""
     missing: dict[str, int] = {}
     first: list[int] = []
-    for topic, heads in log.audit.messages.items():
-        steps = np.diff(np.concatenate([[-1], heads["sequence"].astype(np.int64)]))
-        if (steps < 1).any():
+    for topic, run in log.audit.messages.items():
+        if run.again_ns is not None:
             what = f"{topic}: the messages' numbers go back or stand twice."
-            yield Finding("sequence", what, f"first {log.at(int(heads['log_ns'][int(np.argmax(steps < 1))]))}", _TWICE)
-        elif (steps > 1).any():
-            missing[topic] = int(np.sum(steps - 1))
-            first.append(int(heads["log_ns"][int(np.argmax(steps > 1))]))
+            yield Finding("sequence", what, f"first {log.at(run.again_ns)}", _TWICE)
+            continue
+        run = run.since_zero
+        if run.missing_ns is not None:
+            missing[topic] = run.missing
+            first.append(run.missing_ns)
     if missing:
         each = ", ".join(f"{n:,} of {topic}" for topic, n in missing.items())
         yield Finding(
@@ -161,8 +160,8 @@ def _hashes(a: Audit) -> Iterator[Finding]:
 def _reference(log: CheckContext) -> Iterator[Finding]:
     """Whether the log says what is known of the motion."""
     # a recorder writes it once a second; a shorter log has none
-    expected = bool(log.audit.session) and log.t.size and log.t[-1] > 2.0
-    if expected and not len(log.audit.messages.get(schemas.REFERENCE, ())):
+    expected = bool(log.audit.session) and log.audit.samples > 0 and log.seconds_at(log.audit.last_ns) > 2.0
+    if expected and schemas.REFERENCE not in log.audit.messages:
         what = "Nothing in the log says how the table stood."
         yield Finding("reference", what, f"topic {schemas.REFERENCE}", "Say it on replay: --reference level.")
 

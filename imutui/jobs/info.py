@@ -23,7 +23,7 @@ from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
 from imutui.plain_text import NOTE_LIMIT, in_line, one_line
 
 if TYPE_CHECKING:
-    from imutui.logbook.message_arrays import Audit
+    from imutui.logbook.audit import Audit
     from imutui.logbook.scan import Scan
 
 SUFFIX = ".mcap"
@@ -256,7 +256,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         "effects": _effects(content),
         **_events(content),
         "topics": {
-            topic: {"type": typename, "messages": len(content.messages.get(topic, ()))}
+            topic: {"type": typename, "messages": run.count if (run := content.messages.get(topic)) else 0}
             for topic, typename in content.types.items()
         },
         "attachments": {name: len(data) for name, data in content.attachments.items()},
@@ -281,35 +281,32 @@ def _session(content: "Audit") -> SessionFields:
 
 
 def _extent(content: "Audit", found: "Scan") -> ExtentFields:
-    stamps = content.samples
-    first = int(stamps[0]) if stamps.size else next((p.first_ns for p in found.pieces if p.first_ns), None)
-    span = float(stamps[-1] - stamps[0]) / 1e9 if stamps.size else None
+    count = content.samples
+    first = content.first_ns if count else next((p.first_ns for p in found.pieces if p.first_ns), None)
+    span = float(content.last_ns - content.first_ns) / 1e9 if count else None
     return {
         "start_utc": None if first is None else utc_text(first),
         "duration_s": span,
         "rate_asked_hz": _number(content.session.get("rate_hz")),
-        "rate_measured_hz": (stamps.size - 1) / span if span else None,
-        "samples": int(stamps.size),
-        "samples_without_reading": int((~content.valid).sum()),
-        "packets": int(content.packets.size),
+        "rate_measured_hz": (count - 1) / span if span else None,
+        "samples": count,
+        "samples_without_reading": content.unread_samples,
+        "packets": content.packets,
         "unread_channels": list(lacking_channels(content)),
     }
 
 
 def lacking_channels(content: "Audit") -> tuple[str, ...]:
     """Channels that a log's samples lack, NaN throughout, by their names in the instrument's axes."""
-    if not content.samples.size:
+    if not content.samples:
         return ()
-    lacks = unread_channels.unread(content.gyro, content.accel)
     axes = AxisMap(accel_sign=1) if content.info is None else content.info.axes()
-    return unread_channels.names(unread_channels.in_instrument_axes(lacks, axes))
+    return unread_channels.names(unread_channels.in_instrument_axes(content.lacks, axes))
 
 
 def _temperature(content: "Audit") -> TemperatureFields | None:
-    degc = content.temperature_degc
-    if not degc.size:
-        return None
-    return {"first": float(degc[0]), "last": float(degc[-1]), "min": float(degc.min()), "max": float(degc.max())}
+    degc = content.temperatures
+    return None if degc is None else {"first": degc.first, "last": degc.last, "min": degc.least, "max": degc.greatest}
 
 
 def _effects(content: "Audit") -> list[str]:
@@ -325,7 +322,7 @@ def _effects(content: "Audit") -> list[str]:
 
 
 def _events(content: "Audit") -> EventFields:
-    first = int(content.samples[0]) if content.samples.size else None
+    first = content.first_ns if content.samples else None
     told: EventFields = {"marks": [], "events": []}
     for event in content.events:
         t = None if first is None else (event.stamp_ns - first) / 1e9

@@ -1,6 +1,7 @@
 """The index at a finished file's end: what its summary section says of schemas, channels, counts, and places."""
 
 import zlib
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -22,7 +23,9 @@ class Index:
     ----------
     schemas, channels : dict
         By their numbers.
-    chunks, attachments, metadata : list
+    chunk_starts : array
+        Where chunks begin in the file, in the section's order: of a week there are half a million.
+    attachments, metadata : list
         Index records, in the section's order.
     statistics : Statistics or None
         Counts of everything.
@@ -30,7 +33,7 @@ class Index:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
+    chunk_starts: "array[int]" = field(default_factory=lambda: array("Q"))
     attachments: list[AttachmentIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
     statistics: Statistics | None = None
@@ -38,9 +41,8 @@ class Index:
     @property
     def starts(self) -> list[int]:
         """Where chunks, attachments and metadata begin in the file, in order."""
-        chunks = [chunk.chunk_start_offset for chunk in self.chunks]
         attachments, metadata = ([record.offset for record in found] for found in (self.attachments, self.metadata))
-        return sorted(chunks + attachments + metadata)
+        return sorted([*self.chunk_starts, *attachments, *metadata])
 
     @property
     def types(self) -> dict[str, str]:
@@ -105,7 +107,7 @@ def _parsed(section: bytes, *, chunks: bool) -> Index:
             case Opcode.STATISTICS:
                 found.statistics = parse(Statistics, content)
             case Opcode.CHUNK_INDEX if chunks:
-                found.chunks.append(parse(ChunkIndex, content))
+                found.chunk_starts.append(parse(ChunkIndex, content).chunk_start_offset)
             case Opcode.ATTACHMENT_INDEX:
                 found.attachments.append(parse(AttachmentIndex, content))
             case Opcode.METADATA_INDEX:

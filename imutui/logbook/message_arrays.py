@@ -1,29 +1,26 @@
-"""Every message of a scanned log, as arrays to be judged: times and numbers of each topic, samples, packets, events.
+"""Every message of a scanned log, to be judged: a bounded part of it at a time as arrays, and what all of them say.
 
 Unlike `reader` it goes on behind damage and past messages that cannot be decoded, which it counts.
 """
 
-import mmap
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.records import Channel, Schema
 
-from imutui.logbook import mcap_format, message_layout, quality_summary, record_walk, schemas, summary
-from imutui.logbook import scan as scanning
+from imutui.logbook import audit as auditing
+from imutui.logbook import mcap_format, message_layout, message_runs, record_walk, schemas
+from imutui.logbook.audit import BELONGINGS, Audit, Part
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import HEAD, parse
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.reader import Table
+from imutui.logbook.message_runs import MESSAGE, HeadRun
 from imutui.logbook.record_walk import Walk
 from imutui.logbook.scan import Piece, Scan
-from imutui.logbook.schemas import LogEvent
-from imutui.logbook.session_info import METADATA, SessionInfo
 
-MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), ("publish_ns", "<i8")])
-"""What the format has of each message besides its data."""
+MESSAGES = 2**18
+"""Messages in a part: a quarter of an hour at 133 Hz."""
 _WANTED = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE])
 _PLAIN = {
     schemas.RAW: message_layout.RAW,
@@ -34,108 +31,54 @@ _PLAIN = {
 _SHOWN = 20
 
 
-@dataclass(slots=True)
-class Audit:
-    """Content of a scanned log.
-
-    Attributes
-    ----------
-    info : SessionInfo or None
-        Its session; None in another program's file.
-    session : dict
-        The same as strings, with fields that this version does not know.
-    session_trouble : str
-        Why the session cannot be used, if so.
-    metadata : dict
-        Records by name.
-    attachments : dict
-        Name to bytes.
-    types, encodings : dict
-        Of each topic.
-    messages : dict
-        Of each topic that has some, records of `MESSAGE` in file order.
-    samples, gyro, accel, valid : np.ndarray
-        As in `reader.Log`: stamps, rad/s, m/s², validity.
-    temperature_degc : np.ndarray
-        All temperatures.
-    packets : np.ndarray
-        Records of `schemas.RAW_DTYPE`.
-    table : Table
-        All of /table/reference.
-    events : list of LogEvent
-        Marks and events.
-    diagnostics : dict
-        Values of the last /diagnostics.
-    undecodable : list of tuple
-        Topic, log time (ns) and reason of messages that cannot be decoded; the first of them.
-    undecodable_count : int
-        All of them.
-    homeless : int
-        Messages of channels that nothing declares.
-    result : dict
-        The quality summary that was attached on closing.
-    """
-
-    info: SessionInfo | None = None
-    session: dict[str, str] = field(default_factory=dict)
-    session_trouble: str = ""
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    encodings: dict[str, str] = field(default_factory=dict)
-    messages: dict[str, np.ndarray] = field(default_factory=dict)
-    samples: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    gyro: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    accel: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    valid: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
-    temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
-    packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
-    table: Table = field(default_factory=Table)
-    events: list[LogEvent] = field(default_factory=list)
-    diagnostics: dict[str, str] = field(default_factory=dict)
-    undecodable: list[tuple[str, int, str]] = field(default_factory=list)
-    undecodable_count: int = 0
-    homeless: int = 0
-    result: dict[str, object] = field(default_factory=dict)
-
-    @property
-    def imu_topic(self) -> str | None:
-        """Topic of the samples, if there is one."""
-        return summary.imu_topic(self.types)
-
-
-def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """Take every message that a scan found whole.
+def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
+    """Every message that a scan found whole, `MESSAGES` at a time or a few more.
 
     Parameters
     ----------
     found : Scan
         Of a log.
+    known : Audit
+        Its `audit.belongings`; what is known of the messages is put into it, and is whole after the last part.
     progress : callable
         Told the share done, 0 to 1.
     """
-    with found.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        work = _Work(found, record_walk.for_reading(found.size))
+    work = _Work(found, known, record_walk.for_reading(found.size))
+    with found.path.open("rb") as stream:
         for number, piece in enumerate(found.pieces):
-            work.take(piece, scanning.content(data, piece))
+            if piece.opcode not in BELONGINGS:
+                stream.seek(piece.at)
+                work.take(piece, stream.read(piece.length))
+            if work.messages >= MESSAGES:
+                yield work.part()
             progress(number / len(found.pieces))
+    yield work.part()
     work.close()
     progress(1.0)
-    return work.audit
+
+
+def audit(found: Scan, progress: Callable[[float], None] = lambda share: None) -> Audit:
+    """What is known of a scanned log as a whole; see `parts`."""
+    known = auditing.belongings(found)
+    for _ in parts(found, known, progress):
+        pass
+    return known
 
 
 class _Work:
-    """Collects pieces into an `Audit`."""
+    """Makes parts of a file's records, and notes what is known of all in an `Audit`."""
 
-    def __init__(self, found: Scan, walk: Walk) -> None:
-        self.audit = Audit()
+    def __init__(self, found: Scan, known: Audit, walk: Walk) -> None:
+        self.audit = known
+        self.messages = 0
         self._walk = walk
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
         self._inflater = mcap_format.Inflater(found.size)
         self._columns = Columns(walk)
         self._roles = np.full(2**16, message_layout.IGNORED, np.uint8)
-        self._parts: dict[int, list[np.ndarray]] = {}
+        self._heads: list[np.ndarray] = []
+        self._runs: dict[int, HeadRun | None] = {}
         if found.index is not None:
             for schema in found.index.schemas.values():
                 self._schemas[schema.id] = schema.name
@@ -143,28 +86,11 @@ class _Work:
                 self._declare(channel)
 
     def take(self, piece: Piece, body: bytes) -> None:
-        """Take a record of the file: a chunk's messages, metadata, an attachment, or what stands outside of chunks."""
+        """Take a record of the file: a chunk's messages, or what stands outside of chunks."""
         if piece.opcode == Opcode.CHUNK:
             self._records(self._inflater.content(mcap_format.chunk_of(body)))
-        elif piece.opcode == Opcode.METADATA:
-            record = parse(Metadata, body)
-            self.audit.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
-            if record.name == METADATA:
-                self._session(self.audit.metadata[record.name])
-        elif piece.opcode == Opcode.ATTACHMENT:
-            attachment = parse(Attachment, body)
-            self.audit.attachments[attachment.name] = attachment.data
         else:
             self._records(HEAD.pack(piece.opcode, piece.length) + body)
-
-    def _session(self, strings: dict[str, str]) -> None:
-        self.audit.session = strings
-        try:
-            info = SessionInfo.from_strings(strings)
-            info.axes(), info.settings()
-            self.audit.info = info
-        except ValueError as error:
-            self.audit.session_trouble = str(error)
 
     def _declare(self, channel: Channel) -> None:
         self._channels[channel.id] = channel
@@ -199,7 +125,9 @@ class _Work:
         starts = batch.table[:, message_layout.OFFSET] - message_layout.MESSAGE_HEADER_SIZE
         heads = batch.data[starts[:, None] + np.arange(message_layout.MESSAGE_HEADER_SIZE)].copy().view(MESSAGE)[:, 0]
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
-            self._parts.setdefault(channel, []).append(heads[heads["channel"] == channel])
+            self._runs.setdefault(channel, None)
+        self._heads.append(heads)
+        self.messages += heads.size
         counts, others = self._walk.tally(batch.table, self._roles)
         for row in others.tolist():
             self._one(batch, row, heads)
@@ -241,19 +169,28 @@ class _Work:
         else:
             schemas.decode(schemas.TYPES[topic], data)
 
+    def part(self) -> Part:
+        """What was collected since the last time, as arrays."""
+        heads = np.concatenate(self._heads) if self._heads else np.empty(0, MESSAGE)
+        for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
+            run = message_runs.run_of(heads[heads["channel"] == channel])
+            self._runs[channel] = message_runs.joined(self._runs[channel], run)
+        samples, packets = self._columns.imu(), self._columns.packets()
+        _, degc = self._columns.temperatures()
+        roles = self._roles[heads["channel"]]
+        each = [heads[roles == role] for role in (message_layout.IMU, message_layout.RAW)]
+        paired = [own if own.size == rows.size else None for own, rows in zip(each, (samples[0], packets), strict=True)]
+        self._heads, self.messages, self._columns = [], 0, Columns(self._walk)
+        part = Part(*samples, degc, packets, *paired)
+        auditing.take_note(self.audit, part)
+        return part
+
     def close(self) -> None:
-        """Make arrays of what was collected."""
-        a = self.audit
-        for number, parts in self._parts.items():
-            heads = np.concatenate(parts)
+        """Say of each topic what is known of its channels."""
+        for number, run in self._runs.items():
+            assert run is not None
             if number in self._channels:
                 topic = self._channels[number].topic
-                a.messages[topic] = np.concatenate([a.messages[topic], heads]) if topic in a.messages else heads
+                self.audit.messages[topic] = message_runs.joined(self.audit.messages.get(topic), run)
             else:
-                a.homeless += heads.size
-        a.samples, a.gyro, a.accel, a.valid = self._columns.imu()
-        _, a.temperature_degc = self._columns.temperatures()
-        a.packets = self._columns.packets()
-        a.table = Table(*self._columns.tables())
-        if summary.SUMMARY in a.attachments:
-            a.result = quality_summary.parse(a.attachments[summary.SUMMARY])
+                self.audit.homeless += run.count

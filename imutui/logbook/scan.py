@@ -8,7 +8,8 @@ import bisect
 import mmap
 import struct
 import zlib
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from imutui.logbook import (
     effects_file,
     file_index,
     file_lock,
+    mapped_file,
     mcap_format,
     reader,
     record_walk,
@@ -59,6 +61,30 @@ class Piece:
     last_ns: int = 0
 
 
+@dataclass(slots=True)
+class Pieces:
+    """Whole records in file order: forty bytes each, where a log of a week has half a million.
+
+    Attributes
+    ----------
+    numbers : array
+        The fields of one after the other.
+    """
+
+    numbers: "array[int]" = field(default_factory=lambda: array("Q"))
+
+    def append(self, piece: Piece) -> None:
+        """One more."""
+        self.numbers.extend((piece.opcode, piece.at, piece.length, piece.first_ns, piece.last_ns))
+
+    def __len__(self) -> int:
+        return len(self.numbers) // 5
+
+    def __iter__(self) -> Iterator[Piece]:
+        each = iter(self.numbers)
+        return (Piece(*fields) for fields in zip(each, each, each, each, each, strict=True))
+
+
 @dataclass(frozen=True, slots=True)
 class Damage:
     """Bytes that are no whole record.
@@ -93,7 +119,7 @@ class Scan:
         The file.
     profile : str or None
         Of its header; None if that is gone.
-    pieces : list of Piece
+    pieces : Pieces
         Whole records in file order: chunks, attachments, metadata, and what stands outside of chunks.
     damages : list of Damage
         Bytes left out between them.
@@ -118,7 +144,7 @@ class Scan:
     path: Path
     size: int = 0
     profile: str | None = None
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: Pieces = field(default_factory=Pieces)
     damages: list[Damage] = field(default_factory=list)
     index: Index | None = None
     finished: bool = False
@@ -157,6 +183,8 @@ def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> 
 
 def _judge(found: Scan, data: mmap.mmap) -> None:
     """Say of each damage between which instants it lies, as the chunks around it tell."""
+    if not found.damages:
+        return
     chunks = [piece for piece in found.pieces if piece.opcode == Opcode.CHUNK]
     ends = [piece.at for piece in chunks]
     for number, damage in enumerate(found.damages):
@@ -181,7 +209,9 @@ class _FileWalk:
         self._progress = progress
         self._inflater = mcap_format.Inflater(found.size)
         self._next = dict.fromkeys(range(len(_MARKS)), -1)
-        self._chunks: set[tuple[int, int, int]] = set()
+        self._chunks: set[int] = set()
+        self._starts: list[int] | None = None
+        self._held_from = 0
         self._in_summary = False
 
     def run(self) -> None:
@@ -191,6 +221,9 @@ class _FileWalk:
         at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else self._after_damage(0, "it does not begin as it must")
         while at < found.size and not found.finished:
             at = self._step(at)
+            if at - self._held_from > mapped_file.WINDOW:
+                mapped_file.forget(self._data, self._held_from, at)
+                self._held_from = at
             self._progress(at / found.size)
         if found.finished:
             self._end(at)
@@ -231,7 +264,7 @@ class _FileWalk:
             return
         if piece.opcode == Opcode.CHUNK:
             body = content(self._data, piece)
-            mark = (piece.length, zlib.crc32(body), zlib.adler32(body))
+            mark = piece.length << 64 | zlib.crc32(body) << 32 | zlib.adler32(body)
             if mark in self._chunks:
                 self._found.repeated += 1
                 return
@@ -244,8 +277,7 @@ class _FileWalk:
         self._in_summary = True
         (told,) = struct.unpack_from("<I", self._data, at + HEAD.size)
         if told and not self._found.damages:
-            with memoryview(self._data) as view:
-                self._found.checksum_wrong = zlib.crc32(view[:at]) != told
+            self._found.checksum_wrong = mapped_file.crc32(self._data, at) != told
 
     # -- what is wrong with a record --
 
@@ -320,8 +352,10 @@ class _FileWalk:
         return True
 
     def _told_by_index(self, at: int) -> int:
-        starts = self._found.index.starts if self._found.index is not None else []
-        return next((start for start in starts if start > at), self._found.size)
+        if self._starts is None:
+            self._starts = self._found.index.starts if self._found.index is not None else []
+        k = bisect.bisect(self._starts, at)
+        return self._starts[k] if k < len(self._starts) else self._found.size
 
     def _found_again(self, at: int) -> int:
         """Where the next record begins that can be told by its marks and is whole."""
@@ -332,7 +366,7 @@ class _FileWalk:
 
     def _search(self, at: int, mark: bytes, back: int, opcode: int) -> int:
         found = at + back
-        while (found := self._data.find(mark, found + 1)) >= 0:
+        while (found := mapped_file.find(self._data, mark, found + 1)) >= 0:
             start = found - back
             if self._data[start] != opcode or start + HEAD.size > self._found.size:
                 continue

@@ -1,3 +1,4 @@
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,9 @@ from mcap.writer import CompressionType, Writer
 
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.crossbow import Mode, Packet
-from imutui.jobs.check import check
-from imutui.logbook import schemas
+from imutui.jobs.check import check as check_once
+from imutui.jobs.info import info
+from imutui.logbook import message_arrays, schemas
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -25,6 +27,15 @@ TICK_NS = 790.0
 SECONDS = 6
 
 Change = Callable[[str, int, Message], list[Message]]
+
+
+def check(path: Path) -> dict[str, Any]:
+    """What is said of a log; whether it is looked at in one part or a chunk at a time must not be seen."""
+    whole = check_once(path), info(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(message_arrays, "MESSAGES", 1)
+        assert json.dumps((check_once(path), info(path))) == json.dumps(whole)
+    return dict(whole[0])
 
 
 def recorded(

@@ -1,0 +1,162 @@
+"""Rules of `check` on readings: whether samples are what their packets say, and readings at their limits."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from filters.imu import CHANNELS
+from imutui.instrument.scaling import Scaling
+from imutui.jobs.check_context import CheckContext, Finding, is_polled
+from imutui.jobs.quantities import plural, that_many
+from imutui.logbook.audit import Audit, Part
+from imutui.logbook.session_info import SessionInfo
+
+_LIMITS = (-32768, 32767)
+_EVERY_HZ = 133.0
+
+
+class SamplesOfPackets:
+    """Whether each sample is what its packets say: how many, when, which values."""
+
+    def __init__(self, known: Audit) -> None:
+        info = known.info
+        self._info = info if info is not None and info.sampling in ("stream", "polled") else None
+        self._groups = None if self._info is None else _Groups(self._info, each=_one_each(known, self._info))
+        self._made, self._samples = _Queue(2), _Queue(3)
+        self._last_number = -1
+        self._off, self._first_ns = 0, 0
+
+    def take(self, part: Part) -> None:
+        """Look at the next part."""
+        if self._info is None or self._groups is None:
+            return
+        heads = part.packet_heads
+        numbers = None if heads is None else np.append(self._last_number, heads["sequence"].astype(np.int64))
+        if heads is None or numbers is None or (np.diff(numbers) != 1).any():
+            # a group that lost a packet in the file can't be made again
+            self._info, self._made, self._samples = None, _Queue(2), _Queue(3)
+            return
+        self._last_number = int(numbers[-1])
+        self._made.put(*self._groups.take(heads["publish_ns"], part.packets["counts"].astype(np.float64)))
+        self._samples.put(part.stamp_ns, part.gyro, part.accel)
+        self._compare(self._info)
+
+    def _compare(self, info: SessionInfo) -> None:
+        count = min(self._made.waiting, self._samples.waiting)
+        if not count:
+            return
+        (made, counts), (stamps, told_gyro, told_accel) = self._made.get(count), self._samples.get(count)
+        axes, scaling = info.axes(), Scaling(info.rate_range_dps, info.accel_range_g)
+        gyro = axes.gyro_to_body(np.deg2rad(scaling.rates_dps(counts[:, :3])))
+        accel = axes.accel_to_body(scaling.accels_g(counts[:, 3:]) * info.g_unit)
+        same = made == stamps
+        same &= np.isclose(gyro, told_gyro, rtol=1e-9, atol=1e-9).all(axis=1)
+        same &= np.isclose(accel, told_accel, rtol=1e-9, atol=1e-9).all(axis=1)
+        if not same.all():
+            self._first_ns = self._first_ns if self._off else int(stamps[int(np.argmin(same))])
+            self._off += int(np.count_nonzero(~same))
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """What it found."""
+        if self._info is None or not log.paired:
+            return
+        made, samples = self._made.total, log.audit.samples
+        if abs(made - samples) > (1 if log.found.cut else 0):
+            what = f"The packets make {plural(made, 'sample')}, the log has {samples:,}."
+            yield Finding("samples", what, "over the whole log", log.recover())
+        if self._off:
+            what = f"{that_many(self._off, 'sample', 'is not what its', 'are not what their')} packets say."
+            yield Finding("samples", what, f"first {log.at(self._first_ns)}", "Trust the packets; write to us.")
+
+
+def _one_each(known: Audit, info: SessionInfo) -> bool:
+    """Whether each packet is a sample."""
+    return is_polled(known) or info.rate_hz >= _EVERY_HZ
+
+
+class _Queue:
+    """Rows of several columns that wait."""
+
+    def __init__(self, columns: int) -> None:
+        self._held: list[tuple[np.ndarray, ...]] = []
+        self._columns = columns
+        self.waiting = 0
+        self.total = 0
+
+    def put(self, *rows: np.ndarray) -> None:
+        """More rows, shape (n, ...) each."""
+        self._held.append(rows)
+        self.waiting += len(rows[0])
+        self.total += len(rows[0])
+
+    def get(self, count: int) -> list[np.ndarray]:
+        """So many of the first rows; so many must be there."""
+        columns = [np.concatenate(column) for column in zip(*self._held, strict=True)]
+        self._held = [tuple(column[count:].copy() for column in columns)]
+        self.waiting -= count
+        return [column[:count] for column in columns]
+
+
+class _Groups:
+    """Stamps (ns) and mean counts of the samples that packets make, as the recorder groups them."""
+
+    def __init__(self, info: SessionInfo, *, each: bool) -> None:
+        self._each = each
+        self._period_ns = 1e9 / info.rate_hz
+        self._begun_ns: int | None = None
+        self._number = 0
+        self._stamps, self._counts = np.empty(0, np.int64), np.empty((0, 6))
+
+    def take(self, stamps: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Those that more packets finish: the last period's sample would come with the first packet after it."""
+        if self._each or not stamps.size:
+            return stamps, counts
+        self._begun_ns = int(stamps[0]) if self._begun_ns is None else self._begun_ns
+        stamps, counts = np.concatenate([self._stamps, stamps]), np.concatenate([self._counts, counts])
+        since = ((stamps - self._begun_ns) / self._period_ns).astype(np.int64)
+        number = np.maximum(np.maximum.accumulate(since), self._number)
+        edges = np.flatnonzero(np.diff(number, prepend=-1))
+        sizes = np.diff(np.append(edges, number.size))
+        first = stamps[edges]
+        late = np.add.reduceat(stamps - np.repeat(first, sizes), edges)
+        mean = np.add.reduceat(counts, edges, axis=0) / sizes[:, None]
+        self._number = int(number[-1])
+        self._stamps, self._counts = stamps[edges[-1] :].copy(), counts[edges[-1] :].copy()
+        return (first + np.rint(late / sizes).astype(np.int64))[:-1], mean[:-1]
+
+
+class Limits:
+    """Readings that stand at the end of their range."""
+
+    def __init__(self, known: Audit) -> None:
+        self._packets = 0
+        self._channels = np.zeros(6, bool)
+        self._first_packet_ns = 0
+        self._first_unread_ns: int | None = None
+
+    def take(self, part: Part) -> None:
+        """Look at the next part."""
+        counts = part.packets["counts"]
+        at_limit = (counts == _LIMITS[0]) | (counts == _LIMITS[1])
+        if at_limit.any():
+            rows = np.flatnonzero(at_limit.any(axis=1))
+            if not self._packets and part.packet_heads is not None:
+                self._first_packet_ns = int(part.packet_heads["publish_ns"][rows[0]])
+            self._packets += rows.size
+            self._channels |= at_limit.any(axis=0)
+        if self._first_unread_ns is None and not part.valid.all():
+            self._first_unread_ns = int(part.stamp_ns[int(np.argmin(part.valid))])
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """What it found."""
+        if self._packets:
+            channels = [name for name, hit in zip(CHANNELS, self._channels.tolist(), strict=True) if hit]
+            count = that_many(self._packets, "packet", "has", "have")
+            what = f"{count} a count at its limit ({' '.join(channels)})."
+            first = log.at(self._first_packet_ns) if log.paired else ""
+            cure = "The filter leaves them out. Turn the table more slowly there."
+            yield Finding("limits", what, f"first {first}", cure)
+        elif self._first_unread_ns is not None:
+            what = f"{that_many(log.audit.unread_samples, 'sample', 'is', 'are')} flagged as no reading."
+            at = log.seconds_at(self._first_unread_ns)
+            yield Finding("limits", what, f"first at {at:.3f} s", "The filter leaves them out.")

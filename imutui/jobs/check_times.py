@@ -1,0 +1,198 @@
+"""Rules of `check` on times: the clock, the samples' stamps, gaps, and the rate."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters.imu import LOOP_HZ
+from filters.kalman.settings import GAP_PERIODS
+from imutui.jobs.check_context import CheckContext, Finding, integer
+from imutui.jobs.quantities import plural, that_many
+from imutui.jobs.step_counts import StepCounts
+from imutui.logbook import polled_rate
+from imutui.logbook.audit import Audit, Part
+from imutui.logbook.reader import seconds_since
+
+_RATE_OFF = 0.02
+_STAMP_SLACK_NS = 20_000_000
+_EARLIEST_NS = 946_684_800_000_000_000  # 2000: before that it is no UTC but some other clock
+_CLOCK = "The times are not to be trusted there; replay a part without it (--start, --end)."
+_CHANNEL_BITS = 2 ** np.arange(6)
+
+
+@dataclass(slots=True)
+class _Places:
+    """How often something was, and the stamp where first, UTC, ns."""
+
+    count: int = 0
+    first_ns: int = 0
+
+    def take(self, stamps: np.ndarray, which: np.ndarray) -> None:
+        """Those of a part's stamps, shape (N,), where a mask is true."""
+        if found := int(np.count_nonzero(which)):
+            self.first_ns = self.first_ns if self.count else int(stamps[int(np.argmax(which))])
+            self.count += found
+
+
+class Times:
+    """Rules of time that a log is written by: UTC, never backwards, no jump against the monotonic clock."""
+
+    def __init__(self, known: Audit) -> None:
+        self._own = bool(known.session)
+        self._back, self._early, self._other = _Places(), _Places(), _Places()
+        self._no_numbers: dict[int, tuple[int, int, int]] = {}
+        self._samples = 0
+        self._last = np.empty(0, np.int64)
+        self._offset = np.empty(0, np.int64)
+        self._jump: tuple[int, int] | None = None
+
+    def take(self, part: Part) -> None:
+        """Look at the next part."""
+        stamps = np.concatenate([self._last, part.stamp_ns])
+        self._back.take(stamps, np.diff(stamps) <= 0)
+        self._last = stamps[-1:]
+        self._take_numbers(part)
+        self._samples += part.stamp_ns.size
+        heads = part.sample_heads
+        if heads is not None and self._own:
+            self._other.take(part.stamp_ns, heads["publish_ns"] != part.stamp_ns)
+            self._early.take(part.stamp_ns, heads["publish_ns"] - heads["log_ns"] > _STAMP_SLACK_NS)
+        if part.packet_heads is not None:
+            self._take_offset(part.packet_heads["log_ns"], part.packets["host_monotonic_ns"])
+
+    def _take_numbers(self, part: Part) -> None:
+        """Count samples by which of their channels are no numbers: what a log lacks is known at its end only."""
+        wrong = ~np.isfinite(np.hstack([part.gyro, part.accel]))
+        if not wrong.any():
+            return
+        kinds = wrong @ _CHANNEL_BITS
+        for kind in np.flatnonzero(np.bincount(kinds)[1:]) + 1:
+            which = kinds == kind
+            first = int(np.argmax(which))
+            count, at, ns = self._no_numbers.get(int(kind), (0, self._samples + first, int(part.stamp_ns[first])))
+            self._no_numbers[int(kind)] = (count + int(np.count_nonzero(which)), at, ns)
+
+    def _take_offset(self, log_ns: np.ndarray, host_ns: np.ndarray) -> None:
+        offset = np.concatenate([self._offset, log_ns - host_ns])
+        steps = np.flatnonzero(np.diff(offset)) if self._jump is None else self._offset[:0]
+        if steps.size:
+            k = int(steps[0])
+            at = k + 1 - self._offset.size
+            self._jump = int(offset[k + 1]) - int(offset[k]), int(log_ns[at])
+        self._offset = offset[-1:]
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """What it found."""
+        for topic, run in log.audit.messages.items():
+            if run.first_ns < _EARLIEST_NS:
+                what = f"{topic}: the log time is not UTC: it begins before the year 2000."
+                yield Finding("log_time", what, "from the first message on", _CLOCK)
+            if run.back_ns is not None:
+                what = f"{topic}: log time goes back in {plural(run.back, 'place')}."
+                yield Finding("log_time", what, f"first {log.at(run.back_ns)}", _CLOCK)
+        yield from self._of_samples(log)
+        if self._jump is not None and log.paired and self._own:
+            step, at = self._jump
+            what = f"Log time jumps by {step / 1e9:+.6f} s against the monotonic clock."
+            yield Finding("log_time", what, log.at(at), _CLOCK)
+
+    def _of_samples(self, log: CheckContext) -> Iterator[Finding]:
+        """Stamps of the samples: in order, finite, and those of their messages."""
+        if self._back.count:
+            what = f"Sample time does not increase in {plural(self._back.count, 'place')}; a replay refuses the log."
+            yield Finding("stamps", what, f"first {log.at(self._back.first_ns)}", log.recover())
+        count, first_ns = self._bad_numbers(log.audit.lacks)
+        if count:
+            what = f"{that_many(count, 'sample', 'is no number', 'are not numbers')}; a replay refuses the log."
+            cure = "Remove them in the program that wrote the file."
+            yield Finding("stamps", what, f"first {log.at(first_ns)}", cure)
+        run = log.audit.messages.get(log.audit.imu_topic or "")
+        if run is None or not self._own or run.count != log.audit.samples:
+            return
+        if self._other.count:
+            what = "A sample's stamp is not its message's publish time."
+            yield Finding("stamps", what, f"first {log.at(self._other.first_ns)}", _CLOCK)
+        if self._early.count:
+            what = f"{that_many(self._early.count, 'sample', 'is', 'are')} stamped later than received."
+            yield Finding("stamps", what, f"first {log.at(self._early.first_ns)}", _CLOCK)
+
+    def _bad_numbers(self, lacks: np.ndarray) -> tuple[int, int]:
+        """Samples that are no numbers in a channel that the log has, and the stamp of the first."""
+        lacking = 0 if lacks.all() else int(lacks @ _CHANNEL_BITS)
+        bad = [told for kind, told in self._no_numbers.items() if kind & ~lacking]
+        if not bad:
+            return 0, 0
+        _, _, first_ns = min(bad, key=lambda told: told[1])
+        return sum(count for count, _, _ in bad), first_ns
+
+
+class Gaps:
+    """Gaps between samples, and the rate."""
+
+    def __init__(self, known: Audit) -> None:
+        self._steps = StepCounts()
+        self._last = np.empty(0, np.int64)
+        self._first_ns: int | None = None
+        self._longest = (-np.inf, 0.0)
+
+    def take(self, part: Part) -> None:
+        """Look at the next part."""
+        stamps = np.concatenate([self._last, part.stamp_ns])
+        self._last = stamps[-1:]
+        if stamps.size < 2:
+            self._first_ns = int(stamps[0]) if stamps.size and self._first_ns is None else self._first_ns
+            return
+        self._first_ns = int(stamps[0]) if self._first_ns is None else self._first_ns
+        self._steps.take(np.diff(stamps).astype(np.float64), None, stamps)
+        t = seconds_since(stamps, self._first_ns)
+        steps = np.diff(t)
+        k = int(np.argmax(steps))
+        if steps[k] > self._longest[0]:
+            self._longest = float(steps[k]), float(t[k])
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """What it found."""
+        if log.audit.samples < 3:
+            return
+        info, steps = log.audit.info, self._steps
+        period = 1.0 / info.rate_hz if info is not None else steps.median() / 1e9
+        long = steps.steps / 1e9 > GAP_PERIODS * period
+        count = int(steps.counts[long].sum())
+        # bursts of a host's stamps are no gaps in the samples
+        if count and (count <= max(1.0, 0.001 * len(steps)) or (info is not None and log.paired)):
+            longest, at = self._longest
+            what = f"{plural(count, 'gap')} between samples, the longest {longest:.3f} s."
+            first = log.seconds_at(int(steps.before_ns[steps.first(long)]))
+            where = f"first at {first:.3f} s, longest at {at:.3f} s"
+            yield Finding("gaps", what, where, "The filter predicts through 2 s at most; trace leaves gaps out.")
+        if info is None or info.sampling == "imported":
+            return
+        if log.polled:
+            yield from self._polled_rate(log, info.rate_hz)
+        elif not count:
+            yield from _rate(log, info.rate_hz)
+
+    def _polled_rate(self, log: CheckContext, rate_hz: float) -> Iterator[Finding]:
+        """Whether so many packets a second were asked for as should be, while the unit answered."""
+        steps, counts = self._steps.steps / 1e9, self._steps.counts
+        short = steps <= polled_rate.usual_step_s(rate_hz)
+        if counts[short].sum() < (1.0 - polled_rate.RARE) * len(self._steps):
+            short = steps <= polled_rate.longest_step_s(rate_hz)
+        count, seconds = int(counts[short].sum()), float((steps * counts)[short].sum())
+        # what was lost is no request too few, but for that in the long steps, one at the least in each
+        lost = integer(log.audit.diagnostics.get("lost_packets"))
+        requests = count + max(0, lost - (len(self._steps) - count))
+        slow = polled_rate.finding(rate_hz, requests / seconds) if count >= polled_rate.FEWEST else None
+        if slow is not None:
+            what, _, cure = slow.partition(". ")
+            yield Finding("rate", f"{what}.", "over the whole log", cure)
+
+
+def _rate(log: CheckContext, rate_hz: float) -> Iterator[Finding]:
+    """Whether samples came as often as was asked for."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        measured = np.float64(log.audit.samples - 1) / log.seconds_at(log.audit.last_ns)
+    if abs(measured / min(rate_hz, LOOP_HZ) - 1.0) > _RATE_OFF:
+        what = f"{rate_hz:g} Hz were asked for, {measured:.3f} Hz came."
+        yield Finding("rate", what, "over the whole log", "Ask for a rate that the unit and its line speed can give.")

@@ -1,0 +1,177 @@
+"""What is known of a scanned log as a whole, and the parts of it that tell; see `message_arrays`."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Metadata
+
+from imutui.logbook import quality_summary, summary, unread_channels
+from imutui.logbook.mcap_format import parse
+from imutui.logbook.message_runs import HeadRun
+from imutui.logbook.scan import Scan
+from imutui.logbook.schemas import LogEvent
+from imutui.logbook.session_info import METADATA, SessionInfo
+
+BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
+"""Records of what a log has besides messages."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Messages in a row, in file order.
+
+    Attributes
+    ----------
+    stamp_ns, gyro, accel, valid : np.ndarray
+        Samples as in `reader.Log`: stamps, rad/s, m/s², validity.
+    temperature_degc : np.ndarray
+        Temperatures, shape (M,).
+    packets : np.ndarray
+        Records of `schemas.RAW_DTYPE`, shape (K,).
+    sample_heads, packet_heads : np.ndarray or None
+        Records of `message_runs.MESSAGE`, one a sample, one a packet; None where some of these cannot be decoded.
+    """
+
+    stamp_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    valid: np.ndarray
+    temperature_degc: np.ndarray
+    packets: np.ndarray
+    sample_heads: np.ndarray | None
+    packet_heads: np.ndarray | None
+
+
+@dataclass(frozen=True, slots=True)
+class Temperatures:
+    """First, last, least and greatest of some, degC."""
+
+    first: float
+    last: float
+    least: float
+    greatest: float
+
+
+@dataclass(slots=True)
+class Audit:
+    """Content of a scanned log, without its samples and packets.
+
+    Attributes
+    ----------
+    info : SessionInfo or None
+        Its session; None in another program's file.
+    session : dict
+        The same as strings, with fields that this version does not know.
+    session_trouble : str
+        Why the session cannot be used, if so.
+    metadata : dict
+        Records by name.
+    attachments : dict
+        Name to bytes.
+    types, encodings : dict
+        Of each topic.
+    messages : dict
+        Of each topic that has some, their numbers and times; a topic's channels one after the other.
+    samples, packets : int
+        How many there are.
+    unread_samples : int
+        Samples that are flagged as no reading.
+    first_ns, last_ns, latest_ns : int
+        Stamps of the samples, UTC, ns: the first and the last in the file, and the latest; 0 if there is none.
+    lacks : np.ndarray
+        Channels that are NaN in every sample, gyros first, body axes, bool, shape (6,).
+    temperatures : Temperatures or None
+        Of all of them; None if there is none.
+    events : list of LogEvent
+        Marks and events.
+    diagnostics : dict
+        Values of the last /diagnostics.
+    undecodable : list of tuple
+        Topic, log time (ns) and reason of messages that cannot be decoded; the first of them.
+    undecodable_count : int
+        All of them.
+    homeless : int
+        Messages of channels that nothing declares.
+    result : dict
+        The quality summary that was attached on closing.
+    """
+
+    info: SessionInfo | None = None
+    session: dict[str, str] = field(default_factory=dict)
+    session_trouble: str = ""
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+    encodings: dict[str, str] = field(default_factory=dict)
+    messages: dict[str, HeadRun] = field(default_factory=dict)
+    samples: int = 0
+    packets: int = 0
+    unread_samples: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    latest_ns: int = 0
+    lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
+    temperatures: Temperatures | None = None
+    events: list[LogEvent] = field(default_factory=list)
+    diagnostics: dict[str, str] = field(default_factory=dict)
+    undecodable: list[tuple[str, int, str]] = field(default_factory=list)
+    undecodable_count: int = 0
+    homeless: int = 0
+    result: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def imu_topic(self) -> str | None:
+        """Topic of the samples, if there is one."""
+        return summary.imu_topic(self.types)
+
+
+def belongings(found: Scan) -> Audit:
+    """What a scanned log has besides messages: its session and other metadata, attachments, the quality summary."""
+    known = Audit()
+    with found.path.open("rb") as stream:
+        for piece in found.pieces:
+            if piece.opcode in BELONGINGS:
+                stream.seek(piece.at)
+                _take_belonging(known, piece.opcode, stream.read(piece.length))
+    if summary.SUMMARY in known.attachments:
+        known.result = quality_summary.parse(known.attachments[summary.SUMMARY])
+    return known
+
+
+def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
+    if opcode == Opcode.ATTACHMENT:
+        attachment = parse(Attachment, body)
+        known.attachments[attachment.name] = attachment.data
+        return
+    record = parse(Metadata, body)
+    known.metadata[record.name] = {str(k): str(v) for k, v in record.metadata.items()}
+    if record.name == METADATA:
+        known.session = known.metadata[record.name]
+        try:
+            info = SessionInfo.from_strings(known.session)
+            info.axes(), info.settings()
+            known.info = info
+        except ValueError as error:
+            known.session_trouble = str(error)
+
+
+def take_note(known: Audit, part: Part) -> None:
+    """Add what a part tells of the whole."""
+    if part.stamp_ns.size:
+        first, last, latest = int(part.stamp_ns[0]), int(part.stamp_ns[-1]), int(part.stamp_ns.max())
+        known.first_ns = known.first_ns if known.samples else first
+        known.latest_ns = max(known.latest_ns, latest) if known.samples else latest
+        known.last_ns = last
+        known.samples += part.stamp_ns.size
+        known.lacks &= unread_channels.unread(part.gyro, part.accel)
+        known.unread_samples += int(np.count_nonzero(~part.valid))
+    known.packets += part.packets.size
+    degc = part.temperature_degc
+    if degc.size:
+        before = known.temperatures or Temperatures(float(degc[0]), 0.0, np.inf, -np.inf)
+        least, greatest = (
+            float(np.minimum(before.least, degc.min())),  # NaN stays one
+            float(np.maximum(before.greatest, degc.max())),
+        )
+        known.temperatures = Temperatures(before.first, float(degc[-1]), least, greatest)
