@@ -1,6 +1,8 @@
 """What tests share: where measured recordings lie, and acquisitions that cannot meet each other."""
 
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +12,10 @@ import pytest
 from helpers.paths import DATA, SAMPLE
 from helpers.places import own_places
 from helpers.processes import end_owner
+
+COMPILE_FOR_EFFECTS = "from filters.kalman import runner; runner.warm_up(effects=True)"
+TOLD = "told_of_compiling.txt"
+"""In the folder of compiled code: what was told when it was compiled, for the test of that."""
 
 
 def _compiled() -> Path:
@@ -51,8 +57,14 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         from filters.kalman import runner
         from imutui.logbook import reader
 
-        runner.warm_up()
+        # the step for states of effects beside it, on the other core
+        other = subprocess.Popen([sys.executable, "-c", COMPILE_FOR_EFFECTS])
+        told: list[str] = []
+        runner.warm_up(told.append)
         reader.read(SAMPLE, raw=True)
+        other.wait()
+        if told:
+            (Path(os.environ["NUMBA_CACHE_DIR"]) / TOLD).write_text("\n".join(told))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from helpers.commands import imutui
 from helpers.places import own_places
 from helpers.shared import once
-from unit_time import acquire
+from unit_time import SLOW_LINE, acquire
 
 from imutui.logbook import reader
 
@@ -52,7 +52,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(2) as pool:
             own_places(patch, folder)
             # the longest first
-            list(pool.map(lambda n: acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n]), (2, 0, 1)))
+            list(
+                pool.map(lambda n: acquire(scenario, n, folder / f"{names[n]}.mcap", SECONDS[n], *SLOW_LINE), (2, 0, 1))
+            )
 
     folder = once(tmp_path_factory, "wire", make)
     return [folder / f"{name}.mcap" for name in names]
@@ -90,7 +92,7 @@ def test_the_cause_is_found_and_joins_the_filter(home: Path, logs: list[Path]) -
 
     live = acquire(
         logs[0].parent / "unit.toml", 1, home / "live.mcap", 62.0,
-        "--filter", "spkf", "--effects", "effects.toml", "--json", check=None,
+        *SLOW_LINE, "--filter", "spkf", "--effects", "effects.toml", "--json", check=None,
     )  # fmt: skip
     now = float(json.loads(live.stdout)["final"]["gyro_bias_dps"][1])
     assert now == pytest.approx(float(np.mean(joined)), abs=0.15)

@@ -17,7 +17,7 @@ from helpers.commands import imutui
 from helpers.paths import ROOT
 from helpers.places import own_places
 from helpers.shared import once
-from unit_time import record, virtual
+from unit_time import SLOW_LINE, record, virtual
 
 from filters.channels import CHANNELS
 from imutui.logbook import reader
@@ -191,6 +191,8 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             patch.setattr(sets, "FITTED_S", 95.0)
             patch.setattr(sets, "HELDOUT_S", 105.0)
             patch.setattr(sets, "HISTORIES", (sets.HISTORIES[0], sets.HISTORIES[2], sets.HISTORIES[3]))
+            options = sets.record_options
+            patch.setattr(sets, "record_options", lambda *to, **how: [*options(*to, **how), *SLOW_LINE])
             effects = [effect for effect in sets.load_set(SAMPLE_SET) if effect.name == "supply"]
             found = undeclared.results(effects, folder, None, lambda text: None)
         (folder / "result.json").write_text(json.dumps(found))
@@ -251,7 +253,7 @@ def test_an_effect_on_a_measured_recording_is_found_over_the_wire(home: Path, re
         log = home / f"part{number}.mcap"
         options = ("--from", str(source), "--from-start", f"{1000 + 400 * number}", "--scenario", "unit.toml")
         with virtual(*options, "--power-on", str(number)) as unit:
-            record(*unit, log, SECONDS[number], "--reference", "gravity", "--accel-sign", "+1")
+            record(*unit, log, SECONDS[number], "--reference", "gravity", "--accel-sign", "+1", *SLOW_LINE)
         return log
 
     with ThreadPoolExecutor(2) as pool:

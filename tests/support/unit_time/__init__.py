@@ -18,6 +18,8 @@ from unittest.mock import patch
 
 _HERE = Path(__file__).parent
 _LIMIT_S = 280.0
+SLOW_LINE = ("--baud", "9600")
+"""Of `imutui record`, for long recordings: on such a line a unit sends every third reading, a third of the work."""
 
 
 @contextmanager
