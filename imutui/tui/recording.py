@@ -83,7 +83,7 @@ class RecordingControl:
 
     async def _begin(self, client: Client, wish: RecordingWish) -> None:
         path = await in_thread(lambda: client.record(wish))
-        self.tell_page([])
+        self._begun()
         self._context.say(messages.recording_to(path, self._context.connection.newest), "good")
 
     async def _finish(self, client: Client) -> None:
@@ -99,13 +99,20 @@ class RecordingControl:
         wish = self._wish() if recording is None else None
         self._context.say("starting the recording" if recording is None else "beginning", "wait")
         await in_thread(lambda: client.guide("begin", wish))
-        self.tell_page([])
+        if recording is None:
+            self._begun()
         self._context.say("recording; the line in bold above says what to do", "good")
 
     def _wish(self) -> RecordingWish | None:
         """What the form asks of the recording; ValueError if it cannot be."""
         page = self._context.record_page
         return page.wish() if page is not None else None
+
+    def _begun(self) -> None:
+        """What was typed into the form is taken, and what was written before is no longer the last."""
+        if self._context.record_page is not None:
+            self._context.record_page.begun()
+        self.tell_page([])
 
     def tell_finished(self, recording: RecordingSnapshot, result: "RecordingResult") -> None:
         """A recording was finished by somebody else."""

@@ -199,7 +199,7 @@ def _named(checks: Sequence[Check], name: str) -> Check:
 
 def _green(checks: tuple[Check, ...]) -> Verdict:
     converged, rest = _named(checks, "converged"), _named(checks, "unexplained")
-    nothing = "nothing unexplained" if rest.level == "good" else f"the unexplained part is {rest.said}"
+    nothing = "means over 10 s are as noise allows" if rest.level == "good" else f"the unexplained part is {rest.said}"
     todo = "the biases can be used: corrected reading = reading − bias"
     done, *hidden = converged.said.split("; ")
     return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)

@@ -97,7 +97,7 @@ def test_held_biases_are_told_with_the_verdict_and_are_not_waited_for() -> None:
     """Since when there is no reference stands beside whatever else is said; waiting would help nobody."""
     held = "no reference any more since 0:02:11, biases held"
     done = rules.judge(sources.of_snapshot(snapshot(held_since=131.2)))
-    assert done.reason == f"all 6 biases converged; nothing unexplained; {held}"
+    assert done.reason == f"all 6 biases converged; means over 10 s are as noise allows; {held}"
     late = rules.judge(sources.of_snapshot({**unsettled(), "held_since": 131.2}))
     assert (late.word, late.todo) == ("AMBER", "record again, with a longer reference")
     assert sources.of_document(document(snapshot(), held_since_s=131.2)).reason == done.reason

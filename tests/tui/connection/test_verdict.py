@@ -39,7 +39,7 @@ def with_bias(**changes: Any) -> dict[str, Any]:
 def test_all_converged_and_nothing_unexplained_is_green() -> None:
     """The word, why, and what the biases are good for."""
     found = judge(settled(), 0.02)
-    assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; nothing unexplained")
+    assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; means over 10 s are as noise allows")
     assert "reading − bias" in found.todo
     assert found.short == "filter ● GREEN 6 of 6"
 
@@ -133,7 +133,7 @@ def test_what_cannot_be_observed_is_not_waited_for() -> None:
     biases[3] = bias("x accel", None, None, observable=False, converged_s=None, change_10s=None)
     found = judge(settled(biases=biases), 0.0)
     assert found.word == "GREEN"
-    assert found.reason == ("5 of 5 observable biases converged; nothing unexplained; not observable here: x accel")
+    assert found.reason == ("5 of 5 observable biases converged; means over 10 s are as noise allows; not observable here: x accel")
     hidden = [{**row, "observable": False} for row in biases]
     assert judge(settled(biases=hidden), 0.0).word == "AMBER"
 
@@ -173,7 +173,7 @@ def test_an_acquisition_that_has_ended_has_no_word_of_the_present() -> None:
     last = verdict.ended(judge(settled(), 0.0))
     assert last is not None
     assert (last.short, last.level) == ("filter – ENDED", "none")
-    assert last.reason.endswith("at its end: GREEN, all 6 biases converged; nothing unexplained")
+    assert last.reason.endswith("at its end: GREEN, all 6 biases converged; means over 10 s are as noise allows")
     assert verdict.ended(last) is last
     off = judge(None)
     assert verdict.ended(off) is off

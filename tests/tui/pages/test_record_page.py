@@ -94,6 +94,24 @@ async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> No
         assert client.asked == ["record", "describe colder None"]
 
 
+async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
+    """Also while a dialog about the present one, or another page, was in front."""
+    client = FakeClient()
+    client.recording = True
+    client.changes["note"] = "cold"
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("3", "e", "end", *"eve", "escape", "n")
+        await shows(pilot, "Both go into the file")
+        await pilot.press("end", *"er", "enter")
+        await shows(pilot, "written into imu400cd_9911750")
+        await pilot.press("2", "3", "r")
+        await shows(pilot, "NOT RECORDING", "operator  anaeve")
+        await pilot.press("r")
+        await shows(pilot, "● REC")
+        assert client.wish == RecordingWish(operator="anaeve")
+
+
 async def test_the_form_shows_the_note_of_the_next_recording_and_not_that_of_the_present_one() -> None:
     """A note that was given to the running file is its own."""
     client = FakeClient()

@@ -100,8 +100,10 @@ class RecordPage(Page):
         state = self.query_one(RecordingState)
         state.finished = said
         state.refresh()
-        if not said:
-            self._touched.clear()  # the acquisition has it now
+
+    def begun(self) -> None:
+        """A recording has begun: the acquisition has what was typed into the form."""
+        self._touched.clear()
 
     def wish(self) -> RecordingWish:
         """What was typed into the form; ValueError if it cannot be. The rest shows what the acquisition has anyway."""
