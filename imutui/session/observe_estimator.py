@@ -42,7 +42,7 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "confounded": estimator.confounded(),
     }
     # after the reference has ended nothing is integrated, and what stood there last is no estimate of now
-    if latest is not None and estimator.held_since is None:
+    if latest is not None and estimator.held_since is None and not estimator.awaits_reference:
         axes, g_unit = info.axes(), info.g_unit
         seen = results.seen_axes(estimator, axes)
         nav, P = latest.belief.nav, latest.belief.P

@@ -37,11 +37,12 @@ class RecordingControl:
     def __init__(self, context: AppContext) -> None:
         self._context = context
         self._finished: list[tuple[str, str]] = []
+        self._under_way = False
 
     def toggle(self) -> None:
         """Begin a recording, or finish the one that runs."""
         context, client = self._context, self._context.connection.client
-        if client is None:
+        if client is None or self._under_way:  # a key that came twice is no wish to undo what the first one asked for
             return
         if context.recording is not None:
             context.work(self._recorded(lambda: self._finish(client)), "record")
@@ -76,10 +77,13 @@ class RecordingControl:
             context.work(self._recorded(lambda: self._begin_guide(client)), "record")
 
     async def _recorded(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        self._under_way = True
         try:
             await self._context.guarded(steps)
         except ValueError as error:  # the form asks what cannot be
             self._context.say(f"not recorded: {error}", "bad")
+        finally:
+            self._under_way = False
 
     async def _begin(self, client: Client, wish: RecordingWish) -> None:
         path = await in_thread(lambda: client.record(wish))

@@ -433,6 +433,8 @@ async def test_an_acquisition_that_was_killed_is_said_to_be_and_its_file_to_be_r
         await shows(pilot, "● REC", "filter")
         client.gone = "the acquisition has ended"
         await shows(pilot, "Its process was killed or broke down", "v recovers what it holds")
+        await pilot.press("1")
+        await shows(pilot, "other port")
 
 
 async def test_a_failed_state_is_an_end_too() -> None:

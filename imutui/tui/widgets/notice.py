@@ -13,7 +13,7 @@ class Notice(TextLines):
 
     # docked: whatever else has to give way, what is said is seen
     DEFAULT_CSS = (
-        "Notice { dock: bottom; height: auto; min-height: 1; max-height: 5; background: $surface; padding: 0 1; }"
+        "Notice { dock: bottom; height: auto; min-height: 1; max-height: 8; background: $surface; padding: 0 1; }"
     )
 
     def show(self, view: View) -> None:

@@ -133,7 +133,9 @@ def test_what_cannot_be_observed_is_not_waited_for() -> None:
     biases[3] = bias("x accel", None, None, observable=False, converged_s=None, change_10s=None)
     found = judge(settled(biases=biases), 0.0)
     assert found.word == "GREEN"
-    assert found.reason == ("5 of 5 observable biases converged; means over 10 s are as noise allows; not observable here: x accel")
+    assert found.reason == (
+        "5 of 5 observable biases converged; means over 10 s are as noise allows; not observable here: x accel"
+    )
     hidden = [{**row, "observable": False} for row in biases]
     assert judge(settled(biases=hidden), 0.0).word == "AMBER"
 

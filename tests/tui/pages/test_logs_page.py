@@ -308,14 +308,14 @@ async def test_a_trace_result_has_its_keys(client: FakeClient, home: Path, size:
 
 
 async def test_another_folder_or_file_can_be_opened(client: FakeClient, home: Path) -> None:
-    """A path that is not there says so."""
+    """A path that is not there says so, and is asked for again: no letter of the next one is a key of the page."""
     (home / "other").mkdir()
     shutil.copy(SAMPLE, home / "other" / "elsewhere.mcap")
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot)
         await pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "nowhere"), "enter")
-        await shows(pilot, "there is no such folder or file")
-        await pilot.press("o", "ctrl+a", "ctrl+k", *str(home / "other"), "enter")
+        await shows(pilot, "There is no such folder or file")
+        await pilot.press("ctrl+a", "ctrl+k", *str(home / "other"), "enter")
         await shows(pilot, "elsewhere", "1 recording,")
 
 

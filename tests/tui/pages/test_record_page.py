@@ -94,6 +94,17 @@ async def test_note_and_operator_of_the_file_that_is_written_are_changed() -> No
         assert client.asked == ["record", "describe colder None"]
 
 
+async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
+    """And does not wipe out what is said of it."""
+    client = FakeClient()
+    client.recording = True
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "● REC")
+        await pilot.press("3", "r", "r")
+        await shows(pilot, "wrote     ", "15246 samples")
+        assert client.asked == ["stop_recording"]
+
+
 async def test_what_was_typed_for_the_next_recording_waits_for_it() -> None:
     """Also while a dialog about the present one, or another page, was in front."""
     client = FakeClient()

@@ -19,11 +19,12 @@ _STAY = "stay"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer: key, what it returns, what it says."""
+    """One answer: key, what it returns, what it says; `also` has more keys, which are not shown."""
 
     key: str
     name: str
     label: str
+    also: str = ""
 
 
 class ChoiceDialog(Dialog[str | None]):
@@ -80,7 +81,7 @@ class ChoiceDialog(Dialog[str | None]):
     def on_key(self, event: events.Key) -> None:
         """A letter chooses at once, and is no key of the page below any more."""
         for answer in self._answers if self._letters else []:
-            if event.character == answer.key:
+            if event.character is not None and event.character in (answer.key, *answer.also):
                 event.stop()
                 event.prevent_default()
                 self.dismiss(answer.name)

@@ -53,7 +53,7 @@ def stop_dialog(snapshot: Snapshot | None) -> ChoiceDialog:
 
 def ended_dialog(reason: str, *, typing: bool = False) -> ChoiceDialog:
     """Say that the acquisition is over; letters of somebody who was typing just then are no answers."""
-    answers = [Answer("c", "connect", "connect again"), Answer("q", "quit", "quit")]
+    answers = [Answer("c", "connect", "connect again", also="1"), Answer("q", "quit", "quit")]
     title, stay = "The acquisition has ended", "look at the last data"
     return ChoiceDialog(title, reason, answers, stay=stay, careful=typing, letters=not typing)
 

@@ -50,6 +50,8 @@ class BiasTable(TextLines):
         biases = view.estimates["biases"] if view.estimates is not None else []
         head = "".join(self._cell(title, cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
+        if view.estimates is not None and view.estimates["waiting"]:
+            biases = []  # what stands there is what the filter begins with
         rows = [self._row(i, bias) for i, bias in enumerate(biases)] or [self._empty(i) for i in range(len(NAMES))]
         return lines + (rows[self.selected : self.selected + 1] if self.alone else rows)
 

@@ -111,7 +111,8 @@ class FilterPage(Page):
         name, unit, limit, observable = NAMES[index], _UNITS[index], _LIMITS[index], True
         if len(biases) == len(NAMES):
             bias = biases[index]
-            name, unit, limit, observable = bias["name"], bias["unit"], bias["limit"], bias["observable"]
+            waits = view.estimates is not None and bool(view.estimates["waiting"])
+            name, unit, limit, observable = bias["name"], bias["unit"], bias["limit"], bias["observable"] or waits
         scale = history_cells.SCALES[self._scale]
         return BiasPlotSettings(name, unit, limit, index, scale, hint, index == self._chosen, observable)
 

@@ -34,6 +34,15 @@ def compared(kind: str, a: Any, b: Any, names: tuple[str, str]) -> str:
     return "\n".join([*told, *lines, "", _MEANING, *shared])
 
 
+def length(kind: str, document: Any) -> str:
+    """How long the readings are that a result is of, to tell it from others of the same name: ", 162 s"."""
+    try:
+        seconds = document["duration_s"] if kind == "replay" else sum(run["seconds"] for run in document["runs"])
+        return f", {float(seconds):.0f} s"
+    except (KeyError, TypeError, ValueError):
+        return ""
+
+
 def _readings(kind: str, d: Any) -> set[str]:
     logs = [d] if kind == "replay" else d.get("runs", [])
     return {log["log_sha256"] for log in logs if log.get("log_sha256")}

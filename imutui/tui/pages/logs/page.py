@@ -233,6 +233,8 @@ class LogsPage(Page):
         """Do what another page asks: trace a recording that it names, offer effects, or load some."""
         match request:
             case requests.Trace():
+                if isinstance(self.app.screen, ResultPage):
+                    self.app.pop_screen()  # an older result, in front of what is asked now
                 self._look_at(request.path)
                 self._trace([request.path])
             case requests.ChooseEffects():
@@ -314,8 +316,10 @@ class LogsPage(Page):
 
     def action_open(self) -> None:
         """Type a folder or a file."""
-        hint = "A folder of recordings, or one recording. Enter opens it, Esc cancels."
-        self.app.push_screen(PathDialog("Open", hint, f"{self.folder}/"), self._opened)
+        self._ask_for_path("A folder of recordings, or one recording. Enter opens it, Esc cancels.", f"{self.folder}/")
+
+    def _ask_for_path(self, hint: str, value: str) -> None:
+        self.app.push_screen(PathDialog("Open", hint, value), self._opened)
 
     def _opened(self, entered: str | None) -> None:
         if entered is None:
@@ -327,7 +331,8 @@ class LogsPage(Page):
             self._recordings.open_file(path, self.folder)
             self._wanted = path
         else:
-            self.post_message(self.Say(f"{path}: there is no such folder or file", "bad"))
+            # asked again at once: what is typed next must not go to the page's keys
+            self._ask_for_path("There is no such folder or file. Enter opens another, Esc cancels.", entered)
             return
         self._look()
 

@@ -19,7 +19,7 @@ from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.pages.logs import kept_results, result_text
+from imutui.tui.pages.logs import comparison_text, kept_results, result_text
 from imutui.tui.pages.logs.kept_results import comparison
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
@@ -148,7 +148,14 @@ class ResultPage(Page):
             name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
             self.post_message(self.Say(name, "wait"))
             return
-        answers = [Answer(str(n), str(n), formatting.shorten(made.title, 50)) for n, made in enumerate(others, 1)]
+        answers = [
+            Answer(
+                str(n),
+                str(n),
+                f"{formatting.shorten(made.title, 46)}{comparison_text.length(made.kind, made.document)}",
+            )
+            for n, made in enumerate(others, 1)
+        ]
         chosen = await self.app.push_screen_wait(
             ChoiceDialog("Compare with", "B is the result that you choose, A the one that is shown.", answers)
         )
