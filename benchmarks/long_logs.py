@@ -1,10 +1,11 @@
 """Memory and time of replay, export, check and info on logs of an hour to a day at 133 Hz; a week is computed.
 
     python benchmarks/long_logs.py [--hours 1 6 24] [--keep DIR]
+    python benchmarks/long_logs.py --hours 1 --commands check info --against CHECKOUT [--rounds 5]
 
 Simulated. Each command is a process of its own; memory is the most that it ever had resident, time that of its
 processor. A command whose memory is flat has the same figure in every row; "a week" goes on with the last two rows'
-slope.
+slope. The second measures another version in turn with this one, and says the ratio of their least times.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from imutui.logbook.writer import LogWriter
 HZ = 133.0
 BASE_NS = 1_700_000_000_000_000_000
 WEEK_H = 168.0
+HERE = Path(__file__).resolve().parents[1]
 COMMANDS = {
     "replay": ("replay", "{log}", "--json"),
     "export csv": ("export", "{log}", "-o", "{out}.csv", "--force"),
@@ -64,13 +66,27 @@ def make(path: Path, hours: float) -> None:
     log.finish({}, BASE_NS)
 
 
-def measured(command: tuple[str, ...], log: Path, folder: Path) -> Cost:
-    """Run a command on a log."""
+def measured(command: tuple[str, ...], log: Path, folder: Path, checkout: Path = HERE) -> Cost:
+    """Run a command of a version on a log."""
     words = [word.format(log=log, out=folder / "out") for word in command]
     with (folder / "said").open("wb") as said:
-        process = subprocess.Popen([sys.executable, "-m", "imutui", *words], stdout=said, stderr=subprocess.DEVNULL)
+        # what is run with -m is found in the folder where that is done
+        process = subprocess.Popen(
+            [sys.executable, "-m", "imutui", *words], stdout=said, stderr=subprocess.DEVNULL, cwd=checkout
+        )
         _, _, used = os.wait4(process.pid, 0)
     return Cost(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+
+
+def compare(name: str, log: Path, folder: Path, other: Path, rounds: int) -> None:
+    """Print what a command takes here and in another version, each the least of some rounds in turn."""
+    costs = [[measured(COMMANDS[name], log, folder, checkout) for checkout in (other, HERE)] for _ in range(rounds)]
+    before, now = (min(costs, key=lambda cost: cost.cpu_s) for costs in zip(*costs, strict=True))
+    print(
+        f"{log.name}: {name:<14} {before.cpu_s:.2f} s, {before.memory_mb:.0f} MB before;"
+        f" {now.cpu_s:.2f} s, {now.memory_mb:.0f} MB now; time now over before {now.cpu_s / before.cpu_s:.2f}",
+        flush=True,
+    )
 
 
 def _week(hours: list[float], values: list[float]) -> float:
@@ -85,11 +101,13 @@ def main() -> None:
     parser.add_argument("--hours", nargs="+", type=float, default=[1.0, 6.0, 24.0])
     parser.add_argument("--commands", nargs="+", choices=list(COMMANDS), default=list(COMMANDS))
     parser.add_argument("--keep", type=Path, help="folder for the logs, which are taken again from there")
+    parser.add_argument("--against", type=Path, help="checkout of another version to be measured in turn")
+    parser.add_argument("--rounds", type=int, default=5, help="of these (%(default)s)")
     options = parser.parse_args()
     print(describe("numpy", "numba"), flush=True)
     costs: dict[str, list[Cost]] = {name: [] for name in options.commands}
     with tempfile.TemporaryDirectory() as temporary:
-        folder = options.keep or Path(temporary)
+        folder = (options.keep or Path(temporary)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
         for hours in options.hours:
             log = folder / f"{hours:g}h.mcap"
@@ -99,6 +117,9 @@ def main() -> None:
                 size = log.stat().st_size / 1e6
                 print(f"{log.name}: {size:.0f} MB, made in {time.monotonic() - began:.0f} s", flush=True)
             for name in options.commands:
+                if options.against is not None:
+                    compare(name, log, folder, options.against.resolve(), options.rounds)
+                    continue
                 cost = measured(COMMANDS[name], log, folder)
                 costs[name].append(cost)
                 print(f"{hours:5g} h  {name:<14} {cost.memory_mb:7.0f} MB  {cost.cpu_s:7.1f} s", flush=True)
