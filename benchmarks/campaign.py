@@ -61,19 +61,19 @@ class Cost:
 def bare(log: Path) -> tuple[float, float]:
     """CPU seconds of the filter over a log, and of a whole replay, in this process, once warm; the least of some."""
     from filters.kalman.runner import Estimator
-    from imutui.jobs import replay
+    from imutui.jobs import replay, replay_input
     from imutui.jobs.campaign import one_log
     from imutui.logbook import reader
 
     one_log.prepare()
     read = reader.read(log)
-    part = replay.select(read, None, None)
+    part = replay_input.select(read, None, None)
     _, settings = replay.prepare(read, part, replay.ReplayOptions())
     filters, replays = [], []
     for _ in range(8):
         estimator = Estimator(settings, np.inf)
         started = time.process_time()
-        for _rows in replay.run(estimator, part, None, lambda share: None):
+        for _rows in replay.run(estimator, [part], float(part.t[-1]), None, lambda share: None):
             pass
         filters.append(time.process_time() - started)
         started = time.process_time()

@@ -78,13 +78,13 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     """CPU seconds of reading a log, with its checksum, and of the filter over it, in this process."""
     from filters.kalman import runner
     from filters.kalman.runner import Estimator
-    from imutui.jobs import replay
+    from imutui.jobs import replay, replay_input
     from imutui.logbook import reader
 
     reader.read(short)
     started = time.process_time()
     read = reader.read(log)
-    part = replay.select(read, None, None)
+    part = replay_input.select(read, None, None)
     reader.sha256(log)
     reading_s = time.process_time() - started
     options = replay.ReplayOptions()
@@ -92,7 +92,7 @@ def parts_of(log: Path, short: Path) -> tuple[float, float]:
     runner.warm_up()
     estimator = Estimator(settings, np.inf)
     started = time.process_time()
-    for _ in replay.run(estimator, part, None, lambda share: None):
+    for _ in replay.run(estimator, [part], float(part.t[-1]), None, lambda share: None):
         pass
     return reading_s, time.process_time() - started
 
