@@ -33,7 +33,7 @@ from machine import describe
 from mcap.reader import make_reader
 
 from filters.simulation import FAULT_KINDS
-from imutui.instrument.crossbow import PACKET_BYTES
+from imutui.instrument.imu400.crossbow import PACKET_BYTES
 from imutui.logbook import schemas
 from imutui.session import client as session
 from imutui.session.client import SessionError

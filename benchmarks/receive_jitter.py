@@ -28,11 +28,13 @@ from helpers.units import served
 from reliability.setting import NOTHING_NEW, Sent, log_packets, places
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.messages import POWER_UP_BAUD
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.session import client as session
-from imutui.session import handshake
 from imutui.session.plan import Plan
 from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
 from imutui.tui.app import ImutuiApp
@@ -62,7 +64,7 @@ def screen(port: str, output: str, seconds: str, fps: str, name: str) -> None:
 
     with Port(port, POWER_UP_BAUD) as line:
         handshake.open_dialogue(line, POWER_UP_BAUD, say=lambda text: None)
-        reader = Reader(line, None, take)
+        reader = Reader(Imu400Host(line), None, take)
         reader.start()
         app = ImutuiApp(session.attach(name), appearance=Appearance(plot="scroll", fps=float(fps)))
         app.call_later(lambda: app.set_timer(float(seconds), lambda: app.exit(0)))

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from tracing_wire import TUMBLE
 
 from filters.channels import CHANNELS
-from filters.imu import IMU400CD_200, STANDARD_GRAVITY
+from filters.imu import IMU400CD_200, LOOP_HZ, STANDARD_GRAVITY
 from filters.simulation import Unit
 from imutui.cli.spoil import Spoiled, load
 from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
-from imutui.instrument.virtual import LOOP_HZ, Reading
+from imutui.instrument.reading import Reading
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RECORDING = DATA / "adis16405_static_a.npz"

@@ -41,7 +41,7 @@ FLOORS = {
     "imutui.session": {"imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},
     "imutui.session.snapshot": set(),
     "imutui.verdict": {"imutui.session.snapshot", "imutui.logbook.results"},
-    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.scaling", "imutui.instrument.crossbow"},
+    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.imu400.scaling"},
     "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
     "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},
     "imutui.tui": {
@@ -143,6 +143,25 @@ def test_a_module_imports_only_from_the_floors_below() -> None:
             if ours and not any(within(name, a) for a in allowed):
                 wrong.append(f"{module} imports {name}")
     assert not wrong
+
+
+def test_only_the_registry_leads_to_an_instruments_own_room() -> None:
+    """Whoever acquires, and whatever instruments share, knows what an instrument is, and none of them."""
+    rooms = {name for name, path in MODULES.items() if name.startswith(_INSTRUMENTS) and path.name == "__init__.py"}
+    assert len(rooms) >= 2
+    may = {f"{_INSTRUMENTS}registry", f"{_INSTRUMENTS}sent_packets"}
+    common = [m for m in MODULES if m.startswith(_INSTRUMENTS) and not any(within(m, room) for room in rooms)]
+    acquiring = [m for m in MODULES if within(m, "imutui.session")]
+    wrong = [
+        f"{module} imports {name}"
+        for module in {*common, *acquiring} - may
+        for name in imports(module)
+        if any(within(name, room) for room in rooms)
+    ]
+    assert not wrong
+
+
+_INSTRUMENTS = "imutui.instrument."
 
 
 def test_each_library_has_one_door() -> None:

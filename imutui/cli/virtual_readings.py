@@ -11,8 +11,10 @@ from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
 from imutui.cli.spoil import ErrorFunction, Spoiled
-from imutui.instrument.messages import Mode
-from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source, UnitOptions
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400.messages import Mode
+from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.reading import Reading, Source
 
 SIMULATED = "IMU400CD-200 VIRTUAL SIM"
 PLAYED = "IMU400CD-200 VIRTUAL REC"

@@ -8,8 +8,8 @@ from filters.imu import AxisMap
 from imutui import outside_file
 from imutui.cli.spoil import ErrorFunction
 from imutui.cli.virtual_readings import UnitOnTheLine, faults_of, on_the_line, scenario_of
-from imutui.instrument import unit as imu400cd
 from imutui.instrument.faults import FaultyLine
+from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.messages import Version

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imutui.instrument.crossbow import PACKET_BYTES
-
 LINE_KINDS = ("drop_bytes", "garbage", "bit_flips", "silence", "lose_packets", "stall", "backlog", "stutter")
 UNIT_KINDS = ("reset", "mode_change", "pause", "hang_up")
 KINDS = LINE_KINDS + UNIT_KINDS
@@ -99,7 +97,7 @@ class FaultyLine:
         self._held_until = -math.inf
         self._silent_until = -math.inf
         self._queue: deque[tuple[float, bytes]] = deque()
-        self._packet_bytes = PACKET_BYTES
+        self._packet_bytes = 0
 
     def started(self, now: float) -> None:
         """Let time since the first request begin, if it has not."""
@@ -121,7 +119,7 @@ class FaultyLine:
         """Return the next fault of the unit itself, once."""
         return self._for_unit.popleft()
 
-    def put(self, message: bytes, sent: float, left: float, *, packet_bytes: int = PACKET_BYTES) -> None:
+    def put(self, message: bytes, sent: float, left: float, *, packet_bytes: int) -> None:
         """Take a message whose first bit left the unit at `sent` and whose last at `left`.
 
         What the line does to packets it does to messages of `packet_bytes`.

@@ -2,8 +2,8 @@
 
 from typing import TextIO
 
-from imutui.instrument import crossbow
-from imutui.instrument.crossbow import Packet
+from imutui.instrument.imu400 import crossbow
+from imutui.instrument.imu400.crossbow import Packet
 from imutui.instrument.uut import payloads
 from imutui.instrument.uut.messages import Measurement, PacketS0
 

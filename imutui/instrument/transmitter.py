@@ -4,7 +4,8 @@ import math
 from collections import deque
 from collections.abc import Iterator
 
-from imutui.instrument.crossbow import BITS_PER_BYTE
+# 8 data bits, 1 start bit, 1 stop bit, no parity.
+BITS_PER_BYTE = 10
 
 # A receiver samples each bit in its middle: half a bit in the ten of a byte, shared by both ends, and a margin.
 _BAUD_TOLERANCE = 0.03

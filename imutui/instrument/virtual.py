@@ -9,29 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from filters.imu import LOOP_HZ
-from imutui.instrument.command_text import in_words
-from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.faults import FaultyLine
 from imutui.instrument.pseudo_terminal import PseudoTerminal
-from imutui.instrument.transmitter import same_speed, transfer_s
-from imutui.instrument.unit import VirtualUnit
-from imutui.instrument.unit_options import Reading, Source, UnitOptions
+from imutui.instrument.transmitter import same_speed
 from imutui.instrument.virtual_instrument import CommandT, PacketT, VirtualInstrument
 from imutui.instrument.wire import Wire
-
-__all__ = [
-    "LOOP_HZ",
-    "FaultyLine",
-    "LineFault",
-    "Reading",
-    "Source",
-    "UnitOptions",
-    "VirtualUnit",
-    "Wire",
-    "in_words",
-    "serve",
-    "transfer_s",
-]
 
 # How late, in wall time, bytes may still leave a plain line when the process was held up; what is older is lost.
 _BACKLOG_S = 1.0

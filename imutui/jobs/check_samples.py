@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from filters.imu import CHANNELS
-from imutui.instrument.scaling import Scaling
+from imutui.instrument.imu400.scaling import Scaling
 from imutui.jobs.check_context import CheckContext, Finding, is_polled
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part

@@ -11,7 +11,7 @@ import numpy as np
 from filters.imu import IMU400CD_200, LOOP_HZ, AxisMap
 from filters.tracing.run import Run
 from filters.types import Array
-from imutui.instrument.scaling import Scaling
+from imutui.instrument.imu400.scaling import Scaling
 from imutui.jobs import replay
 from imutui.jobs.log_motion import motion_of
 from imutui.logbook import reader

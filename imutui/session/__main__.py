@@ -14,14 +14,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port, PortError
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
-from imutui.session import end_report, exit_codes, handshake, ipc, request_fields
+from imutui.session import end_report, exit_codes, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
-from imutui.session.handshake import InstrumentError
 from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
@@ -69,8 +69,8 @@ def main() -> int:
 
 
 def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
-    identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
-    engine = Engine(plan, port, identity, stream)
+    host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
+    engine = Engine(plan, host, host.open(plan.baud), stream)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -206,7 +206,7 @@ def _stream(plan: Plan) -> Iterator[LiveStream | None]:
 def _port(plan: Plan) -> Iterator[Port]:
     with contextlib.ExitStack() as stack:
         name = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else plan.port
-        yield stack.enter_context(Port(name, POWER_UP_BAUD))
+        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument].power_up_bauds[0]))
 
 
 @contextlib.contextmanager

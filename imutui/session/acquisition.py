@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
-from imutui.instrument.crossbow import Scaling
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe, operator_guide, zeroing
@@ -76,7 +76,8 @@ class Acquisition:
         self._timebase = Timebase.now()
         self._clock_steps = ClockStepMonitor(self._timebase)
         self._recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
-        scaling = Scaling(plan.rate_range_dps, plan.accel_range_g)
+        self._instrument = INSTRUMENTS[plan.instrument]
+        scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
         self._recent, self._statistics = RecentPackets(scaling), ChannelStatistics(scaling)
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
@@ -163,7 +164,7 @@ class Acquisition:
         self._recorder.begin_run()
         pending, self._zeroing = self._zeroing, None
         if event.seconds is None:
-            said = zeroing.unanswered(event.argument)
+            said = zeroing.unanswered(event.argument, self._instrument.zeroing_patience_s(event.argument))
             self.event("acquisition", said, WARNING)
             if pending is not None:
                 pending.set_exception(ValueError(said))

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from filters.imu import CHANNELS, IMU400CD_200, STANDARD_GRAVITY
-from imutui.instrument.crossbow import Packet, Scaling
+from imutui.instrument.host import DataPacket
+from imutui.instrument.instrument import Scaling
 from imutui.session.running_allan import RunningAllan
 from imutui.session.running_spectrum import RunningSpectrum
 from imutui.session.snapshot import AllanSnapshot, HistogramSnapshot, SpectrumSnapshot, StatisticsSnapshot
@@ -59,7 +60,7 @@ class ChannelStatistics:
         self._spectrum.interrupt()
         self._last = None
 
-    def add(self, t: float, packet: Packet) -> None:
+    def add(self, t: float, packet: DataPacket) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
         if self._last is None:
             self._stretches += 1

@@ -159,9 +159,9 @@ class Client:
         SessionError
             If it cannot be done now, or the unit did not answer in time; the message says what next.
         """
-        from imutui.session.zeroing import patience_s
+        from imutui.instrument.registry import INSTRUMENTS
 
-        limit = patience_s(max(0, argument)) + _LEEWAY_S
+        limit = max(each.zeroing_patience_s(max(0, argument)) for each in INSTRUMENTS.values()) + _LEEWAY_S
         return self._ask_separately({"ask": "zero", "argument": argument}, limit)["said"]
 
     def profile(self) -> ProfileDescription | None:

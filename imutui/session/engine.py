@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from imutui.instrument.clock import Clock
-from imutui.instrument.crossbow import BITS_PER_BYTE, PACKET_BYTES
-from imutui.instrument.port import Port
-from imutui.session import exit_codes, ipc, live_filter, zeroing
+from imutui.instrument.host import Host, InstrumentError
+from imutui.instrument.identity import Identity
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.transmitter import transfer_s
+from imutui.session import exit_codes, ipc, live_filter
 from imutui.session.acquisition import Acquisition
 from imutui.session.event_log import ERROR
-from imutui.session.handshake import InstrumentError
-from imutui.session.identity import Identity
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import session_info
@@ -55,8 +55,8 @@ class Engine:
     ----------
     plan : Plan
         What is asked.
-    port : Port
-        Open, the unit identified, in scaled mode, polled.
+    host : Host
+        Of a unit that is identified, set up, and sends nothing by itself.
     identity : Identity
         What the unit said.
     stream : LiveStream or None
@@ -73,15 +73,16 @@ class Engine:
         If the filter could not run with what is asked.
     """
 
-    def __init__(self, plan: Plan, port: Port, identity: Identity, stream: LiveStream | None = None) -> None:
+    def __init__(self, plan: Plan, host: Host, identity: Identity, stream: LiveStream | None = None) -> None:
         self.lifecycle = Lifecycle()
         self._plan = plan
-        self._port = port
+        self._port = port = host.port
+        self._instrument = instrument = INSTRUMENTS[plan.instrument]
         self._queue: queue.SimpleQueue[ReaderEvent | QueuedCall] = queue.SimpleQueue()
         polled = plan.sampling == "polled"
-        known = KnownUnit(identity, port.baud, returns=plan.port != VIRTUAL_PORT)
-        self._reader = Reader(port, plan.rate_hz if polled else None, self._queue.put, known)
-        clock = Clock(PACKET_BYTES * BITS_PER_BYTE / port.baud * 1e9, polled=polled)
+        known = KnownUnit(identity, port.baud, instrument.power_up_bauds, returns=plan.port != VIRTUAL_PORT)
+        self._reader = Reader(host, plan.rate_hz if polled else None, self._queue.put, known)
+        clock = Clock(transfer_s(instrument.packet_bytes, port.baud) * 1e9, polled=polled)
         info = session_info(plan, port, identity)
         self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream)
         self._disk_error: OSError | None = None
@@ -165,7 +166,7 @@ class Engine:
         ValueError
             If it cannot be done now, or the unit did not answer in time; the message says what next.
         """
-        zeroing.check(argument)
+        self._instrument.check_zeroing(argument)
         return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
 
     def request_stop(self, by: str = "") -> None:

@@ -1,26 +1,4 @@
-"""What a unit says of itself, and what to say where it does not."""
-
-from dataclasses import dataclass, field
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What the unit says of itself.
-
-    Attributes
-    ----------
-    serial_number, version : str
-        Empty where it did not answer.
-    source : str
-        Where a virtual unit's readings come from, if it says so.
-    slowest_reply_s : float
-        How long it took for the slowest of its answers.
-    """
-
-    serial_number: str
-    version: str
-    source: str = ""
-    slowest_reply_s: float = field(default=0.0, compare=False)
+"""What to say of a unit that does not say who it is, and of one that does."""
 
 
 def not_said(serial_number: str, version: str) -> str | None:

@@ -17,11 +17,11 @@ from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
+from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
 from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
-from imutui.session.identity import Identity
 from imutui.session.plan import Plan
 from imutui.session.previous_log import boot_id
 from imutui.session.requests import FilterChanges

@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
-from imutui.instrument.messages import POWER_UP_BAUD
-from imutui.instrument.scaling import Scaling
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 
 MIN_RATE_HZ = 0.1
-MAX_RATE_HZ = 133.0
+MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
+POWER_UP_BAUD = INSTRUMENTS[DEFAULT].power_up_bauds[0]
 SAMPLINGS = ("stream", "polled")
 _LONGEST_S = 10 * 366 * 86400.0
 LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
@@ -131,6 +131,8 @@ class Plan:
         Nobody looks on: a recording names the one before it, be it finished.
     virtual : tuple of str
         Further arguments of `imutui virtual`, for port "virtual".
+    instrument : str
+        Which kind of unit, by its name in the registry.
     """
 
     port: str
@@ -157,8 +159,8 @@ class Plan:
     mount: str = "x,y,z"
     gyro_sign: str = "1,1,1"
     g_unit: float = STANDARD_GRAVITY
-    rate_range_dps: float = Scaling.rate_range_dps
-    accel_range_g: float = Scaling.accel_range_g
+    rate_range_dps: float = INSTRUMENTS[DEFAULT].rate_range_dps
+    accel_range_g: float = INSTRUMENTS[DEFAULT].accel_range_g
     site: tuple[float, float, float] | None = None
     gravity: float | None = None
     measurements: str = "exact"
@@ -171,8 +173,11 @@ class Plan:
     foxglove_host: str = LOOPBACK
     unattended: bool = False
     virtual: tuple[str, ...] = ()
+    instrument: str = DEFAULT
 
     def __post_init__(self) -> None:
+        if self.instrument not in INSTRUMENTS:
+            raise ValueError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
         if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:
             raise ValueError(f"`rate` is {self.rate_hz:g} Hz; the IMU400CD gives {MIN_RATE_HZ} to {MAX_RATE_HZ:g} Hz")
         if self.sampling not in SAMPLINGS:

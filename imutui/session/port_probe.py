@@ -3,30 +3,30 @@
 import os
 import re
 
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port, PortError, resolve
-from imutui.session import handshake
-from imutui.session.handshake import InstrumentError
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.session.snapshot import ProbeAnswer
 
 
 def probe(port: str) -> ProbeAnswer:
     """Open a port, stop what streams, ping, ask for version and serial number; see `client.probe`."""
     try:
-        with Port(port, POWER_UP_BAUD) as line:
-            handshake.find_speed(line, POWER_UP_BAUD)
-            identity = handshake.identify(line)
+        instrument = INSTRUMENTS[DEFAULT]
+        with Port(port, instrument.power_up_bauds[0]) as line:
+            host = instrument.host(line, None)
+            identity = host.find()
             found: ProbeAnswer = {
                 "port": port,
                 "answers": True,
-                "instrument": _model(identity.version),
+                "instrument": _model(identity.version) or instrument.model,
                 "serial_number": identity.serial_number,
                 "firmware": identity.version,
                 "baud": line.baud,
                 "error": None,
             }
             try:
-                handshake.check_model(line, identity)
+                host.check_model(identity)
             except InstrumentError as error:
                 found["error"] = str(error)
             return found
@@ -55,6 +55,6 @@ def same_port(one: str, other: str) -> bool:
 
 
 def _model(version: str) -> str:
-    """Model in a version text such as "IMU400CD-200 1.07"; that of the unit we know if it names none."""
+    """Model in a version text such as "IMU400CD-200 1.07"; empty if it names none."""
     named = re.match(r"[A-Z]{2,}[ -]?\d+[A-Z]*(-\d+)?", version.strip(), re.IGNORECASE)
-    return named[0] if named else "IMU400CD-200"
+    return named[0] if named else ""

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from imutui.instrument.clock import arrival_before
-from imutui.instrument.crossbow import Decoder, Discarded, Mode, Packet, StartStream, encode
-from imutui.instrument.port import Port, PortError
-from imutui.session import handshake, measurement_mode, reconnection, zeroing
-from imutui.session.polling import Poller
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.host import DataPacket, Host, PacketStream, Poller
+from imutui.instrument.port import PortError
+from imutui.session import reconnection
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 
 
@@ -36,7 +36,7 @@ class PacketArrival:
         When it was asked for; None if it came by itself.
     """
 
-    packet: Packet
+    packet: DataPacket
     host_ns: int
     contiguous: bool
     quiet: bool
@@ -77,8 +77,8 @@ class Reader:
 
     Parameters
     ----------
-    port : Port
-        Open, the unit identified, in scaled mode, polled.
+    host : Host
+        Of a unit that is identified, set up, and sends nothing by itself.
     poll_hz : float or None
         Requests a second; None to have the unit stream.
     emit : callable
@@ -94,14 +94,14 @@ class Reader:
 
     def __init__(
         self,
-        port: Port,
+        host: Host,
         poll_hz: float | None,
         emit: Callable[[ReaderEvent], None],
         known: KnownUnit | None = None,
     ) -> None:
         self.stopping = threading.Event()
         self.last_packet_ns = time.monotonic_ns()
-        self._port = port
+        self._host, self._port = host, host.port
         self._poll_hz = poll_hz
         self._emit = emit
         self._known = known
@@ -109,7 +109,7 @@ class Reader:
         self._silent = threading.Event()
         self._has_line = True
         self._found: str | None = None
-        self._last: Packet | None = None
+        self._last: DataPacket | None = None
         self._has_mode = True
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
@@ -166,7 +166,7 @@ class Reader:
             while not self.stopping.is_set():
                 self._stream()
                 self._do_as_asked()
-            handshake.stop_stream(self._port)
+            self._host.leave()
         except PortError as error:
             # what the decoder still held was cut off; what it had counted with its last packet stays
             self._bad_checksums, self._discarded_bytes = self._counted
@@ -186,7 +186,7 @@ class Reader:
     def _find_again(self, *, streams: bool) -> None:
         """Wait until the unit is found again, or this is stopped."""
         if self._known is not None and not self.stopping.is_set():
-            found = reconnection.find_again(self._port, self._known, self.stopping, self._emit, streams=streams)
+            found = reconnection.find_again(self._host, self._known, self.stopping, self._emit, streams=streams)
             if found is not None:
                 self._found = found.words
                 # one that had not said who it is may have done so now
@@ -200,30 +200,28 @@ class Reader:
         if self._known is None or silent_s < reconnection.ask_again_after_s(self._poll_hz):
             return
         self._lose(f"no packets for {silent_s:.0f} s; the unit is asked again.")
-        heard = reconnection.ask_silent(self._port, self._known, self.stopping)
+        heard = reconnection.ask_silent(self._host, self._known, self.stopping)
         if self._poll_hz is None and not self.stopping.is_set():
             self._take_late(heard)
         self._find_again(streams=False)
 
     def _take_late(self, heard: bytes) -> None:
         """Hand on the packets among what came when the silence was over."""
-        host_ns, decoder = time.monotonic_ns(), Decoder()
-        decoder.expect_packets(Mode.SCALED, streaming=True)
+        host_ns, decoder = time.monotonic_ns(), self._host.packets()
         events = [*decoder.feed(heard), *decoder.quiet()]
-        if not any(isinstance(event, Packet) for event in events):
+        if all(isinstance(event, Discarded) for event in events):
             return
         contiguous = False
         for event in events:
-            if isinstance(event, Packet):
+            if not isinstance(event, Discarded):
                 self._arrived(event, host_ns, decoder, contiguous=contiguous, quiet=not contiguous, behind=True)
-            contiguous = isinstance(event, Packet)
+            contiguous = not isinstance(event, Discarded)
         self._count(decoder)
 
     def _stream(self) -> None:
         """Let the unit stream until there is something else to do."""
-        decoder = Decoder()
-        decoder.expect_packets(Mode.SCALED, streaming=True)
-        self._port.write(encode(StartStream()))
+        decoder = self._host.packets()
+        self._host.start()
         contiguous = quiet = False
         while not self._wake.is_set():
             data = self._port.read(decoder.missing)
@@ -231,19 +229,19 @@ class Reader:
             quiet |= not data
             events = decoder.feed(data) if data else decoder.pause()
             # a packet that waited for the next one to vouch for it arrived before that one did
-            newest = next((event.ticks for event in reversed(events) if isinstance(event, Packet)), 0)
+            newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)
             for event in events:
-                if isinstance(event, Packet):
+                if isinstance(event, Discarded):
+                    contiguous = False
+                else:
                     arrived_ns = arrival_before(host_ns, event.ticks, newest)
                     behind = self._port.is_behind()
                     self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet, behind=behind)
                     contiguous, quiet = True, False
-                elif isinstance(event, Discarded):
-                    contiguous = False
         self._count(decoder)
 
     def _poll(self, hz: float) -> None:
-        poller = Poller(self._port, self._wake.is_set)
+        poller = self._host.poller(self._wake.is_set)
         start = time.monotonic()
         number = 0
         while not self.stopping.is_set():
@@ -257,21 +255,21 @@ class Reader:
             finally:
                 if poller.unanswered:
                     self._emit(PollUnanswered(time.monotonic_ns()))
-            if answer is not None and not self._answers_in_volts(answer.packet, poller):
+            if answer is not None and not self._answers_as_after_power_up(answer.packet, poller):
                 self._arrived(answer.packet, answer.arrived_ns, poller, requested_ns=answer.requested_ns)
 
     def _arrived(
         self,
-        packet: Packet,
+        packet: DataPacket,
         host_ns: int,
-        counters: Decoder | Poller,
+        counters: PacketStream | Poller,
         *,
         contiguous: bool = False,
         quiet: bool = True,
         behind: bool = False,
         requested_ns: int | None = None,
     ) -> None:
-        if self._poll_hz is None and self._last is not None and measurement_mode.is_volts(packet, self._last):
+        if self._poll_hz is None and self._last is not None and self._host.has_forgotten(packet, self._last):
             self._set_up_soon()
             return
         if self._found is not None:
@@ -283,12 +281,12 @@ class Reader:
         self._counted = bad, discarded
         self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns))
 
-    def _answers_in_volts(self, packet: Packet, poller: Poller) -> bool:
-        """Whether a unit that is polled forgot its mode: where a packet may say so, it is set and another asked for."""
-        if not measurement_mode.may_be_volts(packet) or not handshake.set_scaled(self._port):
+    def _answers_as_after_power_up(self, packet: DataPacket, poller: Poller) -> bool:
+        """Whether a polled unit forgot how it was set up: where a packet may say so, it is, and another asked for."""
+        if not self._host.may_have_forgotten(packet) or not self._host.set_up():
             return False
         again = poller.poll()
-        if again is None or not measurement_mode.is_volts(packet, again.packet):
+        if again is None or not self._host.has_forgotten(packet, again.packet):
             return False
         self._set_up_soon()
         return True
@@ -298,7 +296,7 @@ class Reader:
         self._has_mode = False
         self._wake.set()
 
-    def _count(self, decoder: Decoder) -> None:
+    def _count(self, decoder: PacketStream) -> None:
         """Keep a decoder's counters; what it still holds was cut off on purpose and counts for nothing."""
         self._bad_checksums += decoder.bad_checksums
         self._discarded_bytes += decoder.discarded_bytes
@@ -316,13 +314,13 @@ class Reader:
             self._zero(self._zero_requests.get())
 
     def _zero(self, argument: int) -> None:
-        seconds = zeroing.zero(self._port, argument, self.stopping.is_set)
+        seconds = self._host.zero(argument, self.stopping.is_set)
         if seconds is None and not self.stopping.is_set():
             # said at once: what follows may take minutes
             self._emit(ZeroingFinished(argument, None))
         # a unit that still averages is deaf; and nobody says whether it remembers its mode
-        while not self.stopping.is_set() and not handshake.set_scaled(self._port):
-            handshake.stop_stream(self._port)
+        while not self.stopping.is_set() and not self._host.set_up():
+            self._host.stop()
         self.last_packet_ns = time.monotonic_ns()
         if seconds is not None:
             self._emit(ZeroingFinished(argument, seconds))

@@ -3,7 +3,8 @@
 import numpy as np
 
 from filters import imu
-from imutui.instrument.crossbow import Packet, Scaling
+from imutui.instrument.host import DataPacket
+from imutui.instrument.instrument import Scaling
 from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
 CHANNELS = (*imu.CHANNELS, "T")
@@ -42,7 +43,7 @@ class RecentPackets:
         recent = t >= (t[-1] if t.size else 0.0) - STATISTICS_S
         return t[recent], values[recent]
 
-    def add(self, t: float, packet: Packet) -> None:
+    def add(self, t: float, packet: DataPacket) -> None:
         """Take a packet, and the seconds since start at which it was sampled."""
         if self._interrupted:
             self._interrupted_at, self._interrupted = self.count, False

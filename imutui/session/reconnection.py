@@ -9,21 +9,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from imutui.instrument.crossbow import PACKET_BYTES, Ping, StopStream, encode
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.host import QUICK_S, Host, InstrumentError
+from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port, PortAbsentError, PortError
-from imutui.session import handshake
-from imutui.session.handshake import InstrumentError
-from imutui.session.identity import Identity
-from imutui.session.replies import QUICK_S
 
 _LOOK_S = 0.2
 _REFUSED_S = 1.0
 _PING_S = 0.5
 _HEAR_S = 2.0
-_MANY = 4096
-# a unit comes back at the speed it had, or at that of power-up; who knows who used it meanwhile is asked now and then
-_QUICK_SPEEDS = (POWER_UP_BAUD,)
+_FEW, _MANY = 16, 4096
+# who knows who used it meanwhile: other speeds are tried now and then
 _ALL_SPEEDS_EVERY = 8
 
 _LEAST_SILENCE_S = 5.0
@@ -40,12 +35,15 @@ class KnownUnit:
         What it said of itself.
     baud : int
         Speed of its line.
+    power_up_bauds : tuple of int
+        Speeds that it may have after power-up.
     returns : bool
         Whether its line may come back once it is lost: not that of a virtual unit of our own.
     """
 
     identity: Identity
     baud: int
+    power_up_bauds: tuple[int, ...] = ()
     returns: bool = True
 
     def in_words(self) -> str:
@@ -115,15 +113,15 @@ def ask_again_after_s(poll_hz: float | None) -> float:
     return max(_LEAST_SILENCE_S, _SILENT_PERIODS / poll_hz if poll_hz else 0.0)
 
 
-def ask_silent(port: Port, known: KnownUnit, stopping: threading.Event) -> bytes:
+def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:
     """Ping a unit that nothing comes from, until something does; returns it, up to the next quiet.
 
     That may be the answer of a unit that was reset; or packets from before, where it was the line that had stalled.
 
     Parameters
     ----------
-    port : Port
-        Open, and left as it is.
+    host : Host
+        Its port is open, and left as it is.
     known : KnownUnit
         It has its speed still, or that of power-up.
     stopping : threading.Event
@@ -134,7 +132,8 @@ def ask_silent(port: Port, known: KnownUnit, stopping: threading.Event) -> bytes
     PortError
         If the line goes away, or its name leads to another device by now.
     """
-    speeds = dict.fromkeys((known.baud, POWER_UP_BAUD))
+    port = host.port
+    speeds = dict.fromkeys((known.baud, *known.power_up_bauds))
     for speed in itertools.cycle(speeds):
         if stopping.is_set():
             return b""
@@ -142,7 +141,7 @@ def ask_silent(port: Port, known: KnownUnit, stopping: threading.Event) -> bytes
             raise PortError(f"{port.lasting_name} leads to another device by now")
         if len(speeds) > 1:
             port.set_baud(speed)
-        port.write(encode(StopStream()) + encode(Ping()))
+        host.ask_for_life()
         heard = _hear(port)
         if heard:
             return heard
@@ -153,7 +152,7 @@ def _hear(port: Port) -> bytes:
     """What comes within half a second, and all that follows it without a pause."""
     began, heard = time.monotonic(), b""
     while not heard and time.monotonic() - began < _PING_S:
-        heard = port.read(PACKET_BYTES)
+        heard = port.read(_FEW)
     data = heard
     while data and time.monotonic() - began < _HEAR_S:
         data = port.read(_MANY)
@@ -162,14 +161,14 @@ def _hear(port: Port) -> bytes:
 
 
 def find_again(
-    port: Port, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
+    host: Host, known: KnownUnit, stopping: threading.Event, tell: Callable[[StillAway], None], *, streams: bool
 ) -> FoundUnit | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
     Parameters
     ----------
-    port : Port
-        Opened anew if it was closed, or its name leads to another device by now.
+    host : Host
+        Its port is opened anew if it was closed, or its name leads to another device by now.
     known : KnownUnit
         Which unit, and its speed.
     stopping : threading.Event
@@ -184,6 +183,7 @@ def find_again(
     FoundUnit or None
         None if the wait was ended.
     """
+    port = host.port
     told: StillAway | None = None
     kept_power, unanswered = False, 0
     while not stopping.is_set():
@@ -191,8 +191,8 @@ def find_again(
         try:
             if not port.is_open or port.has_moved():
                 port.reopen(known.baud)
-            kept_power |= streams and bool(port.read(PACKET_BYTES))
-            identity = _set_up(port, known, thorough=unanswered % _ALL_SPEEDS_EVERY == _ALL_SPEEDS_EVERY - 1)
+            kept_power |= streams and bool(port.read(_FEW))
+            identity = _set_up(host, known, thorough=unanswered % _ALL_SPEEDS_EVERY == _ALL_SPEEDS_EVERY - 1)
             return FoundUnit(identity, _in_words(known, identity, kept_power=kept_power if streams else None))
         except PortAbsentError:
             away = StillAway(f"{port.lasting_name} to come back", refused=False)
@@ -213,20 +213,17 @@ def find_again(
     return None
 
 
-def _set_up(port: Port, known: KnownUnit, *, thorough: bool) -> Identity:
+def _set_up(host: Host, known: KnownUnit, *, thorough: bool) -> Identity:
     """Identify the unit, refuse another one, set its speed and mode; raises InstrumentError or PortError."""
 
     def accept(identity: Identity) -> None:
         why = refusal(known.identity, identity)
         if why is not None:
-            raise DifferentUnitError(f"{known.in_words()}; {port.lasting_name} has {why}")
+            raise DifferentUnitError(f"{known.in_words()}; {host.port.lasting_name} has {why}")
 
-    speeds = handshake.SPEEDS if thorough else _QUICK_SPEEDS
     # a quick unit is asked again soon: who waits long for an answer misses its return
     patience_s = max(QUICK_S, 3.0 * known.identity.slowest_reply_s)
-    return handshake.open_dialogue(
-        port, known.baud, say=lambda text: None, accept=accept, speeds=speeds, patience_s=patience_s
-    )
+    return host.open(known.baud, accept=accept, thorough=thorough, patience_s=patience_s)
 
 
 def refusal(known: Identity, found: Identity) -> str | None:

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session import exit_codes, previous_log
@@ -83,6 +84,7 @@ class Recorder:
         stream: LiveStream | None = None,
     ) -> None:
         self.plan, self.info = plan, info
+        self._instrument = INSTRUMENTS[plan.instrument]
         self.motion = motion_of(plan)
         self.result: ResultDocument | None = None
         self.recording: Recording | None = None
@@ -98,7 +100,7 @@ class Recorder:
         self._free_space = FreeSpace()
         self._has_recorded = False
         self._is_out_of_space = False
-        self.pipeline = SamplePipeline(info, timebase, None, self.motion, self._effects)
+        self.pipeline = SamplePipeline(info, timebase, None, self.motion, self._effects, self._instrument)
 
     # -- what is told ---------------------------------------------------------------------------------------------
 
@@ -128,7 +130,7 @@ class Recorder:
         recording = self.recording
         info, writer = (self.info, None) if recording is None else (recording.info, recording.writer)
         effects = effects_of(self.plan, info) if info.memory else self._effects
-        self.pipeline = SamplePipeline(info, self._timebase, writer, self.motion, effects)
+        self.pipeline = SamplePipeline(info, self._timebase, writer, self.motion, effects, self._instrument)
         self.events.forget_mark_times()
         if not self._has_recorded:
             self.duration.begin()

@@ -14,8 +14,9 @@ from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
-from imutui.instrument.crossbow import Packet, Scaling
-from imutui.instrument.scaling import COUNT_LIMITS
+from imutui.instrument.host import DataPacket
+from imutui.instrument.instrument import Instrument
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.logbook import polled_rate, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -75,6 +76,8 @@ class SamplePipeline:
         What the filter's reference needs.
     effects : callable or None
         Makes the effects that join the filter.
+    instrument : Instrument
+        What the packets are of.
 
     Attributes
     ----------
@@ -106,6 +109,7 @@ class SamplePipeline:
         writer: LogWriter | None,
         motion: Profile | Trajectory | None = None,
         effects: MakeEffects | None = None,
+        instrument: Instrument = INSTRUMENTS[DEFAULT],
     ) -> None:
         self.info = info
         self._description: dict[str, str] = {}
@@ -121,15 +125,16 @@ class SamplePipeline:
         self._writer = writer
         self._timebase = timebase
         self._axes = info.axes()
-        self._scaling = Scaling(info.rate_range_dps, info.accel_range_g)
+        self._count_limits = instrument.count_limits
+        self._scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
         self._at_limit = False
         self._uncertainty_ns = 0  # the largest since it was last written
         self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
 
-    def packet(self, packet: Packet, stamp: Stamp, host_ns: int) -> None:
+    def packet(self, packet: DataPacket, stamp: Stamp, host_ns: int) -> None:
         """Take a packet; raises OSError if the disk does not take it."""
         counts = (*packet.rates, *packet.accels)
-        at_limit = any(n in COUNT_LIMITS for n in counts)
+        at_limit = any(n in self._count_limits for n in counts)
         if self._writer is not None:
             self._write_raw(self._writer, packet, stamp, host_ns, at_limit=at_limit)
         if self.started_ns is None:
@@ -163,7 +168,7 @@ class SamplePipeline:
         self.counters.lost_packets += 1
         self.counters.lost_packets_max += 1
 
-    def _write_raw(self, writer: LogWriter, packet: Packet, stamp: Stamp, host_ns: int, *, at_limit: bool) -> None:
+    def _write_raw(self, writer: LogWriter, packet: DataPacket, stamp: Stamp, host_ns: int, *, at_limit: bool) -> None:
         p, q, r = packet.rates
         x, y, z = packet.accels
         flags = schemas.FLAG_LOST_BEFORE if stamp.gap is not None else 0

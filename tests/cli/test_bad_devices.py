@@ -17,9 +17,10 @@ from helpers.processes import LIMIT_S, started, wait_until
 from helpers.shared import once
 
 from imutui.cli import status
+from imutui.instrument.imu400 import handshake
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
-from imutui.session import handshake, ipc
+from imutui.session import ipc
 
 NMEA = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
 STREAMED = 60

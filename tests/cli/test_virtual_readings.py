@@ -18,11 +18,11 @@ from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
 from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
 from imutui.cli.virtual_units import Asked, imu381_unit
+from imutui.instrument.reading import Reading
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import GetPacket, Identification, Memory, PacketS1, SetFields
 from imutui.instrument.uut.payloads import encode
 from imutui.instrument.uut.scaling import Scaling
-from imutui.instrument.virtual import Reading
 from imutui.instrument.wire import Wire
 from imutui.logbook import reader
 

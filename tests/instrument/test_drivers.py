@@ -20,8 +20,9 @@ import pytest
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
 
-from imutui.instrument.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, SerialNumber, Version, encode
-from imutui.instrument.virtual import LOOP_HZ, VirtualUnit
+from filters.imu import LOOP_HZ
+from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, SerialNumber, Version, encode
+from imutui.instrument.imu400.unit import VirtualUnit
 
 PATIENCE_S = 20.0
 SERIAL = encode(SerialNumber(9911750))

@@ -4,8 +4,11 @@ import itertools
 
 import pytest
 
-from imutui.instrument.crossbow import PACKET_BYTES, Decoder, Discarded, Event, Mode, Packet, encode
-from imutui.instrument.virtual import LOOP_HZ, FaultyLine, LineFault, transfer_s
+from filters.imu import LOOP_HZ
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, Decoder, Event, Mode, Packet, encode
+from imutui.instrument.transmitter import transfer_s
 
 PACKET_S = transfer_s(PACKET_BYTES, 38400)
 COUNT = 400
@@ -21,7 +24,7 @@ def sent_through(line: FaultyLine, first_request: float = 50.0) -> bytes:
     out = b""
     for n, message in enumerate(packets()):
         sent = first_request + n / LOOP_HZ
-        line.put(message, sent, sent + PACKET_S)
+        line.put(message, sent, sent + PACKET_S, packet_bytes=PACKET_BYTES)
         out += line.take(sent + PACKET_S)
     return out + line.take(first_request + COUNT)
 
@@ -87,11 +90,11 @@ def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
     """Only packets have a fate, and a late one holds up those behind it."""
     line = FaultyLine((), lambda t: (round(t * LOOP_HZ) % 10 == 3, 0.02 if round(t * LOOP_HZ) == 5 else 0.0))
     line.started(0.0)
-    line.put(b"C", 0.0, 0.001)
+    line.put(b"C", 0.0, 0.001, packet_bytes=PACKET_BYTES)
     assert line.take(0.001) == b"C"
     times = {}
     for n, message in enumerate(packets()[:20]):
-        line.put(message, n / LOOP_HZ, n / LOOP_HZ + PACKET_S)
+        line.put(message, n / LOOP_HZ, n / LOOP_HZ + PACKET_S, packet_bytes=PACKET_BYTES)
         due = n / LOOP_HZ + PACKET_S
         while (event := line.next_event()) is not None and event <= due:
             data = line.take(event)
@@ -105,13 +108,13 @@ def test_what_was_measured_at_a_time_can_be_lost_or_late() -> None:
 def test_nothing_happens_before_data_is_asked_for() -> None:
     """Times count from the first request: a ping an hour before is answered."""
     line = FaultyLine((LineFault(0.0, "silence", seconds=10.0),))
-    line.put(b"H", 5.0, 5.001)
+    line.put(b"H", 5.0, 5.001, packet_bytes=PACKET_BYTES)
     assert line.take(6.0) == b"H"
     line.started(100.0)
     line.started(200.0)
-    line.put(b"H", 105.0, 105.001)
+    line.put(b"H", 105.0, 105.001, packet_bytes=PACKET_BYTES)
     assert line.take(106.0) == b""
-    line.put(b"H", 111.0, 111.001)
+    line.put(b"H", 111.0, 111.001, packet_bytes=PACKET_BYTES)
     assert line.take(112.0) == b"H"
 
 
@@ -127,7 +130,7 @@ def arrivals(line: FaultyLine, messages: list[bytes], first_request: float = 50.
     out = []
     for n, message in enumerate(messages):
         sent = first_request + n / LOOP_HZ
-        line.put(message, sent, sent + PACKET_S)
+        line.put(message, sent, sent + PACKET_S, packet_bytes=PACKET_BYTES)
     while (at := line.next_event()) is not None:
         out.append((at - first_request, line.take(at)))
     return out

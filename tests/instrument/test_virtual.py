@@ -16,8 +16,11 @@ import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.crossbow import (
-    BITS_PER_BYTE,
+from filters.imu import LOOP_HZ
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400.command_text import in_words
+from imutui.instrument.imu400.crossbow import (
     COUNTER_SPAN,
     PACKET_BYTES,
     TICK_S,
@@ -27,7 +30,6 @@ from imutui.instrument.crossbow import (
     BaudSet,
     Command,
     Decoder,
-    Discarded,
     Event,
     GetPacket,
     MeasureBaud,
@@ -48,17 +50,11 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.virtual import (
-    LOOP_HZ,
-    FaultyLine,
-    LineFault,
-    Reading,
-    UnitOptions,
-    VirtualUnit,
-    in_words,
-    serve,
-    transfer_s,
-)
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.reading import Reading
+from imutui.instrument.transmitter import BITS_PER_BYTE, transfer_s
+from imutui.instrument.virtual import serve
 
 LSB_DPS = 300 / 2**15
 PERIOD_S = 1 / LOOP_HZ

@@ -3,8 +3,12 @@
 import pytest
 from helpers.units import Still
 
-from imutui.instrument.crossbow import COUNTER_SPAN, TICK_S, Decoder, Mode, Packet
-from imutui.instrument.virtual import LOOP_HZ, FaultyLine, LineFault, UnitOptions, VirtualUnit, Wire
+from filters.imu import LOOP_HZ
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400.crossbow import COUNTER_SPAN, TICK_S, Decoder, Mode, Packet
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.wire import Wire
 
 
 class Host:

@@ -10,7 +10,7 @@ from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
 from imutui.instrument.clock import Gap, Stamp
-from imutui.instrument.crossbow import Mode, Packet
+from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import message_arrays, schemas

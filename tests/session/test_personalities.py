@@ -19,14 +19,19 @@ from mcap.records import Message
 
 from filters.simulation import Effect, Scenario
 from imutui.cli.virtual_readings import SimulatedReadings
-from imutui.instrument.messages import POWER_UP_BAUD, Mode, Packet
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.host import InstrumentError
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.messages import POWER_UP_BAUD, Mode, Packet
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import FaultyLine, LineFault, Reading, Source, UnitOptions, VirtualUnit
+from imutui.instrument.reading import Reading, Source
 from imutui.jobs import check
 from imutui.logbook import reader, schemas
-from imutui.session import exit_codes, handshake, reconnection
+from imutui.session import exit_codes, reconnection
 from imutui.session.engine import Engine
-from imutui.session.handshake import InstrumentError
 from imutui.session.plan import Plan
 from imutui.session.requests import EndFinding
 from imutui.session.snapshot import NO_SERIES, Snapshot
@@ -256,7 +261,7 @@ def acquired(it: Personality, folder: Path) -> Run:
         except InstrumentError as error:
             run.refused = str(error)
             return run
-        engine = Engine(plan, port, identity)
+        engine = Engine(plan, Imu400Host(port), identity)
         engine.start()
         wait_until(lambda: it.until(looked_at(engine)), LIMIT_S)
         engine.request_stop()

@@ -17,15 +17,21 @@ from helpers.fake_devices import packet
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import served
 
-from imutui.instrument.crossbow import Command, Mode
-from imutui.instrument.messages import POWER_UP_BAUD
+from filters.imu import LOOP_HZ
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import Command, Mode
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.messages import POWER_UP_BAUD
+from imutui.instrument.imu400.polling import Answer, Poller
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import LOOP_HZ, FaultyLine, LineFault, Reading, UnitOptions, VirtualUnit
+from imutui.instrument.reading import Reading
 from imutui.jobs.check import check
 from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
-from imutui.session import client, handshake
-from imutui.session.polling import Answer, Poller
+from imutui.session import client
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
 
 LOOP_S = 1.0 / LOOP_HZ
@@ -96,7 +102,7 @@ def polling(
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
         handshake.open_dialogue(port, POWER_UP_BAUD, say=lambda text: None)
         polled = Polled(unit, port)
-        reader = Reader(port, hz, polled.events.append)
+        reader = Reader(Imu400Host(port), hz, polled.events.append)
         reader.start()
         try:
             yield polled

@@ -18,14 +18,17 @@ from helpers.processes import wait_until
 from helpers.terminal_server import TerminalServer
 from helpers.units import Still, served
 
-from imutui.instrument.crossbow import POWER_UP_BAUD, Mode, SetMode, encode
+from imutui.instrument.identity import Identity
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, SetMode, encode
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
-from imutui.session import client, handshake, reconnection
+from imutui.session import client, reconnection
 from imutui.session.engine import Engine
-from imutui.session.identity import Identity
 from imutui.session.plan import Plan
 
 SERIAL = 9911750
@@ -60,7 +63,7 @@ class Run:
 
     def __init__(self, plan: Plan, port: Port) -> None:
         self.port = port
-        self.engine = Engine(plan, port, handshake.open_dialogue(port, plan.baud, say=lambda text: None))
+        self.engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud, say=lambda text: None))
         self.engine.start()
 
     def seen(self) -> Any:

@@ -8,7 +8,7 @@ import pytest
 from helpers.acquisitions import acquiring
 
 from imutui.instrument.clock import Stamp
-from imutui.instrument.crossbow import Mode, Packet
+from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs.info import brief, info
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, results

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imutui.instrument.clock import Stamp
-from imutui.instrument.crossbow import Mode, Packet
+from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.jobs import power_ons, runs
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import effects_file, reader, results

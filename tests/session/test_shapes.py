@@ -10,11 +10,14 @@ from helpers.shapes import mismatches
 from helpers.units import Still, served
 
 from imutui.history_rows import HistorySnapshot
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.messages import POWER_UP_BAUD
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.logbook.results import ResultDocument
-from imutui.session import handshake, live_filter
+from imutui.session import live_filter
 from imutui.session.engine import Engine
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
@@ -55,7 +58,7 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
     with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, logs=str(home / "logs"), record=record, **fields)
         identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
-        engine = Engine(plan, port, identity)
+        engine = Engine(plan, Imu400Host(port), identity)
         engine.start()
         first = looked_at(engine)
         assert (first["recording"] is not None) == record

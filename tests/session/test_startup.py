@@ -10,7 +10,7 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 
 from imutui.instrument.clock import Stamp
-from imutui.instrument.crossbow import Mode, Packet
+from imutui.instrument.imu400.crossbow import Mode, Packet
 from imutui.logbook import schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter

@@ -9,9 +9,12 @@ import pytest
 from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
+from imutui.instrument.imu400 import handshake, zeroing
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
-from imutui.session import handshake, zeroing
+from imutui.session import zeroing as words
 from imutui.session.reader_thread import LineLost, PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
 
 
@@ -21,7 +24,7 @@ def reading(options: UnitOptions, poll_hz: float | None) -> Iterator[tuple[Reade
     items: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
     with served(VirtualUnit(Still(), options)) as path, Port(path, 38400) as port:
         handshake.open_dialogue(port, 38400, say=lambda text: None)
-        reader = Reader(port, poll_hz, items.put)
+        reader = Reader(Imu400Host(port), poll_hz, items.put)
         reader.start()
         try:
             yield reader, items
@@ -90,7 +93,7 @@ def test_a_unit_that_does_not_answer_is_given_up_and_heard_again_when_it_wakes(m
         after = packets(items, 10)
     assert gone.seconds is None
     assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
-    assert "power it off and on" in zeroing.unanswered(1)
+    assert "power it off and on" in words.unanswered(1, 1.5)
 
 
 def test_a_reader_told_to_stop_does_not_wait_for_the_unit() -> None:

@@ -4,7 +4,7 @@ Unlike the IMU400's, every frame says what it is, so that nothing has to be expe
 of a stream, and are told apart by their type.
 """
 
-from imutui.instrument.messages import Discarded
+from imutui.instrument.discarded import Discarded
 from imutui.instrument.uut.frame_search import FrameSearch
 from imutui.instrument.uut.frames import Frame
 from imutui.instrument.uut.messages import Event, Request

@@ -7,6 +7,7 @@ import enum
 import math
 from dataclasses import dataclass
 
+from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.instrument.uut.frames import OVERHEAD_BYTES
 
 
@@ -51,7 +52,6 @@ LOW_PASS_381 = (
 
 # Later firmware refuses a rate that would take more of the line than this.
 _LINE_SHARE = 0.81
-_BITS_PER_BYTE = 10
 
 
 def low_pass_hz(value: int, table: tuple[tuple[int, float], ...] = LOW_PASS_381) -> float:
@@ -61,7 +61,7 @@ def low_pass_hz(value: int, table: tuple[tuple[int, float], ...] = LOW_PASS_381)
 
 def fits_line(rate_hz: float, payload_bytes: int, baud: int) -> bool:
     """Whether packets of so many payload bytes fit the line, as the firmware judges it."""
-    return rate_hz * (payload_bytes + OVERHEAD_BYTES) <= _LINE_SHARE * baud / _BITS_PER_BYTE
+    return rate_hz * (payload_bytes + OVERHEAD_BYTES) <= _LINE_SHARE * baud / BITS_PER_BYTE
 
 
 # "X axis: Ux, Uy, Uz; Y axis: Uy, Uz, Ux; Z axis: Uz, Ux, Uy": two bits each, above a bit for the sign.

@@ -4,7 +4,7 @@ After a frame with a wrong CRC the search goes on from the byte after its first 
 three of them follow each other, and the true preamble begins with the second.
 """
 
-from imutui.instrument.messages import Discarded
+from imutui.instrument.discarded import Discarded
 from imutui.instrument.uut.frames import HEADER_BYTES, OVERHEAD_BYTES, PREAMBLE, TYPE_BYTES, Frame, is_whole
 
 # "The ping may be sent without length and CRC": the text UUPK.

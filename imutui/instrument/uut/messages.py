@@ -8,7 +8,7 @@ import enum
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from imutui.instrument.messages import Discarded
+from imutui.instrument.discarded import Discarded
 
 Triple: TypeAlias = tuple[int, int, int]
 

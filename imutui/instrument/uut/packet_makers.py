@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from imutui.instrument.messages import Discarded
-from imutui.instrument.unit_options import Source
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.reading import Source
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN, Meaning
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field, Orientation
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS, FrameSearch

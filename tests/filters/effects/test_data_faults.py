@@ -12,7 +12,7 @@ from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import LOOP_HZ, Effect, Scenario, Unit
 from filters.simulation.truth import World
 from filters.state import PAPER_SITE
-from imutui.instrument.scaling import Scaling
+from imutui.instrument.imu400.scaling import Scaling
 
 DEG, G = np.pi / 180.0, 9.80665
 CHANNELS = faults.CHANNELS

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.messages import Discarded
+from imutui.instrument.discarded import Discarded
 from imutui.instrument.uut.decoder import Decoder, RequestDecoder
 from imutui.instrument.uut.frame_search import FrameSearch
 from imutui.instrument.uut.frames import Frame, crc16, framed

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from imutui.instrument.discarded import Discarded
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.messages import Discarded
-from imutui.instrument.unit_options import Reading
+from imutui.instrument.reading import Reading
 from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.frames import Frame, framed

@@ -26,7 +26,7 @@ from helpers.logs import recorded
 from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
 from imutui.config import ConfigError
-from imutui.instrument.crossbow import (
+from imutui.instrument.imu400.crossbow import (
     AskSerialNumber,
     AskVersion,
     CommandDecoder,
@@ -445,7 +445,7 @@ class _Engine:
         return function(self.acquisition)
 
     def zero(self, argument: int) -> str:
-        from imutui.session import zeroing
+        from imutui.instrument.imu400 import zeroing
 
         zeroing.check(argument)
         self.acquisition.begin_zeroing(argument)

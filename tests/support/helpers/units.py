@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
-from imutui.instrument.messages import Packet
-from imutui.instrument.virtual import FaultyLine, Reading, UnitOptions, VirtualUnit, serve
+from imutui.instrument.faults import FaultyLine
+from imutui.instrument.imu400.messages import Packet
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.reading import Reading
+from imutui.instrument.virtual import serve
 
 
 class Still:

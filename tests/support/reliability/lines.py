@@ -11,8 +11,11 @@ import numpy as np
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
-from imutui.instrument.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Decoder, Discarded, Mode, Packet, encode
-from imutui.instrument.virtual import FaultyLine, LineFault, UnitOptions, VirtualUnit
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Decoder, Mode, Packet, encode
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client

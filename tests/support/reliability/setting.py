@@ -17,8 +17,10 @@ from helpers.processes import wait_until
 from helpers.units import served
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
-from imutui.instrument.crossbow import PACKET_BYTES
-from imutui.instrument.virtual import FaultyLine, UnitOptions, VirtualUnit
+from imutui.instrument.faults import FaultyLine
+from imutui.instrument.imu400.crossbow import PACKET_BYTES
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionGoneError

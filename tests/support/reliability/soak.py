@@ -16,7 +16,8 @@ import numpy as np
 
 from filters.kalman import runner
 from imutui.instrument.clock import Clock
-from imutui.instrument.crossbow import BITS_PER_BYTE, COUNTER_SPAN, PACKET_BYTES, TICK_S, Mode, Packet
+from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Mode, Packet
+from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
 from imutui.session.acquisition import Acquisition

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.crossbow import (
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.imu400.crossbow import (
     COUNTER_SPAN,
     NOMINAL_PERIOD_S,
     PACKET_BYTES,
@@ -21,7 +22,6 @@ from imutui.instrument.crossbow import (
     Command,
     CommandDecoder,
     Decoder,
-    Discarded,
     Event,
     GetPacket,
     MeasureBaud,

@@ -1,6 +1,6 @@
 """What a host asked an IMU400CD for, in words for a log."""
 
-from imutui.instrument.messages import (
+from imutui.instrument.imu400.messages import (
     AskSerialNumber,
     AskVersion,
     Command,

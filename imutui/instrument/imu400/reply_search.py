@@ -5,8 +5,8 @@
 
 from typing import Protocol
 
-from imutui.instrument.inbox import Inbox
-from imutui.instrument.messages import (
+from imutui.instrument.imu400.inbox import Inbox
+from imutui.instrument.imu400.messages import (
     HEADER,
     PACKET_BYTES,
     REPLY_LETTERS,

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from imutui.instrument.crossbow import Mode, Packet, Scaling
-from imutui.session import measurement_mode
+from imutui.instrument.imu400 import measurement_mode
+from imutui.instrument.imu400.crossbow import Mode, Packet, Scaling
 
 SCALING = Scaling()
 

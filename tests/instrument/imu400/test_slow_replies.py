@@ -16,14 +16,15 @@ from helpers.commands import imutui
 from helpers.fake_devices import IMU400CD, Device, Habits, answers
 from helpers.units import Still, served
 
-from imutui.instrument.crossbow import Mode
-from imutui.instrument.messages import POWER_UP_BAUD
+from imutui.instrument.host import InstrumentError
+from imutui.instrument.identity import Identity
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import Mode
+from imutui.instrument.imu400.messages import POWER_UP_BAUD
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
 from imutui.logbook import reader
-from imutui.session import handshake
-from imutui.session.handshake import InstrumentError
-from imutui.session.identity import Identity
 
 KNOWN = Identity("9911750", IMU400CD)
 

@@ -2,9 +2,9 @@
 
 import math
 
-from imutui.instrument.messages import Mode
+from imutui.instrument.imu400.messages import Mode
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.transmitter import SAME_INSTANT_S
-from imutui.instrument.unit_options import UnitOptions
 
 
 class SamplingLoop:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imutui.instrument.command_text import in_words
-from imutui.instrument.crossbow import (
+from imutui.instrument.imu400.command_text import in_words
+from imutui.instrument.imu400.crossbow import (
     COUNTER_SPAN,
     PACKET_BYTES,
     POWER_UP_BAUD,
@@ -46,10 +46,11 @@ from imutui.instrument.crossbow import (
     ZeroRateSensors,
     encode,
 )
-from imutui.instrument.sampling_loop import SamplingLoop
-from imutui.instrument.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
+from imutui.instrument.imu400.sampling_loop import SamplingLoop
+from imutui.instrument.imu400.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
+from imutui.instrument.imu400.unit_options import VERSION_CHARACTERS, UnitOptions
+from imutui.instrument.reading import Reading, Source
 from imutui.instrument.transmitter import Transmitter, as_heard, same_speed, transfer_s
-from imutui.instrument.unit_options import VERSION_CHARACTERS, Reading, Source, UnitOptions
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)

@@ -1,6 +1,7 @@
 """Bytes received from a Crossbow unit and not yet handed out, for whoever looks for packets and replies in them."""
 
-from imutui.instrument.messages import Discarded, Event
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.imu400.messages import Event
 
 
 class Inbox:

@@ -9,9 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-# "38400 baud at power-up; 8 data bits, 1 start bit, 1 stop bit, no parity": ten bit times a byte.
+from imutui.instrument.discarded import Discarded
+
+# "38400 baud at power-up; 8 data bits, 1 start bit, 1 stop bit, no parity."
 POWER_UP_BAUD = 38400
-BITS_PER_BYTE = 10
 
 # "Header 0xFF, eight 16-bit words, MSB first, checksum": 18 bytes in scaled and in voltage mode.
 HEADER = 0xFF
@@ -172,22 +173,6 @@ class BaudReady:
 @dataclass(frozen=True, slots=True)
 class BaudSet:
     """The reply to `MeasureBaud`, at the new baud rate."""
-
-
-@dataclass(frozen=True, slots=True)
-class Discarded:
-    """Bytes dropped while looking for the next packet or reply.
-
-    Attributes
-    ----------
-    data : bytes
-        The bytes, so that a log can hold everything that was on the line.
-    bad_checksum : bool
-        Whether a packet or reply was due among them, began rightly and had a wrong sum.
-    """
-
-    data: bytes
-    bad_checksum: bool
 
 
 Command: TypeAlias = (

@@ -7,7 +7,10 @@ import re
 import time
 from collections.abc import Callable, Sequence
 
-from imutui.instrument.crossbow import (
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.host import PATIENCE_S, QUICK_S, InstrumentError
+from imutui.instrument.identity import Identity
+from imutui.instrument.imu400.crossbow import (
     PACKET_BYTES,
     POWER_UP_BAUD,
     AskSerialNumber,
@@ -15,7 +18,6 @@ from imutui.instrument.crossbow import (
     BaudReady,
     BaudSet,
     Decoder,
-    Discarded,
     MeasureBaud,
     Mode,
     ModeSet,
@@ -28,10 +30,9 @@ from imutui.instrument.crossbow import (
     Version,
     encode,
 )
+from imutui.instrument.imu400.replies import Asker
 from imutui.instrument.port import Port
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
-from imutui.session.identity import Identity
-from imutui.session.replies import PATIENCE_S, QUICK_S, Asker
 
 _QUIET_S = 0.06
 _QUIET_LIMIT_S = 1.0
@@ -45,10 +46,6 @@ _OTHERS = re.compile(
 
 # what a virtual unit's version ends in when there is more to say
 _MORE = re.compile(r"VIRTUAL .*\+(\d{1,2})$")
-
-
-class InstrumentError(Exception):
-    """The instrument is not there, is another one, or does not behave; the message says what to do next."""
 
 
 def open_dialogue(

@@ -4,11 +4,13 @@ from contextlib import contextmanager
 import pytest
 from helpers.units import Still, served
 
-from imutui.instrument.crossbow import Mode
+from imutui.instrument.host import InstrumentError
+from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import Mode
+from imutui.instrument.imu400.unit import VirtualUnit
+from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.virtual import UnitOptions, VirtualUnit
-from imutui.session import client, handshake
-from imutui.session.handshake import InstrumentError
+from imutui.session import client
 
 
 @contextmanager

@@ -7,9 +7,8 @@ in `scaling`, how packets and replies are found in `packet_search` and `reply_se
 had from here.
 """
 
-from imutui.instrument.inbox import Inbox
-from imutui.instrument.messages import (
-    BITS_PER_BYTE,
+from imutui.instrument.imu400.inbox import Inbox
+from imutui.instrument.imu400.messages import (
     COMMAND_OF_BYTE,
     COUNTER_SPAN,
     HEADER,
@@ -22,7 +21,6 @@ from imutui.instrument.messages import (
     BaudReady,
     BaudSet,
     Command,
-    Discarded,
     Event,
     GetPacket,
     MeasureBaud,
@@ -44,12 +42,11 @@ from imutui.instrument.messages import (
     checksum,
     encode,
 )
-from imutui.instrument.packet_search import NOMINAL_PERIOD_S, PacketSearch
-from imutui.instrument.reply_search import LetterSearch, NothingSearch, Search, SerialNumberSearch, VersionSearch
-from imutui.instrument.scaling import Scaling
+from imutui.instrument.imu400.packet_search import NOMINAL_PERIOD_S, PacketSearch
+from imutui.instrument.imu400.reply_search import LetterSearch, NothingSearch, Search, SerialNumberSearch, VersionSearch
+from imutui.instrument.imu400.scaling import Scaling
 
 __all__ = [
-    "BITS_PER_BYTE",
     "COUNTER_SPAN",
     "HEADER",
     "NOMINAL_PERIOD_S",
@@ -63,7 +60,6 @@ __all__ = [
     "Command",
     "CommandDecoder",
     "Decoder",
-    "Discarded",
     "Event",
     "GetPacket",
     "MeasureBaud",

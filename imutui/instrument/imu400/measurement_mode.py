@@ -4,7 +4,7 @@ Both kinds of packet have the same length and header; what tells them is that vo
 both words say the same: 2.5 V stands for zero, 0 and 5 V for the ends of the scaled range.
 """
 
-from imutui.instrument.crossbow import Packet
+from imutui.instrument.host import DataPacket
 
 _MOST_VOLTS = 4095
 _VOLTS_AT_ZERO = 2048
@@ -15,12 +15,12 @@ _JUMPED = 512
 _JUMPS = 3
 
 
-def may_be_volts(packet: Packet) -> bool:
+def may_be_volts(packet: DataPacket) -> bool:
     """Whether all six words would do as voltages."""
     return all(0 <= word <= _MOST_VOLTS for word in _words(packet))
 
 
-def is_volts(packet: Packet, scaled: Packet) -> bool:
+def is_volts(packet: DataPacket, scaled: DataPacket) -> bool:
     """Whether a packet says in volts what one of about the same moment said in scaled units."""
     now, then = _words(packet), _words(scaled)
     expected = [_VOLTS_AT_ZERO + word // _SCALED_A_VOLT_COUNT for word in then]
@@ -29,5 +29,5 @@ def is_volts(packet: Packet, scaled: Packet) -> bool:
     return may_be_volts(packet) and agrees and jumps >= _JUMPS
 
 
-def _words(packet: Packet) -> tuple[int, ...]:
+def _words(packet: DataPacket) -> tuple[int, ...]:
     return (*packet.rates, *packet.accels)

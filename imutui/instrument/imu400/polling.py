@@ -8,10 +8,11 @@ then nothing else is asked for, and a poll counts as lost only when its answer c
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from imutui.instrument.crossbow import Decoder, Discarded, Event, GetPacket, Mode, Packet, SetMode, encode
-from imutui.instrument.messages import REPLY_LETTERS, ModeSet
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.host import Answer
+from imutui.instrument.imu400.crossbow import Decoder, Event, GetPacket, Mode, Packet, SetMode, encode
+from imutui.instrument.imu400.messages import REPLY_LETTERS, ModeSet
 from imutui.instrument.port import Port
 
 _LEAST_PATIENCE_S = 0.1
@@ -19,15 +20,6 @@ _MOST_PATIENCE_S = 2.0
 _NOTHING_CAME_S = 0.5
 _REST_S = 0.3
 _LETTER = REPLY_LETTERS[ModeSet(Mode.SCALED)]
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A packet that was asked for: when it was, and when its last byte had been read, monotonic ns."""
-
-    packet: Packet
-    requested_ns: int
-    arrived_ns: int
 
 
 class Poller:

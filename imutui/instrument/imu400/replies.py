@@ -8,14 +8,11 @@ import time
 from dataclasses import dataclass
 from typing import TypeVar
 
-from imutui.instrument.crossbow import Command, Decoder, Discarded, Version, encode
-from imutui.instrument.messages import REPLY_LETTERS
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.host import PATIENCE_S, QUICK_S
+from imutui.instrument.imu400.crossbow import Command, Decoder, Version, encode
+from imutui.instrument.imu400.messages import REPLY_LETTERS
 from imutui.instrument.port import Port
-
-QUICK_S = 0.4
-"""How long units take at most, but for those that are slow."""
-PATIENCE_S = 2.0
-"""How long a unit that is slow may take."""
 
 # a reply that came damaged is no reply that is yet to come
 _DAMAGED_BYTES, _REST_S = 4, 0.3

@@ -1,7 +1,16 @@
 """Finding data packets in a stream of bytes in which neither the header nor the sum makes a packet sure."""
 
-from imutui.instrument.inbox import Inbox
-from imutui.instrument.messages import COUNTER_SPAN, HEADER, PACKET_BYTES, TICK_S, Event, Mode, checksum, packet_of
+from imutui.instrument.imu400.inbox import Inbox
+from imutui.instrument.imu400.messages import (
+    COUNTER_SPAN,
+    HEADER,
+    PACKET_BYTES,
+    TICK_S,
+    Event,
+    Mode,
+    checksum,
+    packet_of,
+)
 
 # "Up to 133 Hz", 7.5 ms: the period assumed until packets back to back tell another.
 NOMINAL_PERIOD_S = 7.5e-3

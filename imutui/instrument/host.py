@@ -1,0 +1,196 @@
+"""What an instrument's host side is to the session: the protocols that every member's room fulfils.
+
+A host is the only one who writes to the port. It may block, and knows what is sent and what is answered; whoever uses
+it knows packets only. `imu400.host` and its like fulfil this.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from imutui.instrument.discarded import Discarded
+from imutui.instrument.identity import Identity
+from imutui.instrument.port import Port
+
+QUICK_S = 0.4
+"""How long units take at most for a reply, but for those that are slow."""
+PATIENCE_S = 2.0
+"""How long a unit that is slow may take."""
+
+Triple: TypeAlias = tuple[int, int, int]
+
+
+class InstrumentError(Exception):
+    """The instrument is not there, is another one, or does not behave; the message says what to do next."""
+
+
+class DataPacket(Protocol):
+    """One set of readings, in counts, in the instrument's own axes and signs."""
+
+    @property
+    def rates(self) -> Triple:
+        """X, Y, Z."""
+        ...
+
+    @property
+    def accels(self) -> Triple:
+        """X, Y, Z."""
+        ...
+
+    @property
+    def temperature(self) -> int:
+        """The one that the samples have."""
+        ...
+
+    @property
+    def ticks(self) -> int:
+        """The packet's counter, 0 to 65535."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A packet that was asked for: when it was, and when its last byte had been read, monotonic ns."""
+
+    packet: DataPacket
+    requested_ns: int
+    arrived_ns: int
+
+
+class PacketStream(Protocol):
+    """Bytes of a stream in, packets out; no I/O."""
+
+    def feed(self, data: bytes) -> Sequence[DataPacket | Discarded]:
+        """Take bytes from the line."""
+        ...
+
+    def pause(self) -> Sequence[DataPacket | Discarded]:
+        """Take note that the line is quiet for the moment, while the stream is expected to go on."""
+        ...
+
+    def quiet(self) -> Sequence[DataPacket | Discarded]:
+        """Take note that nothing follows."""
+        ...
+
+    @property
+    def missing(self) -> int:
+        """Bytes still needed to complete the next packet."""
+        ...
+
+    @property
+    def bad_checksums(self) -> int:
+        """Packets that were due and came damaged."""
+        ...
+
+    @property
+    def discarded_bytes(self) -> int:
+        """Bytes that belonged to no packet and no reply."""
+        ...
+
+
+class Poller(Protocol):
+    """Asks a unit for one packet at a time."""
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether the last request was sent and has no answer; also after an error of the line."""
+        ...
+
+    @property
+    def bad_checksums(self) -> int:
+        """Answers that came damaged."""
+        ...
+
+    @property
+    def discarded_bytes(self) -> int:
+        """Bytes that belonged to no answer."""
+        ...
+
+    def poll(self) -> Answer | None:
+        """Ask for a packet and wait for it; None if it certainly does not come. Raises PortError."""
+        ...
+
+
+class Host(Protocol):
+    """Speaks with one unit over one port. Every method raises PortError if the line goes away."""
+
+    @property
+    def port(self) -> Port:
+        """The port."""
+        ...
+
+    def find(self) -> Identity:
+        """Find the unit's speed and ask who it is, and no more; raises InstrumentError if it is not there."""
+        ...
+
+    def check_model(self, identity: Identity) -> None:
+        """Refuse, with InstrumentError, a unit whose ranges and packets are others."""
+        ...
+
+    def open(
+        self,
+        baud: int | None,
+        *,
+        accept: Callable[[Identity], None] = lambda identity: None,
+        thorough: bool = True,
+        patience_s: float = PATIENCE_S,
+    ) -> Identity:
+        """Find the unit, identify it, and set it up; it sends nothing by itself afterwards.
+
+        Parameters
+        ----------
+        baud : int or None
+            Wanted speed; None to leave the unit at its own, where its kind has one.
+        accept : callable
+            Raises InstrumentError to refuse a unit, before anything of it is changed for longer.
+        thorough : bool
+            Whether to look for it at every speed.
+        patience_s : float
+            How long a reply may take.
+
+        Raises
+        ------
+        InstrumentError
+            If nothing answers, garbage answers, or another model does.
+        """
+        ...
+
+    def start(self) -> None:
+        """Have the unit stream."""
+        ...
+
+    def stop(self) -> None:
+        """Have it send nothing by itself."""
+        ...
+
+    def leave(self) -> None:
+        """Stop, and leave the unit as its next host expects it."""
+        ...
+
+    def packets(self) -> PacketStream:
+        """What makes packets of the stream's bytes."""
+        ...
+
+    def poller(self, giving_up: Callable[[], bool]) -> Poller:
+        """What asks for packets one by one, and waits no longer once it is told to give up."""
+        ...
+
+    def ask_for_life(self) -> None:
+        """Write what any unit of the kind answers, without waiting: for one that has fallen silent."""
+        ...
+
+    def may_have_forgotten(self, packet: DataPacket) -> bool:
+        """Whether a packet alone leaves open that the unit forgot how it was set up."""
+        ...
+
+    def has_forgotten(self, packet: DataPacket, before: DataPacket) -> bool:
+        """Whether a packet, after one that was right, shows that the unit forgot how it was set up."""
+        ...
+
+    def set_up(self) -> bool:
+        """Set a unit on a quiet line up anew; whether it says that it is."""
+        ...
+
+    def zero(self, argument: int, stopping: Callable[[], bool]) -> float | None:
+        """Have the rate sensors zeroed; seconds until the unit said so, None if it did not."""
+        ...

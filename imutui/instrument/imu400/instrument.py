@@ -1,0 +1,23 @@
+"""The IMU400CD as a member of the registry."""
+
+from imutui.instrument.imu400 import zeroing
+from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.messages import PACKET_BYTES, POWER_UP_BAUD
+from imutui.instrument.imu400.scaling import COUNT_LIMITS, Scaling
+from imutui.instrument.instrument import Instrument
+
+IMU400CD = Instrument(
+    name="imu400cd",
+    model="IMU400CD-200",
+    power_up_bauds=(POWER_UP_BAUD,),
+    packet_bytes=PACKET_BYTES,
+    most_rate_hz=133.0,
+    count_limits=COUNT_LIMITS,
+    rate_range_dps=Scaling.rate_range_dps,
+    accel_range_g=Scaling.accel_range_g,
+    scaling=Scaling,
+    check_zeroing=zeroing.check,
+    zeroing_patience_s=zeroing.patience_s,
+    host=Imu400Host,
+)
+"""Crossbow's IMU400CD."""

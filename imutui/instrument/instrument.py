@@ -1,0 +1,71 @@
+"""What an instrument is: its data, and what makes its host side."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imutui.instrument.host import Host
+from imutui.instrument.port import Port
+
+
+class Scaling(Protocol):
+    """Counts to units, in the instrument's own axes and signs; any shape in, the same shape out."""
+
+    def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Angular rate, deg/s."""
+        ...
+
+    def accels_g(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Acceleration as the unit reads it, g."""
+        ...
+
+    def temperature_degc(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Temperature, degC."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """A kind of unit.
+
+    Attributes
+    ----------
+    name : str
+        How a command line calls it.
+    model : str
+        What a unit is that does not say its model.
+    power_up_bauds : tuple of int
+        Speeds of a line to a unit that was just switched on; the first is where to begin.
+    packet_bytes : int
+        Of a data packet on the line.
+    most_rate_hz : float
+        Samples a second at most.
+    count_limits : tuple of int
+        Least and largest count; a reading there says only "this or more".
+    rate_range_dps, accel_range_g : float
+        Ranges, unless the configuration has others.
+    scaling : callable
+        Makes the scaling from the ranges, deg/s and g.
+    check_zeroing : callable
+        Raises ValueError for an argument of zeroing that cannot be sent.
+    zeroing_patience_s : callable
+        How long a unit may take to zero its rate sensors, by the argument, s.
+    host : callable
+        Makes the host side for an open port, and the rate of a stream, Hz, or None if packets are asked for.
+    """
+
+    name: str
+    model: str
+    power_up_bauds: tuple[int, ...]
+    packet_bytes: int
+    most_rate_hz: float
+    count_limits: tuple[int, int]
+    rate_range_dps: float
+    accel_range_g: float
+    scaling: Callable[[float, float], Scaling]
+    check_zeroing: Callable[[int], None]
+    zeroing_patience_s: Callable[[int], float]
+    host: Callable[[Port, float | None], Host]

@@ -1,0 +1,35 @@
+"""What a virtual unit of any kind measures: a record, and the protocol of a source of readings."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round.
+
+    Attributes
+    ----------
+    rates_dps : tuple of float
+        Angular rate about X, Y, Z, deg/s.
+    accels_g : tuple of float
+        Acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g.
+    temperature_degc : float
+        Inside the case, degC.
+    """
+
+    rates_dps: tuple[float, float, float]
+    accels_g: tuple[float, float, float]
+    temperature_degc: float
+
+
+class Source(Protocol):
+    """What the virtual unit measures."""
+
+    def reading(self, k: int) -> Reading | None:
+        """Return what the unit's own loop reads at its instant `k`, or None once there is no more.
+
+        Instants are counted at the options' `loop_hz` from the first command that needs a reading. `k` never decreases;
+        it repeats when the host polls faster than the loop, and skips what the line was too slow for.
+        """
+        ...
