@@ -389,7 +389,7 @@ def test_dropouts_and_jitter_of_a_scenario_reach_the_line(tmp_path: Path) -> Non
     twin, hz = Unit(readings.unit.scenario), readings.unit.rate_hz
     for k in range(300):
         readings.reading(k)
-        line.put(bytes([k % 251]) * 18, k / hz, k / hz + 0.0047)
+        line.put(bytes([k % 251]) * 18, k / hz, k / hz + 0.0047, packet_bytes=18)
         event = line.next_event()
         assert (event is None) == twin.lost(k)
         if event is not None:
