@@ -1,7 +1,7 @@
 """What a virtual unit is to its line and to the pseudo-terminal: the protocol that units of all kinds fulfil.
 
-`imu400.unit.VirtualUnit` is an IMU400CD, `uut.unit.VirtualUnit` an IMU381. Neither has a clock or does I/O: each is told what
-arrived and when, and tells which bytes have left it by then.
+`imu400.unit.VirtualUnit` is an IMU400CD, `uut.unit.VirtualUnit` an IMU381. Neither has a clock or does I/O: each is
+told what arrived and when, and tells which bytes have left it by then.
 """
 
 from collections.abc import Callable
