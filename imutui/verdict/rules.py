@@ -189,7 +189,7 @@ def _of(checks: tuple[Check, ...]) -> Verdict:
     others = [check for check in checks if check.level == worst.level and check is not worst]
     also = f"; also {', '.join(check.brief for check in others)}" if others else ""
     # the temperature comes last: by then the rest is well, which is worth saying
-    well = f"{_named(checks, 'converged').said}, but temperature " if worst.name == "temperature" else ""
+    well = f"{_named(checks, 'converged').said}, but " if worst.name == "temperature" else ""
     return Verdict(worst.level, WORDS[worst.level], well + worst.said + also, worst.todo, worst.brief, checks)
 
 
@@ -394,12 +394,18 @@ def _temperature(slope: float | None, *, over: bool) -> Check:
     if slope is None and over:
         return Check("none", "temperature", "its trend is not known")
     if slope is None:
-        return Check("wait", "temperature", "its trend is known after 30 s", "T not known", "keep still and wait")
+        return Check(
+            "wait",
+            "temperature",
+            "the temperature's trend is known after 30 s only",
+            "T not known",
+            "keep still and wait",
+        )
     steady = abs(slope) <= STEADY_K_PER_MIN
     if steady:
         return Check("good", "temperature", f"steady within ±{STEADY_K_PER_MIN:g} K/min")
     todo = f"wait until it is within ±{STEADY_K_PER_MIN:g} K/min"
-    return Check("wait", "temperature", f"{slope:+.1f} K/min moves them", "T moves", todo)
+    return Check("wait", "temperature", f"temperature moves them, by {slope:+.1f} K/min", "T moves", todo)
 
 
 def _confounded(sentences: Sequence[str]) -> Check | None:

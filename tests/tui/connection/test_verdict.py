@@ -86,7 +86,7 @@ def test_an_unsteady_temperature_is_amber(slope: float | None, word: str) -> Non
     found = judge(settled(), slope)
     assert found.word == word
     if word == "AMBER":
-        assert found.reason.startswith("all 6 biases converged, but temperature")
+        assert found.reason.startswith("all 6 biases converged, but ")
         assert found.short == f"filter ▲ AMBER {'T not known' if slope is None else 'T moves'}"
 
 

@@ -291,7 +291,7 @@ async def test_a_virtual_units_operator_is_warned_before_beginning(folder: Path)
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
         await pilot.press("5")
-        await shows(pilot, "a virtual unit does not turn by hand", "follows this profile", "what to do")
+        await shows(pilot, "a virtual unit does not turn by hand", "has this profile", "what to do")
         client.changes["kind"] = "real"
         await until(pilot, lambda: "virtual unit" not in text_of(pilot.app))  # type: ignore[arg-type]
         client.changes["kind"] = "simulated"

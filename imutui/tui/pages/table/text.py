@@ -35,8 +35,8 @@ NOTHING_NEW = "nothing new by itself"
 ENDED = "The acquisition has ended.", "6 Logs has what was recorded: t there traces it. 1 connects again."
 """What the operator is to do once it has, and what then."""
 _VIRTUAL = (
-    "a virtual unit does not turn by hand: from segment 2 on its filter will say RED, unless its scenario follows this"
-    " profile"
+    "a virtual unit does not turn by hand: RED from segment 2 on, unless the scenario of"
+    ' `imutui virtual --scenario FILE` has this profile (profile = "NAME")'
 )
 _ALIGNS = {
     "none": "profile time is the log's time",
