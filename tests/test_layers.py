@@ -41,7 +41,7 @@ FLOORS = {
     "imutui.session": {"imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},
     "imutui.session.snapshot": set(),
     "imutui.verdict": {"imutui.session.snapshot", "imutui.logbook.results"},
-    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.imu400.scaling"},
+    "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.imu400.scaling", "imutui.instrument.registry"},
     "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
     "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},
     "imutui.tui": {

@@ -40,6 +40,10 @@ def command(
             "--sampling", metavar="stream|polled", help="Full rate averaged over each period, or one request a period."
         ),
     ] = None,
+    instrument: Annotated[
+        str | None,
+        typer.Option("--instrument", metavar="imu400cd|imu381", help="Which unit it is; unless given, it is asked."),
+    ] = None,
     baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="End so many seconds after the first packet.")
@@ -98,6 +102,8 @@ def command(
     from imutui.cli.exit_codes import check_output
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import check_stream, plan_from
+    from imutui.instrument.registry import DEFAULT
+    from imutui.session.plan import VIRTUAL_PORT
 
     if output is not None:
         check_output(output, force)
@@ -124,6 +130,8 @@ def command(
         config.load().with_flags(flags),
         parse_site(site),
         port=port,
+        instrument=instrument or (DEFAULT if port == VIRTUAL_PORT else ""),
+        virtual=("--instrument", instrument) if instrument and port == VIRTUAL_PORT else (),
         record=True,
         duration_s=duration,
         note=note,

@@ -48,6 +48,16 @@ def session_from(config: Config, site: tuple[float, float, float] | None) -> "Se
     )
 
 
+_OF_INSTRUMENT = {
+    "rate_hz": "acquisition.rate_hz",
+    "baud": "acquisition.baud",
+    "accel_sign": "instrument.accel_sign",
+    "rate_range_dps": "instrument.rate_range_dps",
+    "accel_range_g": "instrument.accel_range_g",
+}
+"""Fields of a plan that are the instrument's own where nobody chose, and their settings."""
+
+
 def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
     """Plan of an acquisition from configuration, flags, and the fields that are no setting.
 
@@ -68,7 +78,9 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
     ValueError
         If something asked cannot be; the message names it.
     """
+    chosen = tuple(field for field, key in _OF_INSTRUMENT.items() if config.settings[key].source != "default")
     plan = Plan(
+        explicit=chosen,
         rate_hz=config.number("acquisition.rate_hz"),
         sampling=config.text("acquisition.sampling"),
         baud=config.integer("acquisition.baud"),

@@ -1,25 +1,26 @@
 """From the instrument's time counter to sampling instants on the host's monotonic clock; no I/O, reads no clock.
 
-A packet's counter says to the microsecond when it was sampled, but not after how many wraps of 52 ms; its arrival
-tells that, unless the host or the line was held up. So a packet that comes in time, or follows the one before byte by
-byte, is stamped at once. After a pause packets are held, a fraction of a second, until those behind them show whether
-the line was late, and nothing is missing, or was silent: a backlog comes faster than the unit can send.
+A packet's counter says to some microseconds when it was sampled, but not after how many wraps of 52 ms, or of a second;
+its arrival tells that, unless the host or the line was held up. So a packet that comes in time, or follows the one
+before byte by byte, is stamped at once. After a pause packets are held, a fraction of a second, until those behind them
+show whether the line was late, and nothing is missing, or was silent: a backlog comes faster than the unit can send.
 
 `host_time` has the counter against the host's clock, `packet_count` the counter against the grid of packets.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
-from imutui.instrument.host_time import NOMINAL_TICK_NS, HostTime
+from imutui.instrument.counter_spec import CROSSBOW, SPAN, CounterSpec
+from imutui.instrument.host_time import HostTime
 from imutui.instrument.packet_count import PacketGrid
 
-WRAP = 1 << 16
+WRAP = SPAN
 _FEWEST = 3
 _OPENING_NS = 250e6
-# a packet that comes so soon after the one before needs no other witness that no wrap went by unseen
-_SOON_NS = 46e6
+# a packet that comes so soon after the one before, as a part of a wrap, needs no other witness that none went by unseen
+_SOON = 0.888
 # a packet may seem so much early where the estimate is off
 _SLACK_NS = 4e6
 # a line that has caught up no further for so long is in time
@@ -27,8 +28,10 @@ _CAUGHT_UP_NS = 120e6
 _GAIN_NS = 2e6
 _LONGEST_HOLD_NS = 0.8e9
 _MOST_HELD = 4096
-# how well the tick must be known to tell wraps apart after a pause
-_AMBIGUOUS_NS = 0.25 * WRAP * NOMINAL_TICK_NS
+# how well the tick must be known to tell wraps apart after a pause, as a part of one
+_AMBIGUOUS = 0.25
+# where packets are rare, what is waited for is so many of them
+_OPENING_PERIODS, _CAUGHT_UP_PERIODS, _HOLD_PERIODS = 2.5, 2.5, 4.0
 _LOOP_NS = 7.5e6
 _POLL_UNCERTAINTY_NS = 20e6
 
@@ -72,7 +75,7 @@ class Stamp:
     gap: Gap | None = None
 
 
-def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
+def arrival_before(host_ns: int, ticks: int, last_ticks: int, counter: CounterSpec = CROSSBOW) -> int:
     """When a packet arrived that was only recognised together with a later one.
 
     Parameters
@@ -81,13 +84,15 @@ def arrival_before(host_ns: int, ticks: int, last_ticks: int) -> int:
         When the later one arrived.
     ticks, last_ticks : int
         Time counters of the earlier and the later one, less than a wrap apart.
+    counter : CounterSpec
+        What they count.
 
     Returns
     -------
     int
         Monotonic, ns.
     """
-    return host_ns - round((ticks - last_ticks) % WRAP * NOMINAL_TICK_NS)
+    return host_ns - round(counter.step(ticks, last_ticks) * counter.tick_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +116,22 @@ class Clock:
         Time that a packet spends on the line, subtracted from its arrival.
     polled : bool
         Whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
+    counter : CounterSpec
+        What the packets' counter counts.
+    period_ns : float
+        From packet to packet of the stream, as far as the unit was told; 0 if it was not.
     """
 
-    def __init__(self, line_ns: float, *, polled: bool = False) -> None:
+    def __init__(
+        self, line_ns: float, *, polled: bool = False, counter: CounterSpec = CROSSBOW, period_ns: float = 0.0
+    ) -> None:
         self._line_ns = line_ns
         self._polled = polled
-        self._time = HostTime()
-        self._grid = PacketGrid(line_ns / NOMINAL_TICK_NS)
+        self._period_ns = period_ns
+        self._opening_ns = max(_OPENING_NS, _OPENING_PERIODS * period_ns)
+        self._caught_up_ns = max(_CAUGHT_UP_NS, _CAUGHT_UP_PERIODS * period_ns)
+        self._longest_hold_ns = max(_LONGEST_HOLD_NS, _HOLD_PERIODS * period_ns)
+        self._count_by(counter)
         self._ticks: int | None = None
         self._host_ns = 0
         self._opened = False
@@ -128,6 +142,13 @@ class Clock:
         self._emptied = False
         self._gap_from_ns: int | None = None
         self._last = 0
+
+    def _count_by(self, counter: CounterSpec) -> None:
+        self._counter = counter
+        self._soon_ns = _SOON * WRAP * counter.tick_ns
+        self._ambiguous_ns = _AMBIGUOUS * WRAP * counter.tick_ns
+        self._time = HostTime(counter)
+        self._grid = PacketGrid(self._line_ns / counter.tick_ns)
 
     @property
     def tick_ns(self) -> float:
@@ -149,7 +170,7 @@ class Clock:
         Parameters
         ----------
         ticks : int
-            Its time counter, 0 to 65535, counting down.
+            Its counter, 0 to 65535.
         host_ns : int
             Monotonic clock when its last byte was read.
         contiguous : bool
@@ -164,8 +185,8 @@ class Clock:
         arrival = host_ns - self._line_ns
         if self._polled:
             return [self._by_arrival(arrival, requested_ns)]
-        step = 0 if self._ticks is None else (self._ticks - ticks) % WRAP
-        soon = host_ns - self._host_ns < _SOON_NS
+        step = 0 if self._ticks is None else self._counter.step(self._ticks, ticks)
+        soon = host_ns - self._host_ns < self._soon_ns
         self._ticks, self._host_ns = ticks, host_ns
         is_next = self._grid.may_be_next if self._held else self._grid.is_next
         follows = contiguous and soon and self._opened and is_next(step)
@@ -179,7 +200,7 @@ class Clock:
     def due(self, now_ns: int) -> list[Stamp]:
         """Stamps of packets that were held while nothing came behind them that could have made them sure."""
         waited = now_ns - self._host_ns
-        return self.release() if self._held and waited > _OPENING_NS else []
+        return self.release() if self._held and waited > self._opening_ns else []
 
     def release(self) -> list[Stamp]:
         """Stamps of all packets held, by what is known."""
@@ -208,12 +229,13 @@ class Clock:
         self._held.append(packet)
         span = packet.arrival_ns - self._held[0].arrival_ns
         # a backlog takes no time: what is behind it tells how late it was
-        whole = span >= _OPENING_NS and len(self._held) >= _FEWEST and not packet.behind
+        whole = span >= self._opening_ns and len(self._held) >= _FEWEST and not packet.behind
         return self._open() if whole or len(self._held) >= _MOST_HELD else []
 
     def _open(self) -> list[Stamp]:
         """Begin with the least late of the packets held."""
         held, self._held = self._held, []
+        self._tell_meaning(held)
         steps = [0] + [self._opening_step(before, packet) for before, packet in pairwise(held)]
         known = [step for step, packet in zip(steps[1:], held[1:], strict=True) if packet.contiguous]
         if known:
@@ -234,6 +256,14 @@ class Clock:
             stamps.append(self._emit(at, packet, step, gap, by_host=not step))
             gap = None
         return stamps
+
+    def _tell_meaning(self, held: list[_Packet]) -> None:
+        """Whether the counter counts packets: as a time, no step is so short."""
+        steps = [packet.step for packet in held[1:] if packet.contiguous]
+        if self._counter.may_count_packets and self._period_ns and len(steps) >= _FEWEST - 1:
+            counter = self._counter
+            ones = steps.count(1) == len(steps)
+            self._count_by(counter.of_packets(self._period_ns) if ones else replace(counter, may_count_packets=False))
 
     def _opening_step(self, before: _Packet, packet: _Packet) -> int:
         """Ticks between two packets of the opening; wraps by arrival where bytes are missing."""
@@ -273,9 +303,9 @@ class Clock:
             # a busy host takes its time over a backlog; once that is read, several at once are an adapter's burst
             self._least_late_at = packet.arrival_ns
         in_time = late < WRAP * self.tick_ns - _SLACK_NS
-        if in_time or packet.arrival_ns - self._least_late_at > _CAUGHT_UP_NS:
+        if in_time or packet.arrival_ns - self._least_late_at > self._caught_up_ns:
             return self._resume(caught_up=True)
-        too_long = packet.arrival_ns - self._held[0].arrival_ns > _LONGEST_HOLD_NS or len(self._held) >= _MOST_HELD
+        too_long = packet.arrival_ns - self._held[0].arrival_ns > self._longest_hold_ns or len(self._held) >= _MOST_HELD
         return self._resume(caught_up=False) if too_long else []
 
     def _in_step(self) -> bool:
@@ -291,7 +321,7 @@ class Clock:
         most = max(0, math.floor((self._least_late + _SLACK_NS) / (WRAP * self.tick_ns)))
         joint, wraps = self._joint(held, most, caught_up=caught_up)
         stamps = [self._advance(packet, 0) for packet in held[:joint]]
-        if wraps and self._least_late * self._time.tick_sd_ns / self.tick_ns > _AMBIGUOUS_NS:
+        if wraps and self._least_late * self._time.tick_sd_ns / self.tick_ns > self._ambiguous_ns:
             # so long a pause that the tick, as far as it is known, can't tell wraps apart: begin anew
             self._gap_from_ns, self._opened, self._held = self._last, False, held[joint:]
             return stamps

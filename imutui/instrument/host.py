@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
+from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.discarded import Discarded
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
@@ -119,8 +120,22 @@ class Host(Protocol):
         """The port."""
         ...
 
+    @property
+    def counter(self) -> CounterSpec:
+        """What the packets' counter counts."""
+        ...
+
+    @property
+    def stream_hz(self) -> float:
+        """Packets a second that the unit was told to stream; 0 where it can't be told."""
+        ...
+
     def find(self) -> Identity:
         """Find the unit's speed and ask who it is, and no more; raises InstrumentError if it is not there."""
+        ...
+
+    def answers(self) -> bool:
+        """Whether such a unit answers, asked briefly; another kind of unit makes nothing of the question."""
         ...
 
     def check_model(self, identity: Identity) -> None:

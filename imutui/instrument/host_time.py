@@ -1,13 +1,14 @@
 """The host's time of a unit's counter: a two-state Kalman filter (instant, tick); no I/O, reads no clock.
 
-The counter steps precisely, but its tick is known to 0.6 % only. The host's stamps are absolute, but late by whatever
-the operating system, an adapter or a network felt like, and never early. So the filter is fed the least late arrival
-of many, and one that is later than expected says little.
+The counter steps precisely, but its tick is known to some parts of a thousand only. The host's stamps are absolute,
+but late by whatever the operating system, an adapter or a network felt like, and never early. So the filter is fed the
+least late arrival of many, and one that is later than expected says little.
 """
 
-NOMINAL_TICK_NS = 790.0
-_TICK_SD = 0.006 * NOMINAL_TICK_NS
-_TICK_WALK = 1e-8 * NOMINAL_TICK_NS
+from imutui.instrument.counter_spec import CROSSBOW, CounterSpec
+
+# of the tick's length, a step of the counter
+_TICK_WALK = 1e-8
 # the least of n arrivals that are late by up to twice their mean: about an nth of that, and adapters' bursts repeat
 _LEAST_LATE_SD_NS = 0.15e6
 _SD_OF_LEAST = 8.0
@@ -54,17 +55,24 @@ class _Block:
 class HostTime:
     """When the unit's counter stood where, on the host's monotonic clock.
 
+    Parameters
+    ----------
+    counter : CounterSpec
+        How long its tick is, nominally, and how well that is known.
+
     Attributes
     ----------
     tick_ns : float
         Length of a tick of the counter.
     """
 
-    def __init__(self) -> None:
-        self.tick_ns = NOMINAL_TICK_NS
+    def __init__(self, counter: CounterSpec = CROSSBOW) -> None:
+        self.tick_ns = counter.tick_ns
+        self._tick_sd = counter.tick_tolerance * counter.tick_ns
+        self._tick_walk = _TICK_WALK * counter.tick_ns
         self._origin = 0
         self._instant = 0.0
-        self._P = [0.0, 0.0, _TICK_SD**2]
+        self._P = [0.0, 0.0, self._tick_sd**2]
         self._spread = 0.0
         self._block = _Block(_FIRST_BLOCK)
         self._early = 0
@@ -120,7 +128,7 @@ class HostTime:
     def _go_on(self, step: int) -> None:
         p, c, q = self._P
         self._instant += step * self.tick_ns
-        self._P = [p + 2.0 * step * c + step * step * q, c + step * q, q + _TICK_WALK**2]
+        self._P = [p + 2.0 * step * c + step * step * q, c + step * q, q + self._tick_walk**2]
 
     def _use(self, block: _Block) -> float:
         least = block.least
@@ -147,7 +155,7 @@ class HostTime:
         No packet arrives early: those before were late. Late in block after block, the tick is wrong, or wraps went by.
         """
         self._instant += innovation
-        tick_sd = _TICK_SD if max(self._late, self._early) > _MOST else 0.0
+        tick_sd = self._tick_sd if max(self._late, self._early) > _MOST else 0.0
         self._P = [_MOVED_SD_NS**2, 0.0, max(self._P[2], tick_sd**2)]
         self._late = 0
         self._block = _Block(_FIRST_BLOCK)

@@ -41,12 +41,14 @@ class Instrument:
         Speeds of a line to a unit that was just switched on; the first is where to begin.
     packet_bytes : int
         Of a data packet on the line.
-    most_rate_hz : float
-        Samples a second at most.
+    rates_hz : tuple of float
+        Rates of a stream; at each of them every packet is a sample.
+    accel_sign : int
+        +1 if it reads specific force, -1 if its sign is the other.
     count_limits : tuple of int
         Least and largest count; a reading there says only "this or more".
     rate_range_dps, accel_range_g : float
-        Ranges, unless the configuration has others.
+        Ranges, unless the configuration has others: words reach 1.5 times as far.
     scaling : callable
         Makes the scaling from the ranges, deg/s and g.
     check_zeroing : callable
@@ -61,7 +63,8 @@ class Instrument:
     model: str
     power_up_bauds: tuple[int, ...]
     packet_bytes: int
-    most_rate_hz: float
+    rates_hz: tuple[float, ...]
+    accel_sign: int
     count_limits: tuple[int, int]
     rate_range_dps: float
     accel_range_g: float
@@ -69,3 +72,12 @@ class Instrument:
     check_zeroing: Callable[[int], None]
     zeroing_patience_s: Callable[[int], float]
     host: Callable[[Port, float | None], Host]
+
+    @property
+    def most_rate_hz(self) -> float:
+        """Samples a second at most."""
+        return max(self.rates_hz)
+
+    def gives(self, rate_hz: float) -> bool:
+        """Whether a stream has such a rate, so that each packet is a sample; else samples are means of packets."""
+        return rate_hz in self.rates_hz or rate_hz >= self.most_rate_hz

@@ -2,8 +2,32 @@
 
 from imutui.instrument.imu400.instrument import IMU400CD
 from imutui.instrument.instrument import Instrument
+from imutui.instrument.port import Port
+from imutui.instrument.uut.instrument import IMU381
 
-INSTRUMENTS: dict[str, Instrument] = {each.name: each for each in (IMU400CD,)}
+INSTRUMENTS: dict[str, Instrument] = {each.name: each for each in (IMU400CD, IMU381)}
 
 DEFAULT = IMU400CD.name
 """The one that is meant unless another is named."""
+
+
+def which_answers(port: Port) -> Instrument:
+    """The instrument that answers at an open port; the usual one, which is asked last, if none of the others does.
+
+    The others are asked in a way that the usual one makes nothing of.
+    """
+    baud = port.baud
+    for instrument in INSTRUMENTS.values():
+        if instrument.name != DEFAULT and instrument.host(port, None).answers():
+            return instrument
+    port.set_baud(baud)
+    return INSTRUMENTS[DEFAULT]
+
+
+_MODELS = {"imu381": ("IMU381", "IMU380", "DMU380", "DMU381", "IMU440")}
+
+
+def of_model(model: str) -> Instrument:
+    """The instrument that a unit of some model is; the usual one where it is none of those known."""
+    upper = model.upper()
+    return INSTRUMENTS[next((name for name, known in _MODELS.items() if upper.startswith(known)), DEFAULT)]

@@ -5,14 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from filters.imu import CHANNELS
-from imutui.instrument.imu400.scaling import Scaling
+from imutui.instrument.registry import of_model
 from imutui.jobs.check_context import CheckContext, Finding, is_polled
 from imutui.jobs.quantities import plural, that_many
 from imutui.logbook.audit import Audit, Part
 from imutui.logbook.session_info import SessionInfo
 
 _LIMITS = (-32768, 32767)
-_EVERY_HZ = 133.0
 
 
 class SamplesOfPackets:
@@ -46,7 +45,7 @@ class SamplesOfPackets:
         if not count:
             return
         (made, counts), (stamps, told_gyro, told_accel) = self._made.get(count), self._samples.get(count)
-        axes, scaling = info.axes(), Scaling(info.rate_range_dps, info.accel_range_g)
+        axes, scaling = info.axes(), of_model(info.instrument).scaling(info.rate_range_dps, info.accel_range_g)
         gyro = axes.gyro_to_body(np.deg2rad(scaling.rates_dps(counts[:, :3])))
         accel = axes.accel_to_body(scaling.accels_g(counts[:, 3:]) * info.g_unit)
         same = made == stamps
@@ -71,7 +70,7 @@ class SamplesOfPackets:
 
 def _one_each(known: Audit, info: SessionInfo) -> bool:
     """Whether each packet is a sample."""
-    return is_polled(known) or info.rate_hz >= _EVERY_HZ
+    return is_polled(known) or of_model(info.instrument).gives(info.rate_hz)
 
 
 class _Queue:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port, PortError
-from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, exit_codes, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
@@ -69,6 +69,7 @@ def main() -> int:
 
 
 def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
+    plan = plan.of_instrument(plan.instrument or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
     engine = Engine(plan, host, host.open(plan.baud), stream)
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -206,7 +207,7 @@ def _stream(plan: Plan) -> Iterator[LiveStream | None]:
 def _port(plan: Plan) -> Iterator[Port]:
     with contextlib.ExitStack() as stack:
         name = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else plan.port
-        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument].power_up_bauds[0]))
+        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
 
 
 @contextlib.contextmanager

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imutui.session.plan import MAX_RATE_HZ
-
 
 @dataclass(frozen=True, slots=True)
 class Sample:
@@ -36,12 +34,13 @@ class Averager:
     ----------
     rate_hz : float
         Asked rate. A period runs from a whole multiple of 1/rate after the first packet to the next; its
-        sample comes with the first packet after it. A period without packets gives no sample. At the unit's own rate,
-        133 Hz, every packet is a sample.
+        sample comes with the first packet after it. A period without packets gives no sample.
+    each : bool
+        Whether every packet is a sample, as at a rate of the unit's own.
     """
 
-    def __init__(self, rate_hz: float) -> None:
-        self._each = rate_hz >= MAX_RATE_HZ  # the unit's 133.3 Hz would not divide
+    def __init__(self, rate_hz: float, *, each: bool = False) -> None:
+        self._each = each
         self._period_ns = 1e9 / rate_hz
         self._first_ns: int | None = None
         self._number = 0

@@ -82,7 +82,12 @@ class Engine:
         polled = plan.sampling == "polled"
         known = KnownUnit(identity, port.baud, instrument.power_up_bauds, returns=plan.port != VIRTUAL_PORT)
         self._reader = Reader(host, plan.rate_hz if polled else None, self._queue.put, known)
-        clock = Clock(transfer_s(instrument.packet_bytes, port.baud) * 1e9, polled=polled)
+        clock = Clock(
+            transfer_s(instrument.packet_bytes, port.baud) * 1e9,
+            polled=polled,
+            counter=host.counter,
+            period_ns=1e9 / host.stream_hz if host.stream_hz else 0.0,
+        )
         info = session_info(plan, port, identity)
         self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream)
         self._disk_error: OSError | None = None

@@ -1,5 +1,13 @@
 """What to say of a unit that does not say who it is, and of one that does."""
 
+import re
+
+
+def model_of(version: str) -> str:
+    """Model in a version text such as "IMU400CD-200 1.07"; empty if it names none."""
+    named = re.match(r"[A-Z]{2,}[ -]?\d+[A-Z]*(-\d+)?", version.strip(), re.IGNORECASE)
+    return named[0] if named else ""
+
 
 def not_said(serial_number: str, version: str) -> str | None:
     """What to say of a unit of which these are known; None if it said both."""

@@ -19,9 +19,11 @@ from filters.motion.reference import Trajectory
 from filters.state import Site
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
+from imutui.session.identity import model_of
 from imutui.session.plan import Plan
 from imutui.session.previous_log import boot_id
 from imutui.session.requests import FilterChanges
@@ -40,6 +42,7 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
     # a virtual instrument says so itself; nothing simulated may pass for measured
     kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
     info = SessionInfo(
+        instrument=_model(plan, identity),
         serial_number=identity.serial_number,
         firmware=identity.version,
         kind=kind,
@@ -75,6 +78,12 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
     latitude, longitude, height = plan.site or (info.latitude_deg, info.longitude_deg, info.height_m)
     site = Site.at(latitude, longitude, height, plan.gravity)
     return replace(info, latitude_deg=latitude, longitude_deg=longitude, height_m=height, gravity_mps2=site.gravity)
+
+
+def _model(plan: Plan, identity: Identity) -> str:
+    usual = INSTRUMENTS[plan.instrument].model
+    # every IMU400CD that is not refused is the one model
+    return usual if plan.instrument == DEFAULT else model_of(identity.version) or usual
 
 
 def _reference_sha256(plan: Plan) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
@@ -132,7 +132,9 @@ class Plan:
     virtual : tuple of str
         Further arguments of `imutui virtual`, for port "virtual".
     instrument : str
-        Which kind of unit, by its name in the registry.
+        Which kind of unit, by its name in the registry; empty for whichever answers.
+    explicit : tuple of str
+        Fields that somebody chose: `of_instrument` leaves them as they are.
     """
 
     port: str
@@ -174,9 +176,10 @@ class Plan:
     unattended: bool = False
     virtual: tuple[str, ...] = ()
     instrument: str = DEFAULT
+    explicit: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.instrument not in INSTRUMENTS:
+        if self.instrument and self.instrument not in INSTRUMENTS:
             raise ValueError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
         if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:
             raise ValueError(f"`rate` is {self.rate_hz:g} Hz; the IMU400CD gives {MIN_RATE_HZ} to {MAX_RATE_HZ:g} Hz")
@@ -196,6 +199,31 @@ class Plan:
             raise ValueError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
             )
+
+    def of_instrument(self, name: str) -> "Plan":
+        """The plan for an instrument: what nobody chose is as that one has it.
+
+        Raises
+        ------
+        ValueError
+            If it can't be asked of it.
+        """
+        instrument = INSTRUMENTS[name]
+        if name == DEFAULT:
+            return replace(self, instrument=name)
+        if self.rate_hz > instrument.most_rate_hz and "rate_hz" in self.explicit:
+            most = f"the {instrument.model} gives {instrument.most_rate_hz:g} Hz"
+            raise ValueError(f"`rate` is {self.rate_hz:g} Hz; {most}")
+        chosen = set(self.explicit)
+        return replace(
+            self,
+            instrument=name,
+            rate_hz=min(self.rate_hz, instrument.most_rate_hz),
+            accel_sign=self.accel_sign if "accel_sign" in chosen else instrument.accel_sign,
+            rate_range_dps=self.rate_range_dps if "rate_range_dps" in chosen else instrument.rate_range_dps,
+            accel_range_g=self.accel_range_g if "accel_range_g" in chosen else instrument.accel_range_g,
+            baud=self.baud if "baud" in chosen else instrument.power_up_bauds[0],
+        )
 
     @property
     def rotates(self) -> bool:
@@ -220,6 +248,7 @@ class Plan:
         """Plan of the JSON text that `dumps` gives; raises ValueError as the constructor does."""
         fields = json.loads(text)
         fields["virtual"] = tuple(fields["virtual"])
+        fields["explicit"] = tuple(fields["explicit"])
         fields["reference_file"] = tuple(fields["reference_file"])
         fields["site"] = tuple(fields["site"]) if fields["site"] is not None else None
         return cls(**fields)

@@ -234,7 +234,7 @@ class Reader:
                 if isinstance(event, Discarded):
                     contiguous = False
                 else:
-                    arrived_ns = arrival_before(host_ns, event.ticks, newest)
+                    arrived_ns = arrival_before(host_ns, event.ticks, newest, self._host.counter)
                     behind = self._port.is_behind()
                     self._arrived(event, arrived_ns, decoder, contiguous=contiguous, quiet=quiet, behind=behind)
                     contiguous, quiet = True, False
@@ -308,7 +308,7 @@ class Reader:
             self._ask_silent_unit()
         if not self._has_mode and self._known is not None:
             self._has_mode = True
-            self._lose("the unit measures in volts, as after power-up; it is set up again.")
+            self._lose("the unit sends as after power-up; it is set up again.")
             self._find_again(streams=False)
         while not self.stopping.is_set() and not self._zero_requests.empty():
             self._zero(self._zero_requests.get())

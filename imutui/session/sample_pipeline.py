@@ -129,7 +129,9 @@ class SamplePipeline:
         self._scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
         self._at_limit = False
         self._uncertainty_ns = 0  # the largest since it was last written
-        self._averager = Averager(info.rate_hz) if info.sampling == "stream" else None
+        self._averager = (
+            Averager(info.rate_hz, each=instrument.gives(info.rate_hz)) if info.sampling == "stream" else None
+        )
 
     def packet(self, packet: DataPacket, stamp: Stamp, host_ns: int) -> None:
         """Take a packet; raises OSError if the disk does not take it."""
@@ -175,7 +177,7 @@ class SamplePipeline:
         flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
         flags |= schemas.FLAG_LIMIT if at_limit else 0
         raw = schemas.RawPacket(
-            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature, packet.ticks, 0, flags
+            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature % 65536, packet.ticks, 0, flags
         )
         writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
 

@@ -30,7 +30,7 @@ def test_the_rate_is_the_one_asked_and_every_packet_counts_once(rate: float) -> 
 
 def test_at_full_rate_every_packet_is_a_sample() -> None:
     """133 Hz asked of a unit that gives 133.3: nothing is merged."""
-    samples = feed(Averager(133.0), 1000)
+    samples = feed(Averager(133.0, each=True), 1000)
     assert len(samples) == 1000
     assert all(s.packets == 1 for s in samples)
 

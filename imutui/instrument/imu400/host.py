@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
+from imutui.instrument.counter_spec import CROSSBOW
 from imutui.instrument.discarded import Discarded
-from imutui.instrument.host import PATIENCE_S, DataPacket
+from imutui.instrument.host import PATIENCE_S, DataPacket, InstrumentError
 from imutui.instrument.identity import Identity
 from imutui.instrument.imu400 import handshake, measurement_mode, zeroing
 from imutui.instrument.imu400.crossbow import (
@@ -77,11 +78,21 @@ class Imu400Host:
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         del rate_hz
         self.port = port
+        self.counter = CROSSBOW
+        self.stream_hz = 0.0
 
     def find(self) -> Identity:
         """Find the unit's speed and ask who it is."""
         handshake.find_speed(self.port, POWER_UP_BAUD)
         return handshake.identify(self.port)
+
+    def answers(self) -> bool:
+        """Whether such a unit answers."""
+        try:
+            handshake.find_speed(self.port, POWER_UP_BAUD)
+        except InstrumentError:
+            return False
+        return True
 
     def check_model(self, identity: Identity) -> None:
         """Refuse a unit whose ranges and packets are others."""

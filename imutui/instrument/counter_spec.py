@@ -1,0 +1,40 @@
+"""What the counter in an instrument's packets counts; no I/O, reads no clock."""
+
+from dataclasses import dataclass, replace
+
+SPAN = 1 << 16
+"""Counters are words of 16 bits, whatever they count."""
+
+
+@dataclass(frozen=True, slots=True)
+class CounterSpec:
+    """A counter of 16 bits that steps from packet to packet.
+
+    Attributes
+    ----------
+    tick_ns : float
+        Nominal length of a tick, ns.
+    tick_tolerance : float
+        One standard deviation of what a unit's tick differs from that, as a part of it.
+    direction : int
+        +1 if it counts up, -1 if it counts down.
+    may_count_packets : bool
+        Whether units of the kind are known whose counter counts packets instead: its step tells.
+    """
+
+    tick_ns: float = 790.0
+    tick_tolerance: float = 0.006
+    direction: int = -1
+    may_count_packets: bool = False
+
+    def step(self, before: int, after: int) -> int:
+        """Ticks from one value to a later one, less whole wraps."""
+        return self.direction * (after - before) % SPAN
+
+    def of_packets(self, period_ns: float) -> "CounterSpec":
+        """The same where each packet counts one, a period apart."""
+        return replace(self, tick_ns=period_ns, may_count_packets=False)
+
+
+CROSSBOW = CounterSpec()
+""""The time counter counts down from 65535 to 0, and wraps"; "one tick is 0.79 microseconds": known to 0.6 %."""

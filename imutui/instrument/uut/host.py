@@ -1,0 +1,215 @@
+"""The host side of a 440, 380 or 381: what the session asks for, said in frames.
+
+The unit keeps its own speed. What is set is set in RAM only, and put back on leaving; nothing is written to EEPROM.
+"""
+
+import time
+from collections.abc import Callable, Iterable
+
+from imutui.instrument.counter_spec import CounterSpec
+from imutui.instrument.host import PATIENCE_S, QUICK_S, DataPacket, InstrumentError
+from imutui.instrument.identity import Identity
+from imutui.instrument.port import Port
+from imutui.instrument.uut import readings
+from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN
+from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, Orientation, fits_line
+from imutui.instrument.uut.frame_search import FIXED_LENGTHS
+from imutui.instrument.uut.messages import Memory, PacketS1, Ping, SetFields
+from imutui.instrument.uut.payloads import encode
+from imutui.instrument.uut.requests import Requests
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
+
+# "2, 3, 5 and 6" of the field BAUD, and those that only the 440 and the 380 have.
+SPEEDS = (115200, 57600, 38400, 230400, 19200, 9600)
+_QUICK_SPEEDS = SPEEDS[:4]
+BARE_PING = b"UUPK"
+""""The bare ping, without length and sum, must work too": an IMU400CD makes nothing of it."""
+
+COUNTER = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1, may_count_packets=True)
+"""Time, 65536 counts a second, so that it wraps each second; a count of packets on some."""
+
+_S1 = int.from_bytes(b"S1", "big")
+_PING_S = 0.15
+_QUIET_S, _QUIET_LIMIT_S = 0.06, 1.0
+_OWN = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE, Field.LOW_PASS_5, Field.LOW_PASS_6, Field.ORIENTATION)
+# a step that is so much shorter than a packet's time is that of another rate
+_SHORT = 0.9
+
+
+class UutHost:
+    """See `host.Host`.
+
+    Parameters
+    ----------
+    port : Port
+        Open.
+    rate_hz : float or None
+        Asked rate of a stream: the unit sends at it if it can, else faster, to be averaged. None if packets are asked
+        for.
+    """
+
+    def __init__(self, port: Port, rate_hz: float | None = None) -> None:
+        self.port = port
+        self.counter = COUNTER
+        self._rate_hz = rate_hz
+        self._own: dict[int, int] = {}
+        self._divider = QUIET
+        self._counts_time = False
+
+    @property
+    def orientation(self) -> Orientation | None:
+        """How the packets' axes lie in the case, as the unit says; None if it does not."""
+        value = self._own.get(Field.ORIENTATION)
+        return None if value is None else Orientation.of_field(value)
+
+    @property
+    def stream_hz(self) -> float:
+        """Packets a second of the stream; 0 if packets are asked for."""
+        return float(RATE_OF_DIVIDER.get(self._divider, 0))
+
+    def find(self) -> Identity:
+        """Find the unit's speed and ask who it is."""
+        self._find_speed(_QUICK_SPEEDS, _PING_S)
+        return self._identify(Requests(self.port))
+
+    def answers(self) -> bool:
+        """Whether such a unit answers at its usual speeds."""
+        try:
+            self._find_speed(_QUICK_SPEEDS, _PING_S, bare=True)
+        except InstrumentError:
+            return False
+        return True
+
+    def check_model(self, identity: Identity) -> None:
+        """Refuse none: whatever gives packets S1 has their scales."""
+
+    def open(
+        self,
+        baud: int | None,
+        *,
+        accept: Callable[[Identity], None] = lambda identity: None,
+        thorough: bool = True,
+        patience_s: float = PATIENCE_S,
+    ) -> Identity:
+        """Find the unit, identify it, read its fields and set its type of packet; it is quiet afterwards."""
+        speeds = SPEEDS if thorough else _QUICK_SPEEDS
+        self._find_speed(dict.fromkeys((self.port.baud, baud or SPEEDS[0], *speeds)), min(patience_s, _PING_S))
+        requests = Requests(self.port, patience_s)
+        identity = self._identify(requests)
+        accept(identity)
+        own = requests.fields(_OWN)
+        if Field.PACKET_TYPE not in own or Field.RATE_DIVIDER not in own:
+            raise InstrumentError(f"{self.port.name}: the unit does not say its configuration. Power it off and on.")
+        # found again, it may have what was set here still
+        self._own = self._own or own
+        self.stop()
+        if not requests.put({Field.PACKET_TYPE: _S1}) or requests.fields((Field.PACKET_TYPE,)).get(3) != _S1:
+            raise InstrumentError(f"{self.port.name}: the unit refuses packets of type S1, so it gives no readings.")
+        self._divider = self._divider_for(self._rate_hz)
+        return identity
+
+    def start(self) -> None:
+        """Have the unit stream; whether it does is seen by what comes."""
+        self.port.write(encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, self._divider),))))
+
+    def stop(self) -> None:
+        """Have it send nothing by itself."""
+        self.port.write(encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, QUIET),))))
+        began = last = time.monotonic()
+        while time.monotonic() - last < _QUIET_S and time.monotonic() - began < _QUIET_LIMIT_S:
+            last = time.monotonic() if self.port.read(64) else last
+        self.port.discard_input()
+
+    def leave(self) -> None:
+        """Put its own type and rate of packets back."""
+        self.stop()
+        requests = Requests(self.port, QUICK_S)
+        for field in (Field.PACKET_TYPE, Field.RATE_DIVIDER):
+            if field in self._own:
+                requests.put({field: self._own[field]})
+
+    def packets(self) -> readings.Packets:
+        """What makes packets of the stream's bytes."""
+        return readings.Packets(
+            f"{self.port.name}: the unit refuses a stream of {RATE_OF_DIVIDER.get(self._divider, 0)} Hz."
+            " Ask for another rate: --rate."
+        )
+
+    def poller(self, giving_up: Callable[[], bool]) -> readings.Poller:
+        """What asks for packets one by one."""
+        return readings.Poller(self.port, giving_up)
+
+    def ask_for_life(self) -> None:
+        """Ping, without waiting for the answer."""
+        self.port.write(encode(Ping()))
+
+    def may_have_forgotten(self, packet: DataPacket) -> bool:
+        """Never: a packet that was asked for is of the type that was asked for."""
+        return False
+
+    def has_forgotten(self, packet: DataPacket, before: DataPacket) -> bool:
+        """Whether packets are of another type, or come faster, than the unit was told."""
+        if isinstance(packet, readings.DataPacket) and not isinstance(packet.source, PacketS1):
+            return True
+        period = COUNTS_PER_SECOND / RATE_OF_DIVIDER[self._divider]
+        step = (packet.ticks - before.ticks) % SPAN
+        if not self._counts_time:
+            # a counter of packets, which steps by one, says nothing of their rate
+            self._counts_time = abs(step - period) <= (1.0 - _SHORT) * period and step > 1
+            return False
+        return 0 < step < _SHORT * period
+
+    def set_up(self) -> bool:
+        """Set the type of packet anew; whether the unit has taken it."""
+        return Requests(self.port, QUICK_S).put({Field.PACKET_TYPE: _S1})
+
+    def zero(self, argument: int, stopping: Callable[[], bool]) -> float | None:
+        """Do nothing: the unit has no such command, which `instrument.check_zeroing` has said before."""
+        return None
+
+    def _find_speed(self, speeds: Iterable[int], patience_s: float, *, bare: bool = False) -> None:
+        """Find the speed at which the unit answers a ping, and leave the port at it."""
+        for speed in speeds:
+            self.port.set_baud(speed)
+            self.port.discard_input()
+            # what a frame that was cut off may have left in the unit ends with this
+            self.port.write(BARE_PING)
+            requests = Requests(self.port)
+            if requests.hear_ping(patience_s) if bare else requests.ping(patience_s):
+                return
+        raise InstrumentError(
+            f"{self.port.name}: no answer to a ping as an IMU381 gives it (tried"
+            f" {', '.join(map(str, SPEEDS))} baud). Check that the unit has power, that transmit and receive are not"
+            " swapped, that its line is the serial one, and that this is its port."
+        )
+
+    def _identify(self, requests: Requests) -> Identity:
+        said, version = requests.identification(), requests.version()
+        text = "" if said is None else said.text
+        number = "" if version is None else f" {version.text}"
+        source = text.partition(" from ")[2] if "VIRTUAL" in text.upper() else ""
+        return Identity(
+            "" if said is None else str(said.serial_number),
+            one_line(text.partition(" from ")[0] + number, NAME_LIMIT),
+            one_line(source, NOTE_LIMIT),
+            requests.slowest_s,
+        )
+
+    def _divider_for(self, rate_hz: float | None) -> int:
+        """Divider of the asked rate; of the fastest one that the line carries where the unit has no such rate."""
+        fits = {
+            hz: divider
+            for divider, hz in RATE_OF_DIVIDER.items()
+            if fits_line(hz, FIXED_LENGTHS[b"S1"], self.port.baud)
+        }
+        if rate_hz is None:
+            return QUIET
+        exact = next((divider for hz, divider in fits.items() if hz == rate_hz), None)
+        if exact is not None:
+            return exact
+        if not fits or max(fits) < rate_hz:
+            raise InstrumentError(
+                f"{self.port.name}: the line of {self.port.baud} baud does not carry {rate_hz:g} Hz; it carries"
+                f" {max(fits, default=0):g} Hz: --rate."
+            )
+        return fits[max(fits)]

@@ -1,0 +1,43 @@
+"""The IMU381 and its relatives as a member of the registry."""
+
+from imutui.instrument.instrument import Instrument
+from imutui.instrument.uut.fields import RATE_OF_DIVIDER
+from imutui.instrument.uut.frame_search import FIXED_LENGTHS
+from imutui.instrument.uut.frames import OVERHEAD_BYTES
+from imutui.instrument.uut.host import SPEEDS, UutHost
+from imutui.instrument.uut.scaling import COUNT_LIMITS, Scaling
+
+
+def check_zeroing(argument: int) -> None:
+    """Refuse to zero the rate sensors.
+
+    Raises
+    ------
+    ValueError
+        Always.
+    """
+    raise ValueError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
+
+
+def _scaling(rate_range_dps: float, accel_range_g: float) -> Scaling:
+    """Scaling of all units of the family: the same, whatever their ranges."""
+    return Scaling()
+
+
+IMU381 = Instrument(
+    name="imu381",
+    model="IMU381ZA",
+    power_up_bauds=SPEEDS[:4],
+    packet_bytes=FIXED_LENGTHS[b"S1"] + OVERHEAD_BYTES,
+    rates_hz=tuple(map(float, RATE_OF_DIVIDER.values())),
+    accel_sign=1,
+    count_limits=COUNT_LIMITS,
+    # as the IMU400CD's words reach 1.5 times their range: 630 deg/s and 10 g
+    rate_range_dps=420.0,
+    accel_range_g=20.0 / 3.0,
+    scaling=_scaling,
+    check_zeroing=check_zeroing,
+    zeroing_patience_s=lambda argument: 0.0,
+    host=UutHost,
+)
+"""Aceinna's IMU381, MEMSIC's IMU380, Crossbow's IMU440."""

@@ -1,0 +1,113 @@
+"""Asking a 440, 380 or 381 for something and waiting for its answer, while packets of a stream may come in between.
+
+Replies are told apart by their type, so that nothing has to be quiet for it.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from imutui.instrument.host import PATIENCE_S
+from imutui.instrument.port import Port
+from imutui.instrument.uut.decoder import Decoder
+from imutui.instrument.uut.messages import (
+    Event,
+    Fields,
+    FieldsSet,
+    GetFields,
+    GetPacket,
+    Identification,
+    Memory,
+    Ping,
+    Refused,
+    Reply,
+    Request,
+    SetFields,
+    Version,
+)
+from imutui.instrument.uut.payloads import IDENTIFICATION, VERSION, encode, frame_of
+
+_TRIES = 2
+_USUAL_S = 0.4
+
+ReplyT = TypeVar("ReplyT", bound=Reply)
+
+
+@dataclass(slots=True)
+class Requests:
+    """Asks one thing after the other.
+
+    Attributes
+    ----------
+    port : Port
+        At the unit's speed.
+    patience_s : float
+        How long to wait for a reply.
+    slowest_s : float
+        How long the slowest reply so far took.
+    """
+
+    port: Port
+    patience_s: float = PATIENCE_S
+    slowest_s: float = field(default=0.0)
+
+    def ping(self, patience_s: float) -> bool:
+        """Whether the unit answers a ping."""
+        return self._ask(Ping(), Ping, lambda reply: True, patience_s, 1) is not None
+
+    def hear_ping(self, patience_s: float) -> bool:
+        """Whether the answer to a ping comes, which was asked for already."""
+        decoder, began = Decoder(), time.monotonic()
+        while time.monotonic() - began < patience_s:
+            data = self.port.read(decoder.missing)
+            if Ping() in (decoder.feed(data) if data else decoder.pause()):
+                return True
+        return False
+
+    def identification(self) -> Identification | None:
+        """Serial number and text."""
+        return self.ask(GetPacket(IDENTIFICATION), Identification)
+
+    def version(self) -> Version | None:
+        """Version of the firmware."""
+        return self.ask(GetPacket(VERSION), Version)
+
+    def fields(self, ids: tuple[int, ...]) -> dict[int, int]:
+        """Fields in force, as far as there are such."""
+        reply = self.ask(GetFields(Memory.RAM, ids), Fields, lambda reply: reply.memory is Memory.RAM)
+        return {} if reply is None else dict(reply.values)
+
+    def put(self, values: dict[int, int]) -> bool:
+        """Put fields in force, until the next power-up; whether the unit has taken all of them."""
+        reply = self.ask(
+            SetFields(Memory.RAM, tuple(values.items())), FieldsSet, lambda reply: reply.memory is Memory.RAM
+        )
+        return reply is not None and set(values) <= set(reply.ids)
+
+    def ask(
+        self, request: Request, kind: type[ReplyT], fits: Callable[[ReplyT], bool] = lambda reply: True
+    ) -> ReplyT | None:
+        """Send a request and wait for its reply; None if it does not come, or the unit refuses."""
+        return self._ask(request, kind, fits, self.patience_s, _TRIES)
+
+    def _ask(
+        self, request: Request, kind: type[ReplyT], fits: Callable[[ReplyT], bool], patience_s: float, tries: int
+    ) -> ReplyT | None:
+        asked = frame_of(request).type
+        for _ in range(tries):
+            decoder, began = Decoder(), time.monotonic()
+            self.port.write(encode(request))
+            while time.monotonic() - began < patience_s:
+                data = self.port.read(decoder.missing)
+                for event in decoder.feed(data) if data else decoder.pause():
+                    if isinstance(event, kind) and fits(event):
+                        self.slowest_s = max(self.slowest_s, time.monotonic() - began)
+                        return event
+                    if _refuses(event, asked):
+                        return None
+        return None
+
+
+def _refuses(event: Event, asked: bytes) -> bool:
+    return isinstance(event, Refused) and event.type == asked

@@ -1,0 +1,175 @@
+"""The host side of an IMU381 against a virtual unit on a pseudo-terminal, and against bytes that a real one sent."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from helpers.paths import ROOT
+from helpers.units import Still
+
+from imutui.instrument.clock import Clock, Stamp
+from imutui.instrument.host import InstrumentError
+from imutui.instrument.port import Port
+from imutui.instrument.registry import which_answers
+from imutui.instrument.transmitter import transfer_s
+from imutui.instrument.uut.fields import Field
+from imutui.instrument.uut.host import UutHost
+from imutui.instrument.uut.instrument import IMU381
+from imutui.instrument.uut.packet_makers import MeasuredPackets, PacketMaker, RecordedStream
+from imutui.instrument.uut.readings import DataPacket
+from imutui.instrument.uut.requests import Requests
+from imutui.instrument.uut.unit import VirtualUnit
+from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
+from imutui.instrument.virtual import serve
+from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
+
+DATA = ROOT.parent / "shared" / "data"
+STREAM, DECODED = DATA / "aceinna_imu381_scale1.raw", DATA / "aceinna_imu381_s1_static.npz"
+OWN = tuple(int(field) for field, _ in IMU381ZA)
+
+
+@contextmanager
+def served(packets: PacketMaker, options: UnitOptions, speed: float = 1.0) -> Iterator[str]:
+    """Port of a virtual unit on a pseudo-terminal."""
+    ready: queue.SimpleQueue[str] = queue.SimpleQueue()
+    stop = threading.Event()
+    unit = VirtualUnit(packets, options)
+    arguments = {"link": None, "tap": None, "on_ready": ready.put, "log": lambda _: None, "stop": stop, "speed": speed}
+    thread = threading.Thread(target=serve, args=(unit,), kwargs=arguments, daemon=True)
+    thread.start()
+    try:
+        yield ready.get(timeout=10.0)
+    finally:
+        stop.set()
+        thread.join(10.0)
+
+
+@contextmanager
+def still(options: UnitOptions | None = None) -> Iterator[str]:
+    """Port of a unit at rest, which streams by itself."""
+    options = options or UnitOptions()
+    with served(MeasuredPackets(Still(), options), options) as name:
+        yield name
+
+
+def acquired(host: UutHost, poll_hz: float | None, enough: Callable[[int], bool]) -> list[PacketArrival]:
+    """Packets that a reader gets until they are enough."""
+    events: queue.SimpleQueue[ReaderEvent] = queue.SimpleQueue()
+    reader = Reader(host, poll_hz, events.put)
+    reader.start()
+    found: list[PacketArrival] = []
+    try:
+        while not enough(len(found)):
+            event = events.get(timeout=10.0)
+            assert isinstance(event, PacketArrival), event
+            found.append(event)
+    finally:
+        reader.stop()
+        reader.join(10.0)
+    return found
+
+
+def stamped(clock: Clock, arrivals: list[PacketArrival]) -> list[Stamp]:
+    """What a clock makes of packets."""
+    stamps = []
+    for each in arrivals:
+        how = {"contiguous": each.contiguous, "quiet": each.quiet, "behind": each.behind}
+        stamps += clock.take(each.packet.ticks, each.host_ns, **how)
+    return stamps + clock.release()
+
+
+@pytest.mark.parametrize("code", [5, 2])
+def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) -> None:
+    """Whatever its speed; it streams by itself before and after, and its fields are its own again."""
+    fields = tuple((field, code if field == Field.BAUD else value) for field, value in IMU381ZA)
+    with still(UnitOptions(fields=fields)) as name, Port(name, 38400) as port:
+        host = UutHost(port, 50.0)
+        identity = host.open(None)
+        assert (identity.serial_number, identity.version[:12]) == ("9911750", "IMU381ZA-200")
+        assert host.stream_hz == 50.0
+        found = acquired(host, None, lambda n: n >= 25)
+        steps = np.diff([each.packet.ticks for each in found]) % 65536
+        assert set(steps.tolist()) <= {1310, 1311}
+        assert Requests(port).fields(OWN) == {int(field): value for field, value in fields}
+
+
+def test_packets_are_asked_for_one_by_one() -> None:
+    """A polled unit sends nothing by itself, and each request has its own answer."""
+    with still() as name, Port(name, 115200) as port:
+        host = UutHost(port)
+        host.open(None)
+        found = acquired(host, 50.0, lambda n: n >= 20)
+        assert all(each.requested_ns is not None and each.requested_ns < each.host_ns for each in found)
+        assert found[-1].discarded_bytes == found[-1].bad_checksums == 0
+
+
+def test_a_unit_tells_itself_from_the_other_kind_on_its_line() -> None:
+    """Asked which instrument answers, an IMU381 says so while it streams."""
+    with still() as name, Port(name, 38400) as port:
+        assert which_answers(port) is IMU381
+
+
+def test_a_stream_that_the_line_does_not_carry_is_refused_in_words() -> None:
+    """At 9600 baud the unit would refuse 100 Hz; what fits is said."""
+    fields = tuple((field, 0 if field == Field.BAUD else value) for field, value in IMU381ZA)
+    slow = tuple((field, 0 if field == Field.RATE_DIVIDER else value) for field, value in fields)
+    unit = still(UnitOptions(fields=slow, baud_codes=(0, 5)))
+    with unit as name, Port(name, 9600) as port, pytest.raises(InstrumentError, match="25 Hz"):
+        UutHost(port, 100.0).open(None)
+
+
+@pytest.mark.skipif(not STREAM.exists(), reason="the recorded stream is not here: ../shared/data")
+def test_a_recorded_stream_is_acquired_whole() -> None:
+    """All 1002 frames that a real unit sent, in order, counts as decoded; no loss is invented."""
+    stream = RecordedStream(STREAM.read_bytes())
+    fields = {**dict(IMU381ZA), **dict(stream.only), Field.RATE_DIVIDER: 0}
+    options = UnitOptions(fields=tuple(fields.items()), packet_types=(stream.kind,))
+    # ten times as fast: the counter's tick is a tenth, and the stamps are the arrivals'
+    with served(stream, options, speed=10.0) as name, Port(name, 115200) as port:
+        host = UutHost(port, 20.0)
+        host.open(None)
+        found = acquired(host, None, lambda n: n == 1002)
+    packets = [each.packet for each in found]
+    assert all(isinstance(packet, DataPacket) for packet in packets)
+    decoded = np.load(DECODED)
+    scaling = IMU381.scaling(1.0, 1.0)
+    assert np.allclose(scaling.rates_dps([p.rates for p in packets]), decoded["gyro"], atol=1e-4)
+    assert np.allclose(scaling.accels_g([p.accels for p in packets]), decoded["accel"], atol=1e-6)
+    assert np.allclose(scaling.temperature_degc([p.temperature for p in packets]), decoded["temp"], atol=1e-4)
+    assert (found[-1].bad_checksums, found[-1].discarded_bytes) == (0, 0)
+
+
+def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.00002) -> list[PacketArrival]:
+    """Packets of a unit at 20 Hz whose counter counts time, or packets, without those that are lost."""
+    found = []
+    packet = DataPacket((0, 0, 0), (0, 0, 0), 0, 0, 0, None)  # type: ignore[arg-type]
+    contiguous = False
+    for k in range(400):
+        ticks = (65000 + (k if step == 1 else round(k * period_s * 65536))) % 65536
+        if k in losing:
+            contiguous = False
+            continue
+        late_ns = 3_000_000 + (k * 7919) % 400_000
+        at = round(1e12 + k * period_s * skew * 1e9) + late_ns
+        named = DataPacket(packet.rates, packet.accels, 0, ticks, 0, packet.source)
+        found.append(PacketArrival(named, at, contiguous, not contiguous, False, 0, 0))
+        contiguous = True
+    return found
+
+
+@pytest.mark.parametrize("step", [1, 3277])
+@pytest.mark.parametrize("losing", [range(0), range(200, 203), range(200, 240), range(200, 221)])
+def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -> None:
+    """Packets or time, whole seconds among the latter: none is invented, and those missing are within the bounds."""
+    clock = Clock(transfer_s(31, 115200) * 1e9, counter=UutHost(None).counter, period_ns=50e6)  # type: ignore[arg-type]
+    stamps = stamped(clock, stream_of(step, losing))
+    gaps = [stamp.gap for stamp in stamps if stamp.gap is not None]
+    assert len(stamps) == 400 - len(losing)
+    assert len(gaps) == (1 if losing else 0)
+    assert all(gap.lost_min <= len(losing) <= gap.lost_max for gap in gaps)
+    assert sum(stamp.by_host for stamp in stamps) <= 2
+    t = np.array([stamp.monotonic_ns for stamp in stamps], float)
+    assert abs(np.median(np.diff(t)) - 50e6) < 0.05e6
