@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 from filters.motion.profile import Profile
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
-from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe, operator_guide, zeroing
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.gravity_check import upside_down
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.line_watch import LineState, LineWatch
@@ -82,6 +83,7 @@ class Acquisition:
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
+        self._gravity_seen = False
         self._last_stamp_ns = self._started_ns
         self._line = LineWatch(info, self._timebase)
         self._loss_advice = LossAdvice(info.port, info.firmware)
@@ -209,11 +211,23 @@ class Acquisition:
             for text, warns in self._line.each_second(line):
                 self.event("acquisition", text, WARNING if warns else INFORMATION)
             self._look_after_stream()
+            self._look_at_gravity()
             step = self._clock_steps.check()
             if step is not None:
                 self.event(
                     "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
                 )
+
+    def _look_at_gravity(self) -> None:
+        """Say once of a unit that turns its own axes that gravity reads where it should not."""
+        accels_g = self._recent.accels_g()
+        info = self._recorder.info
+        if accels_g is None or self._gravity_seen or self._instrument.name == DEFAULT or info.reference != "level":
+            return
+        self._gravity_seen = True
+        said = upside_down(accels_g, info.axes())
+        if said is not None:
+            self.event("acquisition", said, WARNING)
 
     def _look_after_stream(self) -> None:
         stream = self._recorder.stream

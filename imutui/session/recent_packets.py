@@ -88,6 +88,11 @@ class RecentPackets:
         _, recent = self._recent()
         return np.asarray(recent[:, :3].mean(axis=0)) if len(recent) else None
 
+    def accels_g(self) -> np.ndarray | None:
+        """Mean of the accelerometers over the last 10 s, g, shape (3,); None without packets."""
+        _, recent = self._recent()
+        return np.asarray(recent[:, 3:6].mean(axis=0)) / 1e3 if len(recent) else None
+
     def rate_hz(self) -> float | None:
         """Packets a second over the last 10 s."""
         t, _ = self._recent()

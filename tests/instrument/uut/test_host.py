@@ -10,6 +10,7 @@ import pytest
 from helpers.paths import ROOT
 from helpers.units import Still
 
+from filters.imu import AxisMap
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port
@@ -24,6 +25,7 @@ from imutui.instrument.uut.requests import Requests
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual import serve
+from imutui.session.gravity_check import upside_down
 from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
 
 DATA = ROOT.parent / "shared" / "data"
@@ -173,3 +175,10 @@ def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -
     assert sum(stamp.by_host for stamp in stamps) <= 2
     t = np.array([stamp.monotonic_ns for stamp in stamps], float)
     assert abs(np.median(np.diff(t)) - 50e6) < 0.05e6
+
+
+def test_a_unit_that_reads_gravity_upside_down_is_told() -> None:
+    """The recorded unit reads +1 g on Z, where the documents have -1 g for a level one."""
+    axes = AxisMap(accel_sign=IMU381.accel_sign)
+    assert upside_down(np.array([0.0, 0.0, -1.0]), axes) is None
+    assert "--mount x,-y,-z" in str(upside_down(np.array([-0.01, 0.006, 0.9986]), axes))
