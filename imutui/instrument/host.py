@@ -130,6 +130,11 @@ class Host(Protocol):
         """Packets a second that the unit was told to stream; 0 where it can't be told."""
         ...
 
+    @property
+    def as_after_power_up(self) -> str:
+        """How a unit that forgot how it was set up shows it, in words."""
+        ...
+
     def find(self) -> Identity:
         """Find the unit's speed and ask who it is, and no more; raises InstrumentError if it is not there."""
         ...

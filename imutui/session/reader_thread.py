@@ -308,7 +308,7 @@ class Reader:
             self._ask_silent_unit()
         if not self._has_mode and self._known is not None:
             self._has_mode = True
-            self._lose("the unit sends as after power-up; it is set up again.")
+            self._lose(f"{self._host.as_after_power_up}; it is set up again.")
             self._find_again(streams=False)
         while not self.stopping.is_set() and not self._zero_requests.empty():
             self._zero(self._zero_requests.get())

@@ -75,6 +75,8 @@ class Imu400Host:
         Makes no difference.
     """
 
+    as_after_power_up = "the unit measures in volts, as after power-up"
+
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         del rate_hz
         self.port = port

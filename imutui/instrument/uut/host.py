@@ -48,6 +48,8 @@ class UutHost:
         for.
     """
 
+    as_after_power_up = "the unit sends other packets than it was told to, as after power-up"
+
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         self.port = port
         self.counter = COUNTER

@@ -4,6 +4,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any, TypeGuard
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from helpers.units import Still
 
 from filters.imu import AxisMap
 from imutui.instrument.clock import Clock, Stamp
+from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port
 from imutui.instrument.registry import which_answers
@@ -27,6 +29,7 @@ from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual import serve
 from imutui.session.gravity_check import upside_down
 from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
+from imutui.session.reconnection import KnownUnit, LineLost, LineReturned
 
 DATA = ROOT.parent / "shared" / "data"
 STREAM, DECODED = DATA / "aceinna_imu381_scale1.raw", DATA / "aceinna_imu381_s1_static.npz"
@@ -34,12 +37,22 @@ OWN = tuple(int(field) for field, _ in IMU381ZA)
 
 
 @contextmanager
-def served(packets: PacketMaker, options: UnitOptions, speed: float = 1.0) -> Iterator[str]:
+def served(
+    packets: PacketMaker, options: UnitOptions, speed: float = 1.0, line: FaultyLine | None = None
+) -> Iterator[str]:
     """Port of a virtual unit on a pseudo-terminal."""
     ready: queue.SimpleQueue[str] = queue.SimpleQueue()
     stop = threading.Event()
     unit = VirtualUnit(packets, options)
-    arguments = {"link": None, "tap": None, "on_ready": ready.put, "log": lambda _: None, "stop": stop, "speed": speed}
+    arguments: dict[str, Any] = {
+        "link": None,
+        "tap": None,
+        "on_ready": ready.put,
+        "log": lambda _: None,
+        "stop": stop,
+        "speed": speed,
+    }
+    arguments["line"] = line
     thread = threading.Thread(target=serve, args=(unit,), kwargs=arguments, daemon=True)
     thread.start()
     try:
@@ -182,3 +195,29 @@ def test_a_unit_that_reads_gravity_upside_down_is_told() -> None:
     axes = AxisMap(accel_sign=IMU381.accel_sign)
     assert upside_down(np.array([0.0, 0.0, -1.0]), axes) is None
     assert "--mount x,-y,-z" in str(upside_down(np.array([-0.01, 0.006, 0.9986]), axes))
+
+
+def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
+    """It streams at its own rate from power-up on: that is noticed, and the asked rate comes back."""
+    options, events = UnitOptions(), queue.SimpleQueue[ReaderEvent]()
+    reset = FaultyLine((LineFault(1.0, "reset"),))
+    with served(MeasuredPackets(Still(), options), options, line=reset) as name, Port(name, 115200) as port:
+        host = UutHost(port, 20.0)
+        known = KnownUnit(host.open(None), port.baud, IMU381.power_up_bauds)
+        reader = Reader(host, None, events.put, known)
+        reader.start()
+        try:
+            seen: list[ReaderEvent] = []
+            while not any(isinstance(event, LineReturned) for event in seen):
+                seen.append(events.get(timeout=10.0))
+            ticks = [event.packet.ticks for event in (events.get(timeout=10.0) for _ in range(4)) if is_packet(event)]
+        finally:
+            reader.stop()
+            reader.join(10.0)
+    assert any(isinstance(event, LineLost) and "as after power-up" in event.message for event in seen)
+    assert set((np.diff(ticks) % 65536).tolist()) <= {3276, 3277}
+
+
+def is_packet(event: ReaderEvent) -> TypeGuard[PacketArrival]:
+    """Whether a packet was read."""
+    return isinstance(event, PacketArrival)
