@@ -58,7 +58,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         from imutui.logbook import reader
 
         # the step for states of effects beside it, on the other core
-        other = subprocess.Popen([sys.executable, "-c", COMPILE_FOR_EFFECTS])
+        other = subprocess.Popen([sys.executable, "-P", "-c", COMPILE_FOR_EFFECTS])
         told: list[str] = []
         runner.warm_up(told.append)
         reader.read(SAMPLE, raw=True)

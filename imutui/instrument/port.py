@@ -9,9 +9,10 @@ import termios
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
-import serial
-from serial.tools import list_ports
+if TYPE_CHECKING:
+    import serial  # at run time where a port is opened: what an instrument is can be asked without one
 
 READ_TIMEOUT = 0.05
 _DEAD_PEER_MS = 10_000
@@ -49,6 +50,8 @@ class PortInfo:
 
 def available() -> list[PortInfo]:
     """Serial ports of this machine, those with a stable id first."""
+    from serial.tools import list_ports
+
     by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.glob("*"))}
     ports = [PortInfo(p.device, by_id.get(p.device, p.device), p.description or "") for p in list_ports.comports()]
     return sorted(ports, key=lambda p: (p.stable_id == p.device, p.device))
@@ -257,7 +260,9 @@ def _terminal_of(process: Path) -> int:
         return 0
 
 
-def _open(name: str, device: str, baud: int) -> serial.SerialBase:
+def _open(name: str, device: str, baud: int) -> "serial.SerialBase":
+    import serial
+
     network = "://" in device
     try:
         return serial.serial_for_url(

@@ -38,5 +38,5 @@ def test_compiling_is_told_part_by_part_and_done_once() -> None:
     assert len(told) > 10
     assert f"this machine: 1 of {len(told)} parts" in told[0]
     assert f"{len(told)} of {len(told)} parts" in told[-1]
-    again = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, text=True, check=True)
+    again = subprocess.run([sys.executable, "-P", "-c", COMPILING], capture_output=True, text=True, check=True)
     assert again.stdout == "[]\n"
