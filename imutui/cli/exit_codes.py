@@ -47,6 +47,8 @@ def refuse_existing(path: Path, force: bool, other: str = "name another file wit
     """Raise the exit for a file that exists and may not be replaced; `other` is what else the user can do."""
     if path.is_dir():
         raise fail(USAGE, f"{path} is a folder; -o names a file.")
+    if path.exists() and not path.is_file():
+        raise fail(USAGE, f"{path} is a device or a pipe, which a file would take the place of; name a file.")
     if path.exists() and not force:
         raise fail(USAGE, f"{path} exists and is left as it is. --force replaces it, or {other}.")
 

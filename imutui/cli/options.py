@@ -99,9 +99,9 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     Raises
     ------
     ConfigError
-        If --set names what a log that is made has for good.
+        If --set names what a log that is made has for good, or there is no such filter.
     """
-    from imutui.config import ConfigError, parse_pairs
+    from imutui.config import ALLOWED, ConfigError, parse_pairs
 
     fields = {
         "filter.name": "filter",
@@ -120,6 +120,9 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
         )
     overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
     if filter_name is not None:
+        known = ALLOWED["filter.name"]
+        if filter_name not in known:
+            raise ConfigError(f'--filter is "{filter_name}", not one of: {", ".join(map(str, known))}')
         overrides["filter"] = filter_name
     if reference is not None:
         overrides["reference"] = reference

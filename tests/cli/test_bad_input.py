@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import pickle
 import random
 import signal
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.paths import SAMPLE
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
@@ -435,6 +437,21 @@ def test_a_changed_byte_in_a_chunk_is_noticed_and_all_before_it_is_used(run: Run
             assert document["samples"] == samples
             assert document["damage"]
             assert n
+
+
+def test_no_file_takes_the_place_of_a_device_or_a_pipe(run: Run, home: Path) -> None:
+    """--force replaces files; /dev/null stays what it is."""
+    os.mkfifo(home / "pipe")
+    for output in ("pipe", "/dev/null"):
+        outcome = run("export", str(SAMPLE), "-o", output, "--format", "csv", "--force")
+        assert "is a device or a pipe" in outcome.error(2)
+    assert (home / "pipe").is_fifo()
+
+
+def test_a_filter_that_there_is_not_costs_a_campaign_nothing(run: Run, home: Path) -> None:
+    """It is refused before any row is touched."""
+    assert "not one of: spkf" in run("campaign", str(SAMPLE), "-o", "out", "--filter", "foo").error(2)
+    assert not (home / "out").exists()
 
 
 def test_any_byte_of_a_log_may_be_wrong(run: Run, home: Path, log: bytes) -> None:
