@@ -1,14 +1,16 @@
 """A log as a corrected unit would have read it: effects of a file taken out of its samples.
 
-The regressors are those of a replay with the same effects, by the same code: the filter runs, and is listened to. What
-only the filter can follow, a drift, stays in; so do the biases, which belong to a power-on.
+The regressors are those of a replay with the same effects, by the same code: the filter runs, and is listened to. It
+takes an effect of what is sensed where the reference says that, and of what is read elsewhere; there the correction is
+solved for what is sensed, since a reading has its bias and its effects in it. What only the filter can follow, a drift,
+stays in; so do the biases, which belong to a power-on.
 """
 
 import errno
 import heapq
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,14 +18,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.channels import DPS, G
 from filters.effects import plain_names
 from filters.effects.records import Included
 from filters.kalman.augmentation import Effects
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
-from filters.motion.reference import COLUMNS
+from filters.motion.reference import COLUMNS, FORCE, RATE
 from filters.types import Array
-from imutui.jobs import replay, replay_input, unread_filled
+from imutui.jobs import correction_terms, linear_correction, replay, replay_input, unread_filled
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
 from imutui.logbook import atomic_file, checksum_file, effects_file, power_on, reader, reference_file, schemas
@@ -36,6 +39,8 @@ from imutui.plain_text import in_line
 
 APPLIED = "applied_effects.toml"
 """Attachment with the effects that were taken out: not the name under which a replay would take them again."""
+_BY_READINGS = ("gravity", "turned")
+_SENSED = np.r_[RATE, FORCE]
 _DRIFTS = ("random_walk", "gauss_markov")
 _Message: TypeAlias = tuple[int, int, str, bytes]
 """Stamp, rank among those of the same stamp, topic, bytes."""
@@ -118,7 +123,8 @@ def apply(
     filled = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
     info, settings = replay.prepare(log, filled, options)
     document = effects_file.parse(effects)
-    found = _listen(settings, filled, log, _states_taken_out(document.effects), progress)
+    found = _listen(settings, info, filled, log, _states_taken_out(document.effects), progress)
+    found = _of_sensed(found, document.effects, info)
     gyro, accel, valid = log.gyro.copy(), log.accel.copy(), log.valid.copy()
     taken = np.flatnonzero(log.valid)
     gyro[taken] -= found.correction[:, 3:]
@@ -164,17 +170,29 @@ def _states_taken_out(effects: tuple[Included, ...]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """Correction of each sample, accelerometer then gyro, body axes, SI, (N, 6), and whether it is a reading, (N,)."""
+    """What effects say of samples.
+
+    Attributes
+    ----------
+    correction : Array
+        Accelerometer then gyro, body axes, SI, shape (N, 6).
+    use : array of bool
+        Whether it is a reading, shape (N,).
+    sensed : array of bool
+        Whether the reference says what is sensed, shape (N,); else the correction is of what is read.
+    """
 
     correction: Array
     use: NDArray[np.bool_]
+    sensed: NDArray[np.bool_]
 
 
 class _Listened:
     """Effects that note what they say of each sample; see `filters.kalman.augmentation.Effects`."""
 
-    def __init__(self, effects: Effects, wanted: NDArray[np.bool_]) -> None:
+    def __init__(self, effects: Effects, wanted: NDArray[np.bool_], by_readings: bool) -> None:
         self._effects = effects
+        self._by_readings = by_readings
         self.names, self.mean, self.covariance = effects.names, effects.mean, effects.covariance
         self.tau, self.q = effects.tau, effects.q
         self._mean = np.where(wanted, effects.mean, 0.0)
@@ -185,20 +203,30 @@ class _Listened:
         self, t: Array, gyro: Array, accel: Array, temperature: Array, known: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """What the effects say, noted."""
+        if self._by_readings:
+            # a unit that was levelled by its own readings would have its bias taken for a tilt
+            known = known.copy()
+            known[:, _SENSED] = np.nan
         phi, scale, use = self._effects.rows(t, gyro, accel, temperature, known)
-        self.found.append(_Found(phi @ self._mean, use))
+        sensed = np.asarray(np.isfinite(known[:, _SENSED]).all(axis=1))
+        self.found.append(_Found(phi @ self._mean, use, sensed))
         self.count += t.size
         return phi, scale, use
 
 
 def _listen(
-    settings: Settings, part: Part, log: Log, wanted: NDArray[np.bool_], progress: Callable[[float], None]
+    settings: Settings,
+    info: SessionInfo,
+    part: Part,
+    log: Log,
+    wanted: NDArray[np.bool_],
+    progress: Callable[[float], None],
 ) -> _Found:
     """Run the filter with the effects over the samples; returns what the effects said of each."""
     n = part.t.size
     if settings.effects is None:
-        return _Found(np.zeros((n, 6)), np.ones(n, bool))
-    listened = _Listened(settings.effects(), wanted)
+        return _Found(np.zeros((n, 6)), np.ones(n, bool), np.ones(n, bool))
+    listened = _Listened(settings.effects(), wanted, info.reference in _BY_READINGS)
     estimator = Estimator(replace(settings, effects=lambda: listened), np.inf)
     for event in log.events:
         if event.name == "mark":
@@ -212,7 +240,23 @@ def _listen(
     return _Found(
         np.concatenate([each.correction for each in listened.found]),
         np.concatenate([each.use for each in listened.found]),
+        np.concatenate([each.sensed for each in listened.found]),
     )
+
+
+def _of_sensed(found: _Found, effects: Sequence[Included], info: SessionInfo) -> _Found:
+    """The correction c of what is sensed, where c0 is that of what is read: c = c0 - A c, since sensed = read - c."""
+    terms = correction_terms.of_effects(effect for effect in effects if _is_taken_out(effect))
+    M = linear_correction.of_terms([0.0] * 6, terms).matrix
+    rows = np.flatnonzero(~found.sensed)
+    if not rows.size or np.array_equal(M, np.eye(6)):
+        return found
+    axes, of_read = info.axes(), found.correction[rows]
+    dps_g = np.hstack([axes.gyro_to_instrument(of_read[:, 3:]) / DPS, axes.accel_to_instrument(of_read[:, :3]) / G])
+    solved = dps_g @ M.T
+    correction = found.correction.copy()
+    correction[rows] = np.hstack([axes.accel_to_body(solved[:, 3:] * G), axes.gyro_to_body(solved[:, :3] * DPS)])
+    return replace(found, correction=correction)
 
 
 def _largest(correction: Array, info: SessionInfo) -> dict[str, float]:

@@ -1,8 +1,9 @@
 """What corrects a reading beside its constant bias: states of effects, from an effects file or a replay's result."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from filters.effects.records import Included
 from filters.imu import CHANNELS
 from imutui.logbook import effects_file
 from imutui.logbook.results import EffectField
@@ -41,9 +42,14 @@ def of_effects_file(text: str) -> tuple[Term, ...]:
     """
     if not text:
         return ()
+    return of_effects(effects_file.parse(text.encode()).effects)
+
+
+def of_effects(effects: Iterable[Included]) -> tuple[Term, ...]:
+    """Terms of effects, one a state."""
     return tuple(
         Term(effect.channels, effect.effect, state.name, state.unit, state.mean)
-        for effect in effects_file.parse(text.encode()).effects
+        for effect in effects
         for state in effect.states
     )
 

@@ -264,10 +264,17 @@ def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, 
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
     noise = log_noise.measured(info, part) if info.noise == FROM_LOG else None
     try:
-        make = effects_file.maker(effects_of(log, options), info)
+        content = effects_of(log, options)
+        _refuse_twice(log.info, content)
+        make = effects_file.maker(content, info)
     except ValueError as error:
         raise ValueError(f"{log.path}: {error}. --effects none leaves effects out") from error
     return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=part.unread)
+
+
+def _refuse_twice(info: SessionInfo, effects: bytes) -> None:
+    if effects and effects_file.digest(effects) == info.applied_effects_sha256:
+        raise ValueError(f"the effects of this file are taken out of it already ({in_line(info.source)})")
 
 
 def session_of(log: Log, options: ReplayOptions) -> SessionInfo:

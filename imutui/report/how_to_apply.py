@@ -5,12 +5,12 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from filters.channels import CHANNELS
-from filters.effects.inputs import REFERENCE_DEGC
 from filters.tracing.trace_document import TraceDocument
+from imutui.jobs import linear_correction
+from imutui.jobs.linear_correction import LinearCorrection
 from imutui.jobs.page_data import LogData
 from imutui.report import correction, kalibr
 from imutui.report.blocks import Block, Code, Facts, Items, Paragraph, Section, Subheading
-from imutui.report.correction import Correction
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ def _replay(d: "ResultDocument", log: LogData, biases: Sequence[float | None]) -
     found = sources.of_document(d)
     if not found.passes:
         yield Paragraph(f"Not before this is mended, because the verdict is {found.word}: {sources.reasons(d)}")
-    made = correction.correction(biases, log.terms)
+    # no other reference leaves it open what the unit senses
+    made = linear_correction.of_terms(biases, log.terms, of_reading=d["reference"] == "turned")
     yield _facts(made, d["accel_sign"], d["mount"])
     hidden = [name for name, bias in zip(CHANNELS, biases, strict=True) if bias is None]
     if hidden:
@@ -65,7 +66,7 @@ def of_trace(d: TraceDocument, log: LogData) -> Section:
 
 def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
     run = d["runs"][-1]
-    made = correction.correction([0.0] * 6, log.terms)
+    made = linear_correction.of_terms([0.0] * 6, log.terms)
     yield _facts(made, run.get("accel_sign"), run.get("mount"))
     if not made.bias.any():
         yield Paragraph(
@@ -78,10 +79,7 @@ def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
     yield from _toml(log, "effects_file" not in d, old)
 
 
-def _facts(made: Correction, sign: int | None, mount: str | None) -> Facts:
-    terms = ["reading − bias"]
-    terms += ["A · reading"] if made.by_reading.any() else []
-    terms += [f"K{n} · (T − {REFERENCE_DEGC:g} °C){'²³'[n - 2] if n > 1 else ''}" for n in range(1, made.orders + 1)]
+def _facts(made: LinearCorrection, sign: int | None, mount: str | None) -> Facts:
     level = {-1: "reads +1 g on z", 1: "reads −1 g on z"}
     signs = "A bias is what the unit reads too much: it is subtracted."
     if sign in level:
@@ -93,10 +91,15 @@ def _facts(made: Correction, sign: int | None, mount: str | None) -> Facts:
     axes += f" In this log the table's x, y, z are the unit's {mount}." if mount else ""
     units = "gx, gy, gz in deg/s; ax, ay, az in g (1 g = 9.80665 m/s² unless `instrument.g_unit` says otherwise)"
     units += "; T is the temperature in the case, °C, smoothed over 5 s." if made.orders else "."
-    return Facts((("Formula", "corrected = " + " − ".join(terms)), ("Signs", signs), ("Units", units), ("Axes", axes)))
+    rows = [("Formula", correction.formula(made)), ("Signs", signs), ("Units", units), ("Axes", axes)]
+    if made.by_reading.any():
+        name, what = ("A", "A is taken") if made.of_reading else ("M", "M is the inverse of 1 + A, and A is made")
+        has = f"{what} of scale factor errors (its diagonal), cross-axis terms and sensitivity to specific force."
+        rows.insert(1, (name, has))
+    return Facts(tuple(rows))
 
 
-def _code(made: Correction) -> Iterator[Block]:
+def _code(made: LinearCorrection) -> Iterator[Block]:
     yield Subheading("Three lines of Python, `reading` being an array of gx, gy, gz, ax, ay, az")
     yield Code(correction.python(made))
     yield Subheading("The same in C")

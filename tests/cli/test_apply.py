@@ -10,6 +10,7 @@ from helpers.commands import imutui
 from helpers.paths import SAMPLE
 from rosbags.highlevel import AnyReader
 
+from filters.channels import DPS, G
 from imutui.jobs import apply as job
 from imutui.logbook import checksum_file, effects_file, reader
 
@@ -73,6 +74,33 @@ def test_a_corrected_log_gives_what_a_filter_with_the_effects_gives(tmp_path: Pa
     assert reader.read(corrected).info.kind == reader.read(log).info.kind
 
 
+def test_a_corrected_reading_is_what_the_unit_sensed(tmp_path: Path) -> None:
+    """Of readings with scale factor, misalignment, g-sensitivity and a bias, where only they tell what is sensed."""
+    A = np.zeros((6, 6))
+    A[2, 2], A[4, 3], A[0, 5] = 0.02, 0.03, 0.4
+    bias = np.array([0.0, 0.0, 1.5, 0.08, 0.0, 0.0])
+    effects = written(
+        tmp_path,
+        effect("scale", "gz", "1", 0.02),
+        effect("cross_axis", "ay", "rad", 0.03, state="x", more='[effect.parameters]\naxes = "x"\n'),
+        effect("g_sensitivity", "gx", "deg/s/g", 0.4, state="z", more='[effect.parameters]\naxes = "z"\n'),
+        effect("bias", "gz", "deg/s", 1.5),
+        effect("bias", "ax", "mg", 80.0),
+    )
+    rng, n = np.random.default_rng(5), 400
+    true = rng.standard_normal((n, 6)) * 1e-3 + [0.0, 0.0, 0.0, 0.6, 0.0, 0.8]
+    true[200:, :3] += [5.0, 0.0, 20.0]  # a rest, and a turn that no reference tells
+    read = true + bias + true @ A.T
+    np.savez(tmp_path / "in.npz", t=np.arange(n) / 20.0, gyro=read[:, :3], accel=read[:, 3:])
+    imutui("import", str(tmp_path / "in.npz"), "-o", str(tmp_path / "in.mcap"), "--accel-sign", "-1", "--reference",
+           "turned", "--kind", "measured")  # fmt: skip
+    imutui("apply", str(tmp_path / "in.mcap"), "--effects", str(effects), "-o", str(tmp_path / "out.mcap"))
+    made = reader.read(tmp_path / "out.mcap")
+    axes = made.info.axes()
+    found = np.hstack([axes.gyro_to_instrument(made.gyro) / DPS, axes.accel_to_instrument(made.accel) / G])
+    np.testing.assert_allclose(found, true, rtol=0.0, atol=1e-9)
+
+
 def test_only_what_has_a_value_is_taken_out(tmp_path: Path) -> None:
     """A drift stays and is told; samples that the file calls no readings say so in the log that is made."""
     done = imutui(
@@ -103,6 +131,10 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
     assert log.info.source == "sample.mcap corrected by effects of by hand"
     assert log.info.corrected_from_sha256 == source_hash
     assert log.info.applied_effects_sha256 == reader.sha256(effects)
+    # what is out already is not taken out once more
+    for command in (("apply", "-o", str(tmp_path / "twice.mcap")), ("replay",)):
+        refused = imutui(command[0], str(corrected), "--effects", str(effects), *command[1:], check=2).stderr
+        assert "taken out of it already" in " ".join(refused.split())
     # the same again over it: the sum beside it is the new file's
     imutui("apply", str(SAMPLE), "--effects", str(effects), "-o", str(corrected), "--force")
     assert checksum_file.read(corrected) == reader.sha256(corrected)

@@ -14,7 +14,8 @@ from filters.channels import DPS, G
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.tracing.result import Trace
-from imutui.jobs import correction_terms
+from imutui.jobs import correction_terms, linear_correction
+from imutui.jobs.linear_correction import LinearCorrection
 from imutui.jobs.page_data import LogData
 from imutui.jobs.residual_noise import NoiseLevel
 from imutui.logbook import effects_file
@@ -47,7 +48,7 @@ def text(*included: Included) -> str:
 
 
 def filtered() -> np.ndarray:
-    """What the filter takes a reading for, gx … az in deg/s and g: its own effects, on its own axes, and the biases."""
+    """What a filter that knows only the reading takes it for, gx … az in deg/s and g."""
     effects = effects_file.build(effects_file.parse(text(*INCLUDED).encode()), INFO)
     axes = INFO.axes()
     gyro, accel = axes.gyro_to_body(READING[None, :3] * DPS), axes.accel_to_body(READING[None, 3:] * G)
@@ -59,21 +60,35 @@ def filtered() -> np.ndarray:
     return np.concatenate([gyro_, accel_])
 
 
-@pytest.fixture(scope="module")
-def made() -> correction.Correction:
-    return correction.correction(BIAS, correction_terms.of_effects_file(text(*INCLUDED, DRIFT, LAG)))
+def sensed() -> np.ndarray:
+    """What the reading is of: bias, temperature, and effects of what is sensed, in the units of the reading."""
+    dT, A = TEMPERATURE - 25.0, np.zeros((6, 6))
+    A[2, 2], A[4, 3], A[4, 5], A[0, 5] = 0.004, 2e-3, -3e-3, 0.05
+    thermal = np.array([0.0, 0.02 * dT, 0.0, 3e-4 * (dT / 10 + dT**2 / 100 + dT**3 / 1000), 0.0, 0.0])
+    bias = np.array(BIAS) * np.repeat([1.0, 1e-3], 3)
+    return np.linalg.solve(np.eye(6) + A, READING - bias - thermal)
 
 
-def test_lines_of_python_correct_a_reading_as_the_filter_does(made: correction.Correction) -> None:
+@pytest.fixture(scope="module", params=["sensed", "read"])
+def made(request: pytest.FixtureRequest) -> LinearCorrection:
+    terms = correction_terms.of_effects_file(text(*INCLUDED, DRIFT, LAG))
+    return linear_correction.of_terms(BIAS, terms, of_reading=request.param == "read")
+
+
+def wanted(made: LinearCorrection) -> np.ndarray:
+    return filtered() if made.of_reading else sensed()
+
+
+def test_lines_of_python_correct_a_reading_as_the_model_and_the_filter_do(made: LinearCorrection) -> None:
     """To nine digits: bias, temperature, scale, the other axes, specific force, on a unit that is mounted turned."""
     lines = correction.python(made)
     assert len(lines.splitlines()) == 3
     scope: dict[str, Any] = {"reading": READING, "temperature": TEMPERATURE}
     exec(lines, scope)
-    np.testing.assert_allclose(scope["corrected"], filtered(), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(scope["corrected"], wanted(made), rtol=1e-7, atol=1e-9)
 
 
-def test_lines_of_c_correct_a_reading_as_the_filter_does(made: correction.Correction, tmp_path: Path) -> None:
+def test_lines_of_c_correct_a_reading_as_the_model_and_the_filter_do(made: LinearCorrection, tmp_path: Path) -> None:
     """Compiled without a warning; no header is needed."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
@@ -92,10 +107,10 @@ def test_lines_of_c_correct_a_reading_as_the_filter_does(made: correction.Correc
     six = ctypes.c_double * 6
     out = six()
     ctypes.CDLL(str(library)).correct(six(*READING), ctypes.c_double(TEMPERATURE), out)
-    np.testing.assert_allclose(out, filtered(), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(out, wanted(made), rtol=1e-7, atol=1e-9)
 
 
-def test_what_takes_more_than_a_reading_is_left_out_and_said(made: correction.Correction) -> None:
+def test_what_takes_more_than_a_reading_is_left_out_and_said(made: LinearCorrection) -> None:
     """A drift, and what follows the past of temperature."""
     assert made.left_out == ("gx: bias drifts", "gz: bias lags behind temperature")
 
@@ -108,12 +123,12 @@ def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
     ]
     assert correction_terms.of_states(states) == correction_terms.of_effects_file(text(*INCLUDED))
     (odd,) = correction_terms.of_states([{"name": "nonsense", "value": 1.0, "sd": 0.1}])
-    assert correction.correction(BIAS, [odd]).left_out == ("nonsense",)
+    assert linear_correction.of_terms(BIAS, [odd]).left_out == ("nonsense",)
 
 
 def test_constant_biases_alone_take_no_more_than_they_need() -> None:
     """Bias, subtracted; an unobservable one is a zero."""
-    plain = correction.correction((*BIAS[:5], None), ())
+    plain = linear_correction.of_terms((*BIAS[:5], None), ())
     assert correction.python(plain).splitlines()[2] == "corrected = reading - bias"
     assert "temperature" not in correction.c_lines(plain)
     assert plain.bias.tolist() == [0.5, -0.25, 0.125, 2e-3, -3e-3, 0.0]

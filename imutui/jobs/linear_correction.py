@@ -1,0 +1,124 @@
+"""A correction of readings that is a matrix, a bias and powers of temperature: what it is made of.
+
+A unit reads
+
+    reading = true + bias + A true + Σ_n K_n (T - T0)^n
+
+so that what it should have read is
+
+    corrected = M (reading - bias - Σ_n K_n (T - T0)^n),  M = (I + A)⁻¹
+
+A filter that does not know what the unit senses takes A of the reading instead. Its biases belong to
+
+    corrected = reading - bias - A reading - Σ_n K_n (T - T0)^n
+
+gx, gy, gz in deg/s, ax, ay, az in g, in the unit's own axes and sign.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters.channels import CHANNELS
+from filters.effects import plain_names
+from filters.types import Array
+from imutui.jobs.correction_terms import Term
+
+_MG = 1e-3
+_POWERS = {"k": 1, "k1": 1, "k2": 2, "k3": 3}
+_ORDERS = 3
+_AXES = "xyz"
+_MOST_CONDITION = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class LinearCorrection:
+    """A correction of the six readings.
+
+    Attributes
+    ----------
+    bias : Array
+        deg/s and g, shape (6,); zero where none is known.
+    by_reading : Array
+        A, per deg/s or g on each channel, shape (6, 6).
+    by_temperature : Array
+        K_1 to K_3, per K, K² and K³ from `filters.effects.inputs.REFERENCE_DEGC` on, shape (3, 6).
+    left_out : tuple of str
+        Effects that take more than a reading and its temperature, in words.
+    of_reading : bool
+        Whether A was taken of the reading, by a filter that did not know what is sensed.
+    """
+
+    bias: Array
+    by_reading: Array
+    by_temperature: Array
+    left_out: tuple[str, ...]
+    of_reading: bool = False
+
+    @property
+    def orders(self) -> int:
+        """Powers of temperature in it."""
+        used = np.flatnonzero(self.by_temperature.any(axis=1))
+        return int(used[-1]) + 1 if used.size else 0
+
+    @property
+    def matrix(self) -> Array:
+        """M, shape (6, 6)."""
+        return np.asarray(np.linalg.inv(np.eye(6) + self.by_reading))
+
+
+def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading: bool = False) -> LinearCorrection:
+    """Correction of constant biases and of effects.
+
+    Parameters
+    ----------
+    bias : sequence of float or None
+        Gyros in deg/s, accelerometers in mg; None counts as zero.
+    terms : sequence of Term
+        States of effects.
+    of_reading : bool
+        See `LinearCorrection`.
+
+    Raises
+    ------
+    ValueError
+        If two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
+    """
+    made = np.array([0.0 if b is None else b for b in bias], float)
+    made[3:] *= _MG
+    A, K = np.zeros((6, 6)), np.zeros((_ORDERS, 6))
+    left_out: dict[str, None] = {}
+    for term in terms:
+        for name in term.channels or ("",):
+            if not _take(term, name, made, A, K):
+                left_out[_words(term)] = None
+    if np.linalg.cond(np.eye(6) + A) > _MOST_CONDITION:
+        raise ValueError("its scale factors and cross-axis terms leave no reading to correct: look at their values")
+    return LinearCorrection(made, A, K, tuple(left_out), of_reading)
+
+
+def _take(term: Term, channel: str, bias: Array, A: Array, K: Array) -> bool:
+    """Add a term on a channel; False if it is none of these."""
+    if channel not in CHANNELS:
+        return False
+    c = CHANNELS.index(channel)
+    value = term.value * (_MG if term.unit.startswith("mg") else 1.0)
+    match term.effect:
+        case "bias":
+            bias[c] += value
+        case "thermal_lin" | "thermal_poly" if term.state in _POWERS:
+            K[_POWERS[term.state] - 1, c] += value
+        case "scale":
+            A[c, c] += value
+        case "cross_axis" if term.state in _AXES:
+            A[c, c // 3 * 3 + _AXES.index(term.state)] += value
+        case "g_sensitivity" if term.state in _AXES:
+            A[c, 3 + _AXES.index(term.state)] += value
+        case _:
+            return False
+    return True
+
+
+def _words(term: Term) -> str:
+    return plain_names.on_channels(term.effect, term.channels) if term.channels else term.effect
