@@ -134,7 +134,8 @@ def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: 
     if wrong.any():
         k, j = np.argwhere(wrong)[0]
         raise ValueError(
-            f'`phi` of the effect "{names[j]}" is not finite at {t[k]:.3f} s: its driver is not known there'
+            f'the effect "{names[j]}" depends on what is not known at {t[k]:.3f} s, such as a temperature that the'
+            " readings come without"
         )
     wrong = use[:, None] & ~(np.isfinite(scale) & (scale >= 0.0))
     if wrong.any():

@@ -50,11 +50,13 @@ def command(
         progress(1.0, "")
     if made.damage:
         say(f"imutui: warning: {log}: {made.damage}. All before that is corrected.")
+    if made.other_unit:
+        say(f"imutui: warning: {log}: {made.other_unit}.")
     if json:
         print(dumps({
             "version": 1, "log": str(log), "output": str(output), "effects": str(effects), "samples": made.samples,
             "set_aside": made.set_aside, "corrected": list(made.corrected), "left": list(made.left),
-            "largest": made.largest, "damage": made.damage,
+            "largest": made.largest, "damage": made.damage, "other_unit": made.other_unit,
         }))  # fmt: skip
     else:
         _tell(output, made, width())

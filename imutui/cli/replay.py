@@ -125,6 +125,8 @@ def _tell(log: Path, document: "ResultDocument") -> None:
     if "damage" in document:
         upto = f"Read up to {document['duration_s']:.1f} s; all before that is used."
         say(f"imutui: {log}: {document['damage']}. {upto} `imutui recover` makes a whole file of what can be read.")
+    if "effects_of_other_unit" in document:
+        say(f"imutui: warning: {log}: {document['effects_of_other_unit']}.")
     if "position" in document.get("unobservable", []):
         say(
             f"imutui: {log}: its reference knows the attitude only: attitude and gyro biases are estimated; position,"

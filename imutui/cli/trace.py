@@ -95,9 +95,9 @@ def _check_outputs(output: Path | None, report: Path | None, logs: list[Path], f
 def _write_effects(output: Path, traced: "Traced", force: bool) -> None:
     from filters.effects import plain_names
     from imutui.cli.exit_codes import say
-    from imutui.logbook import atomic_file, effects_file
+    from imutui.logbook import atomic_file
 
-    atomic_file.write(output, effects_file.dumps(traced.trace, traced.source), overwrite=force)
+    atomic_file.write(output, traced.effects, overwrite=force)
     included = traced.trace.included
     if included:
         names = "; ".join(plain_names.on_channels(effect.effect, effect.channels) for effect in included)

@@ -64,6 +64,8 @@ class Applied:
         By channel, the largest correction, deg/s and mg.
     damage : str
         What is wrong with the log, if anything: all before it was corrected.
+    other_unit : str
+        Said where the effects are of another unit.
     """
 
     samples: int
@@ -72,6 +74,7 @@ class Applied:
     left: tuple[str, ...]
     largest: dict[str, float]
     damage: str
+    other_unit: str
 
 
 def apply(
@@ -121,7 +124,7 @@ def apply(
     info = replay.session_of(log, options)
     whole = unread_filled.filled(part.t, part.gyro, part.accel, info, path)
     filled = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
-    info, settings = replay.prepare(log, filled, options)
+    info, settings = replay.prepare(log, filled, options, advice="")
     document = effects_file.parse(effects)
     found = _listen(settings, info, filled, log, _states_taken_out(document.effects), progress)
     found = _of_sensed(found, document.effects, info)
@@ -142,6 +145,7 @@ def apply(
         tuple(f"{_named(effect)}: {_why_left(effect)}" for effect in document.effects if not _is_taken_out(effect)),
         _largest(found.correction, log.info),
         log.damage,
+        effects_file.of_other_unit(effects, info),
     )
 
 

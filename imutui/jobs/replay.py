@@ -214,6 +214,8 @@ def replayed(
     )
     if log.damage:
         result["damage"] = log.damage
+    if other := effects_file.of_other_unit(effects_of(log, options), info):
+        result["effects_of_other_unit"] = other
     if sink is not None:
         sink.finish(result)
     if course is not None:
@@ -252,8 +254,13 @@ def _nothing_used(info: SessionInfo) -> str:
     return "the effects leave no sample to filter. --effects none leaves effects out"
 
 
-def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, Settings]:
-    """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples."""
+def prepare(
+    log: Log, part: Part, options: ReplayOptions, advice: str = ". --effects none leaves effects out"
+) -> tuple[SessionInfo, Settings]:
+    """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples.
+
+    `advice` follows the reason why effects cannot be.
+    """
     info = session_of(log, options)
     if options.start:
         # what was remembered is of the file's first sample
@@ -268,7 +275,7 @@ def prepare(log: Log, part: Part, options: ReplayOptions) -> tuple[SessionInfo, 
         _refuse_twice(log.info, content)
         make = effects_file.maker(content, info)
     except ValueError as error:
-        raise ValueError(f"{log.path}: {error}. --effects none leaves effects out") from error
+        raise ValueError(f"{log.path}: {error}{advice}") from error
     return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=part.unread)
 
 

@@ -58,7 +58,6 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
     """A trace over logs, one log a run."""
     tell(0.0, "starting")
     from imutui.jobs import trace
-    from imutui.logbook import effects_file
 
     traced = trace.trace(list(logs), options or trace.TraceOptions(), tell)
     experiment = traced.document["separating_experiment"]
@@ -66,7 +65,7 @@ def trace_logs(logs: Sequence[Path], options: "trace.TraceOptions | None", tell:
         traced.document,
         traced.source,
         traced.damage,
-        effects_file.dumps(traced.trace, traced.source),
+        traced.effects,
         tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in traced.trace.included),
         "" if experiment is None else experiment["profile"],
     )

@@ -64,6 +64,8 @@ class Traced:
         What joins the filter, and the residuals for figures.
     source : str
         Which logs it is of.
+    effects : str
+        Text of the effects file.
     damage : tuple of str
         What is wrong with the files, a sentence each.
     """
@@ -71,6 +73,7 @@ class Traced:
     document: TraceDocument
     trace: Trace
     source: str
+    effects: str
     damage: tuple[str, ...]
 
 
@@ -127,12 +130,14 @@ def trace(
     document = _document(found, [_run(read, heldout=read is held) for read in reads], notes)
     source = _source(fitted, held)
     document["source"], document["damage"] = source, list(damage)
-    document["effects_file"] = effects_file.dumps(found, source)
+    units = dict.fromkeys(unit for read in reads if (unit := effects_file.unit_of(read.info)))
+    effects = effects_file.dumps(found, source, tuple(units))
+    document["effects_file"] = effects
     document["curves"] = cast(
         "list[RunCurvesEntry]",
         _plain(residual_curves.curves(found.series, None if held is None else held.run.name)),
     )
-    return Traced(document, found, source, damage)
+    return Traced(document, found, source, effects, damage)
 
 
 def _trace_known(

@@ -5,6 +5,7 @@ is the container; what the effects mean is made of it by `build`.
 
     version = 1
     source = "trace of a.mcap, b.mcap; held out c.mcap"
+    units = ["IMU400CD-200 2901"]              # that the logs are of, if they say so
     correlation = [[1.0, 0.1], [0.1, 1.0]]     # of all states in order
 
     [[effect]]
@@ -26,7 +27,7 @@ is the container; what the effects mean is made of it by `build`.
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -53,7 +54,7 @@ VERSION = 1
 MOST = 256
 """Effects, and states of all of them."""
 _KINDS = ("A", "N", "S", "P")
-_TOP = ("version", "source", "effect", "correlation")
+_TOP = ("version", "source", "units", "effect", "correlation")
 _EFFECT = ("effect", "channels", "include_as", "parameters", "state")
 _STATE = ("name", "unit", "mean", "sd", "tau_s", "q")
 
@@ -70,11 +71,14 @@ class EffectsDocument:
         In order.
     correlation : np.ndarray
         Of all states, in order, shape (p, p).
+    units : tuple of str
+        Model and serial number of those that the effects are of; empty if that is not known.
     """
 
     source: str
     effects: tuple[Included, ...]
     correlation: np.ndarray
+    units: tuple[str, ...] = ()
 
     @property
     def states(self) -> tuple[State, ...]:
@@ -175,11 +179,11 @@ def parse(content: bytes) -> EffectsDocument:
     try:
         document = toml_text.parse(content)
     except ValueError as error:
-        raise ValueError(f"{ATTACHMENT} is not TOML: {error}") from error
+        raise ValueError(f"an effects file is TOML, and this is not: {error}") from error
     version = document.get("version")
     if version != VERSION:
         said = "has no `version`" if version is None else f"has `version` {version}"
-        raise ValueError(f"{ATTACHMENT} {said}; this imutui reads version {VERSION}")
+        raise ValueError(f"the file {said}; this imutui reads version {VERSION}")
     _only(document, _TOP, "the file")
     tables = document.get("effect", [])
     if not isinstance(tables, list):
@@ -188,7 +192,32 @@ def parse(content: bytes) -> EffectsDocument:
     p = sum(len(entry.states) for entry in effects)
     if max(len(effects), p) > MOST:
         raise ValueError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
-    return EffectsDocument(str(document.get("source", "")), effects, _correlation(document.get("correlation"), p))
+    units = document.get("units", [])
+    if not isinstance(units, list) or not all(isinstance(unit, str) for unit in units):
+        raise ValueError(f"`units` is {units!r}, not a list of texts")
+    correlation = _correlation(document.get("correlation"), p)
+    return EffectsDocument(str(document.get("source", "")), effects, correlation, tuple(units))
+
+
+def unit_of(info: SessionInfo) -> str:
+    """A unit as `units` names it; empty if its serial number is not known."""
+    return f"{info.instrument} {info.serial_number}" if info.serial_number else ""
+
+
+def of_other_unit(content: bytes, info: SessionInfo) -> str:
+    """What to say where the effects of a file are of another unit than a log; empty if not, or if one says nothing.
+
+    Raises
+    ------
+    ValueError
+        If the content is no effects file.
+    """
+    units = parse(content).units if content != NONE else ()
+    own = unit_of(info)
+    if not units or not own or own in units:
+        return ""
+    listed = plain_text.in_line(", ".join(units))
+    return f"the effects are of another unit ({listed}) than the log ({plain_text.in_line(own)})"
 
 
 def _effect(table: Any, where: str) -> Included:
@@ -264,7 +293,7 @@ def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
 # ---------------------------------------------------------------------------------------------------------- writing
 
 
-def dumps(trace: "Trace", source: str) -> str:
+def dumps(trace: "Trace", source: str, units: Sequence[str] = ()) -> str:
     """Text of an effects file; without effects too it is a valid one.
 
     Parameters
@@ -273,8 +302,12 @@ def dumps(trace: "Trace", source: str) -> str:
         Its `included` and their `correlation`.
     source : str
         Where they come from, in words.
+    units : sequence of str
+        Whose they are, by `unit_of`.
     """
-    head = [f"version = {VERSION}", f"source = {_value(source)}", f"correlation = {_matrix(trace.correlation)}"]
+    head = [f"version = {VERSION}", f"source = {_value(source)}"]
+    head += [f"units = {_value(list(units))}"] if units else []
+    head += [f"correlation = {_matrix(trace.correlation)}"]
     return "\n".join([*head, *(line for effect in trace.included for line in _effect_lines(effect))]) + "\n"
 
 

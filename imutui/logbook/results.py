@@ -227,6 +227,7 @@ class ResultDocument(TypedDict):
     """Of the log, as are temperatures: what `imutui report` adds where the log is at hand."""
     temperature_degc: NotRequired[list[float] | None]
     damage: NotRequired[str]
+    effects_of_other_unit: NotRequired[str]
     """Replays only: what is wrong with the file, if anything."""
     parts: NotRequired[list[PartResult]]
     """Live recordings in several files only: all of them, the last one's result being this."""

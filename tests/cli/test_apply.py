@@ -153,6 +153,18 @@ def test_the_log_says_what_was_done_and_others_read_it(tmp_path: Path) -> None:
         assert message.angular_velocity.y == log.gyro[0, 1] != first.gyro[0, 1]
 
 
+def test_effects_of_another_unit_are_applied_with_a_warning(tmp_path: Path) -> None:
+    """Named by both commands that take them; nothing is said of a unit's own, nor where one of the two is unknown."""
+    unit = effects_file.unit_of(reader.read(SAMPLE).info)
+    effects = written(tmp_path, SCALE)
+    text = effects.read_text()
+    for units, told in (('["IMU400CD-200 1"]', True), (f'["IMU400CD-200 1", "{unit}"]', False), ("[]", False)):
+        effects.write_text(text.replace("version = 1\n", f"version = 1\nunits = {units}\n"))
+        for command in (("apply", "-o", str(tmp_path / "c.mcap"), "--force"), ("replay",)):
+            done = imutui(command[0], str(SAMPLE), "--effects", str(effects), *command[1:], check=None)
+            assert (f"another unit (IMU400CD-200 1) than the log ({unit})" in " ".join(done.stderr.split())) is told
+
+
 def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
     """What, where, what next; nothing is made."""
     good = written(tmp_path, SCALE)
@@ -160,10 +172,15 @@ def test_what_cannot_be_applied_is_refused_in_words(tmp_path: Path) -> None:
     unknown = tmp_path / "unknown.toml"
     unknown.write_text("version = 1\n" + effect("gremlins", "gx", "1", 1.0))
     (tmp_path / "there.mcap").write_text("mine")
+    np.savez(tmp_path / "cold.npz", t=np.arange(50) / 20.0, gyro=np.zeros((50, 3)), accel=np.ones((50, 3)) * [0, 0, 1])
+    imutui("import", str(tmp_path / "cold.npz"), "-o", str(tmp_path / "cold.mcap"))
+    (tmp_path / "thermal").mkdir()
+    thermal = written(tmp_path / "thermal", THERMAL)
     for log, effects, output, code, words in (
         (SAMPLE, tmp_path / "no.toml", "c.mcap", 2, "No such file"),
         (SAMPLE, tmp_path / "bad.toml", "c.mcap", 2, "version"),
         (SAMPLE, unknown, "c.mcap", 2, "gremlins"),
+        (tmp_path / "cold.mcap", thermal, "c.mcap", 2, "such as a temperature that the readings come without"),
         (SAMPLE, good, "there.mcap", 2, "--force replaces it"),
         (SAMPLE, good, "no/c.mcap", 2, "mkdir -p"),
         (tmp_path / "no.mcap", good, "c.mcap", 3, "no such file"),

@@ -128,7 +128,7 @@ RECORD_USAGE = {
     "-o folder": "folder",
     "--effects missing.toml": "missing.toml: No such file",
     "--effects folder": "folder: Is a directory",
-    "--effects kept": "is not TOML",
+    "--effects kept": "this is not",
     "--effects newer.toml": "reads version 1",
     "--effects gremlins.toml": "gremlins",
 }
@@ -576,7 +576,7 @@ REPLAY_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
     "good.mcap good.mcap -o out.mcap": (2, ("one log",)),
     "good.mcap -o kept/out.mcap": (5, ("kept", "folder")),
     "good.mcap --effects missing.toml": (2, ("--effects missing.toml", "No such file", "imutui trace")),
-    "good.mcap --effects kept": (2, ("--effects kept", "is not TOML")),
+    "good.mcap --effects kept": (2, ("--effects kept", "this is not")),
     "good.mcap --effects newer.toml": (2, ("--effects newer.toml", "`version` 2", "version 1")),
     "good.mcap --effects gremlins.toml -o out.mcap": (2, ("good.mcap", "gremlins", "--effects none")),
 }

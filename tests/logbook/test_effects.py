@@ -69,7 +69,7 @@ def test_an_effects_file_is_read_as_it_stands() -> None:
     [
         ("version = 1", "version = 2", "`version` 2; this imutui reads version 1"),
         ("version = 1", "", "has no `version`"),
-        ("version = 1", "version 1", "is not TOML"),
+        ("version = 1", "version 1", "this is not"),
         ("source =", "sources =", "the file has `sources`; it may have"),
         ('channels = ["gy"]', 'channels = ["wy"]', r'effect 1 \("thermal_lin"\): `channels` is'),
         ('include_as = "S"', 'include_as = "X"', r"effect 2 .*`include_as` is .*not one of A, N, S, P"),

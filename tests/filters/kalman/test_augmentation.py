@@ -472,7 +472,7 @@ def test_a_driver_that_is_not_known_is_an_error_with_the_time() -> None:
     samples = still(100, 8, np.zeros(6), np.zeros(6))
     make = partial(constants, [0.0, 0.0], THERMAL_SD, thermal)
     temperature = np.where(samples[0] > 2.0, np.nan, 25.0)
-    with pytest.raises(ValueError, match=r'"x0" is not finite at 2\.050 s'):
+    with pytest.raises(ValueError, match=r'"x0" depends on what is not known at 2\.050 s'):
         list(runner.rows(Estimator(Settings(DT, effects=make)), *samples, temperature))
     without = partial(make, use=lambda t: t <= 2.0)
     list(runner.rows(Estimator(Settings(DT, effects=without)), *samples, temperature))
