@@ -68,8 +68,7 @@ def reference(rate: np.ndarray, dt: float) -> State:
 
 
 def _level() -> NavState:
-    position = [np.array(value) for value in (PAPER_SITE.latitude, PAPER_SITE.longitude, PAPER_SITE.height)]
-    return NavState(*position, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+    return NavState.at_rest(PAPER_SITE, np.eye(3))
 
 
 def readable(rate: np.ndarray, dt: float) -> State:

@@ -59,7 +59,9 @@ def scenario(seed: int, seconds: float, every: float) -> tuple[str, Counter[str]
         measure = FAULT_KINDS[kind]
         if measure:
             least, most = _SIZES[kind]
-            size = rng.integers(least, most + 1) if measure == "count" else round(float(rng.uniform(least, most)), 3)
+            size = round(float(rng.uniform(least, most)), 3)
+            if measure == "count":
+                size = int(rng.integers(int(least), int(most) + 1))
             text += f"{measure} = {size}\n"
         if kind == "hang_up":
             text += f"power = {str(bool(rng.integers(2))).lower()}\n"
@@ -196,7 +198,9 @@ def record(folder: Path, text: str, seconds: float, rate: float, name: str) -> t
             str(link), rate, logs=str(folder), name=NAME, record=True, filter=name, duration_s=seconds,
         )  # fmt: skip
         client = session.start(plan)
-        log = Path(client.snapshot(2**62)["recording"]["path"])
+        recording = client.snapshot(2**62)["recording"]
+        assert recording is not None
+        log = Path(recording["path"])
         stat, since = Path(f"/proc/{client.pid}/stat"), time.monotonic()
         share = 0.0
         try:

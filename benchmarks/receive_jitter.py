@@ -114,7 +114,11 @@ def main() -> None:
     parser.add_argument("--role", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role:
-        {"unit": unit, "screen": screen}[options.role[0]](*options.role[1:])
+        task, *given = options.role
+        if task == "unit":
+            unit(*given)
+        else:
+            screen(*given)
         return
     columns, rows = map(int, options.size.split("x"))
     print(describe("textual", "numpy", "pyserial"), flush=True)
@@ -124,7 +128,9 @@ def main() -> None:
             ours = ends.enter_context(unit_process(folder / "ours.npy"))
             theirs = ends.enter_context(unit_process(folder / "theirs.npy"))
             client = session.start(Plan(ours, 133.0, logs=name, name=NAME, record=True, filter="none"))
-            log = Path(client.snapshot(NOTHING_NEW)["recording"]["path"])
+            recording = client.snapshot(NOTHING_NEW)["recording"]
+            assert recording is not None
+            log = Path(recording["path"])
             role = (
                 "screen",
                 theirs,

@@ -162,7 +162,7 @@ class PeerPage(LivePage):
 class Whole(ImutuiApp):
     """The application, which leaves when its account is closed."""
 
-    CSS_PATH = Path(application.__file__).with_name("app.tcss")
+    CSS_PATH = str(Path(application.__file__).with_name("app.tcss"))
     account: Account
 
     def on_mount(self) -> None:

@@ -398,7 +398,7 @@ def run(name: str, final: bool) -> tuple[Case, dict[str, Any], float]:
     case = cases.case(kind, int(number), final)
     asked = sorted({n for truth in case.truths for n in truth.names}) if kind == "faint" else []
     start = time.process_time()
-    document = trace(case.runs, case.heldout, asked=asked).document
+    document = {**trace(case.runs, case.heldout, asked=asked).document}
     return case, document, time.process_time() - start
 
 

@@ -107,7 +107,7 @@ def tumble() -> Profile:
         *[(45, 0, 0), (-45, 0, 30), (0, 45, 60), (0, -45, 0), (45, 45, 0), (30, -45, 90), (135, 0, 0), (-135, 0, 0)],
         *[(90, 0, 90), (-90, 0, 45)],
     ]
-    segments: list[Dwell | Rate | Sine] = [Dwell(tuple(a * DPS for a in angles), 20.0) for angles in rest]
+    segments: list[Dwell | Rate | Sine] = [Dwell((a * DPS, b * DPS, c * DPS), 20.0) for a, b, c in rest]
     segments += [Dwell((0.0, 0.0, 0.0), 10.0), Rate("inner", 10.0 * DPS, 36.0), Rate("inner", -10.0 * DPS, 36.0)]
     for axis in ("inner", "outer", "middle"):
         segments += [Rate(axis, rate * DPS, 8.0) for rate in (30, -30, 60, -60, 90, -90)]

@@ -33,12 +33,18 @@ SIZES = (15.0, 30.0, 60.0, 100.0)
 LONG, SHORT = "adis16405_static_a", "mpu6050_static_host_stamps"
 
 _STILL_S, _SHORT_S = 1200.0, 218.0
-SLOW = ("thermal_lin", "warmup", "thermal_lag", "step", "thermal_poly", "hysteresis", "telegraph", "thermal_rate")
-SLOW = (*SLOW, "long warmup", "ramp")
-FAST = ("scale", "tone", "cross_axis", "g_sensitivity", "delay", "asymmetry", "harmonic", "lever_arm", "mounting")
-FAST = (*FAST, "nonlinearity_cubic", "g_squared", "thermal_scale")
-OTHER = ("several levels", "threshold in temperature", "event", "tanh in temperature", "settles after moves")
-OTHER = (*OTHER, "product of hidden gradients", "direction of the last move", "saw", "wavering tone")
+SLOW = (
+    *("thermal_lin", "warmup", "thermal_lag", "step", "thermal_poly", "hysteresis", "telegraph", "thermal_rate"),
+    *("long warmup", "ramp"),
+)
+FAST = (
+    *("scale", "tone", "cross_axis", "g_sensitivity", "delay", "asymmetry", "harmonic", "lever_arm", "mounting"),
+    *("nonlinearity_cubic", "g_squared", "thermal_scale"),
+)
+OTHER = (
+    *("several levels", "threshold in temperature", "event", "tanh in temperature", "settles after moves"),
+    *("product of hidden gradients", "direction of the last move", "saw", "wavering tone"),
+)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def without(effect: Undeclared, folder: Path, power_on: int) -> Path:
     """Log of the same power-on without the effect, imported."""
     log = folder / f"{folder.name}-{power_on}-without.mcap"
     plain = log.with_suffix(".npz")
-    np.savez(plain, **sets.without(effect, folder, power_on))
+    np.savez(plain, **sets.without(effect, folder, power_on))  # type: ignore[arg-type] # no array is `allow_pickle`
     asked = sets.record_options(folder, measured=effect.measured, table=effect.table)
     command = [sys.executable, "-m", "imutui", "import", str(plain), "-o", str(log), "--kind", "simulated", *asked]
     subprocess.run(command, capture_output=True, text=True, check=True)

@@ -9,11 +9,11 @@ from typing import Any, BinaryIO
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
 from imutui.instrument.faults import FaultyLine
-from imutui.instrument.imu400.messages import Packet
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.reading import Reading
 from imutui.instrument.virtual import serve
+from imutui.instrument.virtual_instrument import CommandT, PacketT, VirtualInstrument
 
 
 class Still:
@@ -25,13 +25,13 @@ class Still:
 
 @contextmanager
 def served(
-    made: VirtualUnit,
+    made: VirtualInstrument[PacketT, CommandT],
     tap: BinaryIO | None = None,
     line: FaultyLine | None = None,
     *,
     link: Path | None = None,
     log: Callable[[str], None] = lambda _: None,
-    on_packet: Callable[[Packet, int], None] | None = None,
+    on_packet: Callable[[PacketT, int], None] | None = None,
 ) -> Iterator[str]:
     """Port of a virtual unit on a pseudo-terminal, or the link to it; what it sends goes into the file `tap` as well.
 
