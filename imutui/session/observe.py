@@ -4,6 +4,7 @@ import os
 import time
 from dataclasses import dataclass
 
+from imutui.filter_snapshot import FilterSnapshot
 from imutui.logbook import line_advice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe_filter
@@ -16,14 +17,7 @@ from imutui.session.plan import Plan
 from imutui.session.recent_packets import STATISTICS_S, RecentPackets
 from imutui.session.recording import Recording
 from imutui.session.sample_pipeline import SamplePipeline
-from imutui.session.snapshot import (
-    FilterSnapshot,
-    ReconnectingSnapshot,
-    RecordingSnapshot,
-    SessionState,
-    Snapshot,
-    StreamSnapshot,
-)
+from imutui.session.snapshot import ReconnectingSnapshot, RecordingSnapshot, SessionState, Snapshot, StreamSnapshot
 
 _FOUND_FROM_SAMPLES = ("gravity", "turned", "trajectory")
 _LOADING_S = 5.0

@@ -3,10 +3,10 @@
 import numpy as np
 
 from filters.kalman.runner import Estimator
+from imutui.filter_snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 from imutui.logbook import departures, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
-from imutui.session.snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 
 
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:

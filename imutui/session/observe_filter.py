@@ -3,8 +3,8 @@
 import numpy as np
 
 from filters.imu import CHANNELS, IMU400CD_200, ImuSpec
+from imutui.filter_snapshot import FilterSnapshot
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.snapshot import FilterSnapshot
 
 AXES = ("x", "y", "z")
 _NO_UPDATE = "no update yet"

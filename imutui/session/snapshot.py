@@ -6,6 +6,8 @@ biases and channels in the instrument's own axes and sign. None stands for what 
 
 from typing import Literal, NotRequired, TypedDict
 
+from imutui.filter_snapshot import FilterSnapshot
+
 NO_SERIES = 2**62
 """Number of a packet that never comes: a snapshot from it on is one without a series."""
 
@@ -116,91 +118,6 @@ class SeriesSnapshot(TypedDict):
     next: int
     t: list[float]
     values: list[list[float]]
-
-
-class BiasSnapshot(TypedDict):
-    """A bias: three standard deviations, the data sheet's limit, change over 10 s, when it converged."""
-
-    name: str
-    value: float | None
-    sd3: float | None
-    unit: str
-    limit: float
-    change_10s: float | None
-    converged_s: float | None
-    observable: bool
-
-
-class NisSnapshot(TypedDict):
-    """Mean normalised innovation squared with its 95 % band, and whether it is a test."""
-
-    mean: float | None
-    first: float | None
-    dof: float
-    band95: list[float | None]
-    is_test: bool
-    why: str
-
-
-class RemainderSnapshot(TypedDict):
-    """What the model leaves unexplained on a channel: means of 10 s over what noise allows, of so many windows."""
-
-    channel: str
-    ratio: float | None
-    windows: int
-
-
-class EffectSnapshot(TypedDict):
-    """Estimated state of an effect that joined the filter, in the unit of its file."""
-
-    label: str
-    value: float
-    sd: float
-    unit: str
-
-
-class NavigationSnapshot(TypedDict):
-    """Navigation states, in the units of their names."""
-
-    position_deg_m: list[float]
-    velocity_mps: list[float]
-    rpy_deg: list[float]
-
-
-class NavigationSdSnapshot(TypedDict):
-    """Standard deviations of the navigation states."""
-
-    position_m: list[float]
-    velocity_mps: list[float]
-    rpy_deg: list[float | None]
-
-
-class FilterSnapshot(TypedDict):
-    """The filter; `t` of its last sample, `waiting` what it waits for, in words.
-
-    From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
-    `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
-    """
-
-    name: str
-    reference: str
-    t: float | None
-    samples: int
-    waiting: str | None
-    converged: bool
-    temperature_k_per_min: NotRequired[float | None]
-    held_since: NotRequired[float | None]
-    departure: NotRequired[str | None]
-    biases: list[BiasSnapshot]
-    nis: NisSnapshot
-    remainder: list[RemainderSnapshot]
-    effects: list[EffectSnapshot]
-    state: NavigationSnapshot | None
-    state_sd: NavigationSdSnapshot | None
-    alarms: list[str]
-    failure: str | None
-    rejected: int
-    confounded: list[str]
 
 
 class Snapshot(TypedDict):

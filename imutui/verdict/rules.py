@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from imutui.session.snapshot import BiasSnapshot, NisSnapshot, RemainderSnapshot
+from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, RemainderSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6

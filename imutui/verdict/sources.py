@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
 
 if TYPE_CHECKING:
+    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
     from imutui.logbook.results import ResultDocument
-    from imutui.session.snapshot import BiasSnapshot, FilterSnapshot
 
 _LIMITS = {"deg/s": 1.0, "mg": 12.0}
 

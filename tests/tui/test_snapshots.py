@@ -21,8 +21,9 @@ from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 from textual.pilot import Pilot
 from textual.widgets import Input
 
+from imutui.filter_snapshot import FilterSnapshot
 from imutui.session import client as session
-from imutui.session.snapshot import FilterSnapshot, Snapshot
+from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.terminal.appearance import Appearance
 

@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from imutui.estimate_history import EstimateHistory
+from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.history_rows import HistorySnapshot
 from imutui.session.client import Client
-from imutui.session.snapshot import BiasSnapshot, FilterSnapshot, RecordingSnapshot, Snapshot
+from imutui.session.snapshot import RecordingSnapshot, Snapshot
 from imutui.tui.connection.packet_series import CHANNELS, TEMPERATURE, PacketSeries
 from imutui.tui.connection.poller import Poller
 from imutui.tui.connection.verdict import Debounce, ended, judge, stale, waiting_profile

@@ -7,7 +7,8 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from imutui.session.snapshot import FilterSnapshot, Snapshot
+from imutui.filter_snapshot import FilterSnapshot
+from imutui.session.snapshot import Snapshot
 from imutui.tui import messages
 from imutui.verdict import rules, sources
 from imutui.verdict.rules import ENDED, RANK, Verdict

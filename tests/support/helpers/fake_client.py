@@ -7,19 +7,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
 from imutui.history_rows import HistorySnapshot
 from imutui.session.client import SessionError, SessionGoneError
 from imutui.session.end_report import EndReport
 from imutui.session.plan import HistoryWish, RecordingWish
-from imutui.session.snapshot import (
-    BiasSnapshot,
-    FilterSnapshot,
-    MarkLine,
-    ProfileDescription,
-    RecordingSnapshot,
-    Snapshot,
-    StatisticsSnapshot,
-)
+from imutui.session.snapshot import MarkLine, ProfileDescription, RecordingSnapshot, Snapshot, StatisticsSnapshot
 
 if TYPE_CHECKING:
     from imutui.session.channel_statistics import ChannelStatistics

@@ -2,7 +2,7 @@
 
 from textual.content import Content
 
-from imutui.session.snapshot import BiasSnapshot
+from imutui.filter_snapshot import BiasSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.filter.bias_bar import gauge

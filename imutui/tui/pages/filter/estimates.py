@@ -2,8 +2,8 @@
 
 from textual.content import Content
 
+from imutui.filter_snapshot import FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
 from imutui.report import wrapping
-from imutui.session.snapshot import FilterSnapshot, NavigationSdSnapshot, NavigationSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.tui.pages.filter.explanation import effect_text

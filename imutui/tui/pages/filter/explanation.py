@@ -2,8 +2,8 @@
 
 import math
 
+from imutui.filter_snapshot import EffectSnapshot, FilterSnapshot
 from imutui.report import effect_words, wrapping
-from imutui.session.snapshot import EffectSnapshot, FilterSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
 from imutui.verdict.rules import (
