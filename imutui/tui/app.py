@@ -96,6 +96,7 @@ class ImutuiApp(NothingUnseen):
         appearance: Appearance | None = None,
     ) -> None:
         super().__init__()
+        textual_private.keep_parsed_styles(self)
         self.appearance = appearance or Appearance()
         self._control_characters = ControlCharacterFilter()
         self._first_client = client

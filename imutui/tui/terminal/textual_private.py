@@ -1,15 +1,19 @@
 """Names of Textual and Rich that are nobody's promise: here, and nowhere else in this package.
 
-What imutui does with them makes it cheaper, never possible: sending only the cells that changed, and measuring how
-the terminal takes what it is sent. A version of Textual that lacks one of the names gets the plain way instead:
-Textual's own drawing, and no measuring. `missing()` says what is lacking.
+What imutui does with them makes it cheaper, never possible: sending only the cells that changed, measuring how
+the terminal takes what it is sent, and parsing each style sheet once. A version of Textual that lacks one of the names
+gets the plain way instead: Textual's own drawing, no measuring, and style sheets parsed anew for every page.
+`missing()` says what is lacking.
 """
 
 import inspect
 from collections.abc import Callable
+from functools import cache
 from typing import IO, TYPE_CHECKING, Any
 
 from rich.color import ColorSystem
+from textual.cache import LRUCache
+from textual.css.stylesheet import Stylesheet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,6 +35,10 @@ DRAWING = ("ChopsUpdate", "LayoutUpdate", "_display")
 """What sending only changed cells rests on."""
 MEASURING = ("_driver", "_file", "_writer_thread", "_queue", "exit_event", "input_tty", "run_input_thread")
 """What measuring and watching the terminal rests on."""
+PARSING = ("_parse_cache",)
+"""What parsing each style sheet once rests on."""
+_SHEETS = 1024
+"""Style sheets of one theme that are kept parsed: every widget has one, and every page."""
 HIDDEN: set[str] = set()
 """Names that are taken as missing: tests put some here and look at what is then drawn."""
 
@@ -82,6 +90,42 @@ def draw_through(app: "App[Any]", exact: Callable[[Any], Any]) -> bool:
         plain(screen, exact(renderable))
 
     app._display = display  # type: ignore[method-assign]
+    return True
+
+
+@cache
+def _parsed(variables: frozenset[tuple[str, str]]) -> "LRUCache[tuple[Any, ...], Any]":
+    """Style sheets parsed so far with these colours; their rules are read, and never written."""
+    del variables
+    return LRUCache(_SHEETS)
+
+
+class KeptStylesheet(Stylesheet):
+    """Textual's style sheet, which parses each source once.
+
+    Textual keeps 64 parsed sources, of more than there are, and puts them away at every page that is opened.
+    """
+
+    def __init__(self, variables: dict[str, str]) -> None:
+        super().__init__(variables=variables)
+        self._parse_cache = _parsed(frozenset(variables.items()))
+
+    def set_variables(self, variables: dict[str, str]) -> None:
+        """Set the colours; what was parsed with others stays for when they come again."""
+        self._parse_cache = LRUCache(1)  # the one that is put away
+        super().set_variables(variables)
+        self._parse_cache = _parsed(frozenset(variables.items()))
+
+    def reparse(self) -> None:
+        """Take the sources with the colours that are set."""
+        self.parse()
+
+
+def keep_parsed_styles(app: "App[Any]") -> bool:
+    """Have an application that does not run yet parse each style sheet once; False if it goes on as Textual does."""
+    if not _found(app.stylesheet, *PARSING):
+        return False
+    app.stylesheet = KeptStylesheet(app.get_css_variables())
     return True
 
 

@@ -15,6 +15,7 @@ from helpers.fake_client import FakeClient
 from helpers.pilot import SMALLEST, shows
 from rich.console import Console
 from textual.app import App
+from textual.css.stylesheet import Stylesheet
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message_pump import MessagePump
@@ -33,7 +34,7 @@ MODULES = [
 ]
 SIGNS = ("Connected", "gx", "flushed", "x gyro", "profile", "6 Logs")
 """A text of each page."""
-ALL = {*textual_private.DRAWING, *textual_private.MEASURING, "_color_system"}
+ALL = {*textual_private.DRAWING, *textual_private.MEASURING, *textual_private.PARSING, "_color_system"}
 
 
 def private_names(cls: type) -> set[str]:
@@ -77,6 +78,7 @@ async def test_pages_draw_without_the_private_names(monkeypatch: pytest.MonkeyPa
     client.recording = True
     app = ImutuiApp(client)  # type: ignore[arg-type]
     assert not textual_private.draw_through(app, lambda update: update)
+    assert not isinstance(app.stylesheet, textual_private.KeptStylesheet)
     async with app.run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED", "gx, deg/s", "lost 0")
         client.changes["lost_packets"] = client.changes["lost_packets_max"] = 7
@@ -100,6 +102,29 @@ def test_a_textual_without_them_is_noticed_and_not_tripped_over(monkeypatch: pyt
     assert not made.draw_through(ImutuiApp(), lambda update: update)
 
 
+def test_a_style_sheet_that_is_kept_has_the_rules_of_one_parsed_anew() -> None:
+    """Also with another theme's colours, and with the first ones again; each source is parsed once for a theme."""
+    app = ImutuiApp()
+    kept = app.stylesheet
+    assert isinstance(kept, textual_private.KeptStylesheet)
+    kept.read_all(app.css_path)
+    kept.add_source("Label { color: $primary; }", ("here", ""))
+    dark = app.get_css_variables()
+    light = {**dark, **app.get_theme("textual-light").to_color_system().generate()}  # type: ignore[union-attr]
+    found = []
+    for variables in (dark, light, dark):
+        anew = Stylesheet(variables=variables)
+        anew.source = dict(kept.source)
+        anew.parse()
+        kept.set_variables(variables)
+        kept.reparse()
+        assert kept.css == anew.css
+        found.append(kept.rules)
+    assert found[0] != found[1]
+    assert [id(rule) for rule in found[0]] == [id(rule) for rule in found[2]]
+
+
 def test_this_textual_has_them_all() -> None:
     """Nothing is drawn the plain way unnoticed."""
     assert textual_private.missing() == []
+    assert textual_private.keep_parsed_styles(ImutuiApp())
