@@ -9,7 +9,7 @@ import numpy as np
 from imutui.jobs import damage_text
 from imutui.jobs.documents import RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import atomic_file, checksum_file, reader, record_walk, schemas, summary
+from imutui.logbook import added_notes, atomic_file, checksum_file, reader, record_walk, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.reader import Log, UnreadableLogError
@@ -90,6 +90,7 @@ def recover(
     made = reader.sha256(output)
     with contextlib.suppress(OSError):  # the log is whole without it
         checksum_file.write(output, made, mode)
+        added_notes.copy(path, output)
     progress(1.0, "done")
     return _document(found, output, kept, log, trouble, (digest, made))
 

@@ -112,6 +112,21 @@ def add(log: Path, note: str | None = None, operator: str | None = None) -> Path
     return path
 
 
+def copy(log: Path, other: Path) -> None:
+    """Give another log the additions to one, and none that it had.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    entries, path = read_or_none(log), path_of(other)
+    if entries:
+        atomic_file.write(path, _text(other, entries), overwrite=True, mode=other.stat().st_mode & 0o777)
+    else:
+        path.unlink(missing_ok=True)
+
+
 def _text(log: Path, entries: tuple[AddedNote, ...]) -> str:
     lines = [f"# added to {in_line(log.name)} after it was recorded; the log itself is unchanged", "version = 1"]
     for entry in entries:

@@ -293,7 +293,8 @@ class ImutuiApp(NothingUnseen):
 
     def action_help(self) -> None:
         """Help in plain language."""
-        self.push_screen(HelpDialog())
+        page = self.screen
+        self.push_screen(HelpDialog(page.TITLE or "" if isinstance(page, Page) else ""))
 
     def action_detach(self) -> None:
         """Leave the screen; the acquisition goes on."""

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import SessionInfo, file_lock, reader, schemas, summary
+from imutui.logbook import SessionInfo, added_notes, file_lock, reader, schemas, summary
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED
@@ -107,6 +107,18 @@ def test_a_rebuilt_log_says_so_and_from_what(tmp_path: Path) -> None:
     assert notes[RECOVERED]["source"] == "a.mcap"
     assert f"{length} bytes at byte {at:,}" in notes[RECOVERED]["lost"]
     assert "imutui.session" in notes
+
+
+def test_what_was_added_to_a_log_goes_along_with_the_rebuilt_one(tmp_path: Path) -> None:
+    """A note that was written later; of a file that was replaced nothing stays."""
+    log, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    written(log)
+    added_notes.add(log, "second cold start", "ana")
+    recover(log, out)
+    assert [(each.note, each.operator) for each in added_notes.read(out)] == [("second cold start", "ana")]
+    added_notes.path_of(log).unlink()
+    recover(log, out, overwrite=True)
+    assert added_notes.read(out) == ()
 
 
 def test_no_cut_loses_a_whole_record_or_makes_one_up(tmp_path: Path) -> None:

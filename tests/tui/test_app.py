@@ -468,15 +468,18 @@ async def test_unknown_numbers_are_dashes() -> None:
         await shows(pilot, "OFF", "no filter in this acquisition")
 
 
-async def test_help_is_plain_and_closes() -> None:
-    """Both keys open it, Esc goes back."""
+async def test_help_is_plain_begins_with_the_page_and_closes() -> None:
+    """Both keys open it at the page's own part; what stands before is above; Esc goes back."""
     async with _app(FakeClient()).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "SIMULATED")
-        for key in ("question_mark", "f1"):
-            await pilot.press(key)
-            await shows(pilot, "FIRST STEPS", "never costs a sample")
+        for key, page, part in (("question_mark", "2", "ON THE LIVE PAGE"), ("f1", "6", "ON THE LOGS PAGE")):
+            await pilot.press(page, key)
+            await shows(pilot, part)
+            while "never costs a sample" not in text_of(pilot.app):
+                await pilot.press("pageup")
             await pilot.press("escape")
-            await shows(pilot, "gx, deg/s")
+        await pilot.press("1", "f1")
+        await shows(pilot, "FIRST STEPS", "WHAT RUNS WHERE")
 
 
 async def test_the_palette_has_every_action_with_its_key() -> None:

@@ -37,8 +37,8 @@ PAGES = {
     "filter": (["4"], "x gyro"),
     "table": (["5"], "makes testable"),
     "logs": (["6"], "sample.mcap"),
-    "help": (["2", "question_mark"], "FIRST STEPS"),
-    "quit": (["escape", "q"], "cancel"),
+    "help": (["1", "question_mark"], "FIRST STEPS"),
+    "quit": (["escape", "2", "q"], "cancel"),
 }
 """Keys that lead to a page from the one before, and a text that is on it."""
 LOOKS: dict[str, tuple[tuple[int, int], dict[str, str], str]] = {

@@ -117,10 +117,10 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.type(f"clear; {program} attach\n")
     terminal.wait_for("● REC", "asked 20", "measured")
     terminal.press("?")
-    terminal.wait_for("FIRST STEPS", "WHAT RUNS WHERE")
+    terminal.wait_for("ON THE", "PAGE")
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
-    wait_until(lambda: "FIRST STEPS" not in terminal.screen())
+    wait_until(lambda: "ON THE" not in terminal.screen())
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")
     terminal.press("s")

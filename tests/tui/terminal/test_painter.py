@@ -92,8 +92,9 @@ async def test_the_terminal_has_what_the_application_shows(
 
     async with app.run_test(size=size) as pilot:
         for key, sign in (
-            ("space", "FROZEN"), ("space", "autoscale"), ("s", "sweep"), ("4", "NIS"), ("question_mark", "WHAT RUNS"),
-            ("escape", "NIS"), ("2", "sweep"), ("s", "no plot"), ("s", "scroll"), ("down", ">gy"),
+            ("space", "FROZEN"), ("space", "autoscale"), ("s", "sweep"), ("4", "NIS"),
+            ("question_mark", "ON THE FILTER"), ("escape", "NIS"), ("2", "sweep"), ("s", "no plot"),
+            ("s", "scroll"), ("down", ">gy"),
         ):  # fmt: skip
             await shows(pilot, "SIMULATED")
             await pilot.press(key)

@@ -124,6 +124,8 @@ class ScrollDialog(Dialog[None]):
     ----------
     text : str
         All of it; signs that the terminal lacks are replaced.
+    first : str
+        How the paragraph begins that is on top at first; what is before it can be scrolled to.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -137,15 +139,26 @@ class ScrollDialog(Dialog[None]):
         Binding("q,enter", "cancel", show=False, priority=True),
     ]
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, first: str = "") -> None:
         super().__init__()
-        self._text = text
+        self._parts = text.split("\n\n")
+        self._first = next((part for part in self._parts if first and part.startswith(first)), "")
 
     def compose(self) -> ComposeResult:
         """The text, and the keys."""
         with VerticalScroll(classes="dialog help"):
-            yield WrappedText(self._text)
+            for part in self._parts:
+                yield WrappedText(f"{part}\n" if part is not self._parts[-1] else part)
         yield Footer(compact=True, show_command_palette=False)
+
+    def on_mount(self) -> None:
+        """Begin where it was asked for."""
+        if self._first:
+            self.call_after_refresh(self._show_first)
+
+    def _show_first(self) -> None:
+        part = self.query(WrappedText)[self._parts.index(self._first)]
+        self.query_one(VerticalScroll).scroll_to_widget(part, top=True, animate=False)
 
     def action_scroll(self, how: Literal["down", "up", "page_down", "page_up"]) -> None:
         """Scroll as in vi."""

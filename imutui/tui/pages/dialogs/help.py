@@ -117,12 +117,22 @@ MOUSE
 """
 
 
+_BEGINNING = "Connect"
+
+
 class HelpDialog(ScrollDialog):
-    """Pages, keys and words of the screen in plain language, to scroll."""
+    """Pages, keys and words of the screen in plain language, to scroll.
+
+    Parameters
+    ----------
+    page : str
+        Title of the page in front, whose part is on top at first; that of Connect, where one begins, shows the first
+        steps.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("question_mark,f1", "cancel", show=False, priority=True),
     ]
 
-    def __init__(self) -> None:
-        super().__init__(wrapping.joined(HELP))
+    def __init__(self, page: str = "") -> None:
+        super().__init__(wrapping.joined(HELP), "" if page == _BEGINNING else f"ON THE {page.upper()} PAGE")
