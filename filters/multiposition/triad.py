@@ -3,8 +3,10 @@
 The effects are those of `filters.effects.catalogue`, so that signs, units and parameters are the filter's own.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,19 +34,20 @@ class Triad:
     channels: tuple[int, ...]
     effects: tuple[ChannelEffect, ...]
 
-    @property
+    @cached_property
     def size(self) -> int:
         """How many parameters there are."""
         return sum(len(e.parameters()) for e in self.effects)
 
+    @cached_property
+    def _places(self) -> tuple[slice, ...]:
+        """Where the parameters of each effect stand: a fit asks for it at every reading."""
+        edges = [0, *itertools.accumulate(len(e.parameters()) for e in self.effects)]
+        return tuple(itertools.starmap(slice, itertools.pairwise(edges)))
+
     def places(self, effect: ChannelEffect) -> slice:
         """Where an effect's parameters stand."""
-        first = 0
-        for other in self.effects:
-            if other == effect:
-                return slice(first, first + len(effect.parameters()))
-            first += len(other.parameters())
-        raise KeyError(effect)
+        return self._places[self.effects.index(effect)]
 
     def without(self, effect: ChannelEffect) -> "Triad":
         """The triad with one effect less."""
@@ -54,9 +57,9 @@ class Triad:
         """Regressor φ at n states, what a perfect unit reads being x (n, 6); shape (n, 3, p)."""
         out = np.zeros((len(x), 3, self.size))
         inputs = _inputs(x)
-        for effect in self.effects:
+        for effect, places in zip(self.effects, self._places, strict=True):
             row = self.channels.index(effect.channel)
-            out[:, row, self.places(effect)] = effect.columns(inputs, effect.channel)
+            out[:, row, places] = effect.columns(inputs, effect.channel)
         return out
 
     def true(self, reading: Array, theta: Array, other: Array | None = None) -> Array:
@@ -95,14 +98,12 @@ class Triad:
 
     def slope(self, x: Array, theta: Array, step: float) -> Array:
         """Derivative of the reading by what is truly sensed, at x (n, 6), shape (n, 3, 3)."""
-        out = np.empty((len(x), 3, 3))
-        for k, c in enumerate(self.channels):
-            high, low = x.copy(), x.copy()
-            high[:, c] += step
-            low[:, c] -= step
-            out[:, :, k] = (self.regressor(high) - self.regressor(low)) @ theta / (2.0 * step)
-            out[:, k, k] += 1.0
-        return out
+        # all six at once: of few readings a regressor costs much more than of each row
+        moved = np.zeros((2, 3, 1, 6))
+        moved[0, range(3), 0, self.channels] = step
+        moved[1] = -moved[0]
+        phi = self.regressor((x + moved).reshape(-1, 6)).reshape(2, 3, len(x), 3, self.size)
+        return np.asarray(np.moveaxis((phi[0] - phi[1]) @ theta / (2.0 * step), 0, 2) + np.eye(3))
 
 
 def priors(effects: Sequence[ChannelEffect]) -> Array:

@@ -10,6 +10,7 @@ Effects that several channels share sum their blocks over those channels. What i
 """
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -336,6 +337,12 @@ def inverse_of(A: Array) -> Array:
 
 def _gain(C: Array, d: Array, scale: Array) -> float:
     """dᵀ C⁻¹ d over the directions that the data see."""
+    if d.size == 1:  # most candidates have one parameter: as below, without matrices
+        own = float(C[0, 0])
+        if not own > VISIBLE * float(scale[0]):
+            return 0.0
+        norm = math.sqrt(own)
+        return (float(d[0]) / norm) ** 2 / (own / (norm * norm))
     use = np.isfinite(scale) & (np.diag(C) > VISIBLE * scale)
     if not use.any():
         return 0.0

@@ -11,13 +11,18 @@ from filters.first_order import first_order
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.3, 0.5, 0.9, 0.9987, 1.0 - 1e-6])
-def test_a_lag_is_that_of_lfilter_to_the_last_bit(pole: float) -> None:
-    """In one piece and in many: what was filtered before keeps its numbers."""
+@pytest.mark.parametrize("loaded", [True, False])
+def test_a_lag_is_that_of_lfilter_to_the_last_bit(pole: float, loaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one piece and in many, with scipy.signal loaded and without: what was filtered before keeps its numbers."""
+    if not loaded:
+        monkeypatch.delitem(sys.modules, "scipy.signal")
     u = np.random.default_rng(int(1e6 * pole)).normal(25.0, 3.0, 1000)
     expected, memory = signal.lfilter([1.0 - pole], [1.0, -pole], u, zi=np.array([pole * u[0]]))
     whole, last = first_order(u, 1.0 - pole, pole, pole * float(u[0]))
     assert np.array_equal(whole, expected)
     assert last == memory[0]
+    nothing, kept = first_order(u[:0], 1.0 - pole, pole, 7.0)
+    assert (nothing.shape, kept) == ((0,), 7.0)
     parts, last = [], pole * float(u[0])
     for piece in np.array_split(u, 7):
         out, last = first_order(piece, 1.0 - pole, pole, last)

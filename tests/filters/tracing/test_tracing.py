@@ -110,7 +110,7 @@ def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
     """√NIS of the held-out run is near one over six units, and within its band as often as a fitted level allows."""
     figures = []
     for seed in range(6):
-        runs = power_ons(drift, seed=seed, hz=8.0)
+        runs = power_ons(drift, seed=seed, hz=4.0)
         figures.append(errors(trace(runs[:2], runs[2], seed=seed), "nis", "ax"))
     squares = np.array([f["after"] ** 2 for f in figures])
     assert np.mean([f["before"] for f in figures]) > 1.5
