@@ -5,6 +5,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from filters.effects import plain_names
+from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import SEPARATES, TraceDocument
 from imutui.report import sentences
 from imutui.report.numbers import duration
@@ -85,14 +86,25 @@ def _data(d: TraceDocument) -> Iterator[str]:
 
 
 def _use(d: TraceDocument) -> Iterator[str]:
-    used = [f for f in d.get("findings", []) if f.get("confirmed") is not False]
-    if not used:
-        return
-    what = "; ".join(f"{_names(f['channels'])}: {plain_names.named(f['label'], f['effect'])}" for f in used)
-    yield (
-        f"Correct for what was found ({what}): `imutui trace` with the same logs and `-o effects.toml` writes it, and"
-        " `imutui record` and `imutui replay` take it with `--effects effects.toml`."
-    )
+    held = [f for f in d.get("findings", []) if f.get("confirmed") is not False]
+    used = [f for f in held if f["effect"] not in OF_ONE_RUN]
+    if used:
+        what = "; ".join(f"{_names(f['channels'])}: {plain_names.named(f['label'], f['effect'])}" for f in used)
+        file = (
+            "`effects.toml` beside this page has it"
+            if d.get("effects_file")
+            else "`imutui trace` with the same logs and `-o effects.toml` writes it"
+        )
+        yield (
+            f"Correct for what was found ({what}): {file}, and `imutui record`, `imutui replay` and `imutui apply` take"
+            " it with `--effects effects.toml`."
+        )
+    for f in held:
+        if f["effect"] in OF_ONE_RUN:
+            yield (
+                f"{_names(f['channels'])}: {plain_names.named(f['label'], f['effect'])}. It happened in this run, and"
+                " says nothing of the next: it is not in the effects file. Look for what happened then."
+            )
     odd = [f for f in used if any(p.get("plausible") is False for p in f.get("params", []))]
     for f in odd:
         yield (

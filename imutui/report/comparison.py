@@ -1,11 +1,13 @@
 """Results of one kind beside each other: unit against unit, day against day, before and after.
 
-Differences are to the first result; their standard deviation is that of independent estimates.
+Differences are to the first result; their standard deviation is that of independent estimates,
+and none where they are of the same readings.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, cast
 
@@ -128,16 +130,12 @@ def _who(names: Sequence[Compared], more: Sequence[tuple[str, ...]], headings: t
 
 
 def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Iterator[Section]:
-    more = [(d["filter"], d["reference"], str(len(d["effects"])), sources.of_document(d).word) for d in documents]
+    more = [
+        (d["filter"], d["reference"], _effects(d, c), sources.of_document(d).word)
+        for d, c in zip(documents, names, strict=True)
+    ]
     blocks: list[Block] = [_who(names, more, ("Filter", "Reference", "States of effects", "Verdict"))]
-    hashes = [d["log_sha256"] for d in documents]
-    if len(set(hashes)) < len(hashes):
-        blocks.append(
-            Paragraph(
-                "Some of these are of the same readings: their errors are not independent, and the standard deviation"
-                " of such a difference is less than the table says."
-            )
-        )
+    blocks += map(Paragraph, _kinship(documents, names))
     bad = [c.letter for c, d in zip(names, documents, strict=True) if not sources.of_document(d).passes]
     if bad:
         blocks.append(Paragraph(f"Not to be relied on as they are: {', '.join(bad)}. Their verdicts say why."))
@@ -146,6 +144,35 @@ def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
         "Biases beside each other", (_bias_table(documents, names), *comparison_figures.of_replays(documents, names))
     )
     yield Section("Noise beside each other", (_noise_table(documents, names),))
+
+
+def _effects(d: "ResultDocument", name: Compared) -> str:
+    """How many states the filter had, and whether effects were taken out of the log before."""
+    return str(len(d["effects"])) + ("; taken out of the log" if name.log.corrected_from else "")
+
+
+def _readings(d: "ResultDocument", name: Compared) -> str:
+    """What tells readings: the hash of the log as it was recorded."""
+    return name.log.corrected_from or d["log_sha256"] or name.letter
+
+
+def _kinship(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Iterator[str]:
+    """What results have in common."""
+    seen: list[tuple[ResultDocument, Compared]] = []
+    related = False
+    for d, name in zip(documents, names, strict=True):
+        if twin := next((c.letter for other, c in seen if other == d), None):
+            yield f"{name.letter} is the same result as {twin}, given twice."
+        elif name.log.corrected_from:
+            of = next((c.letter for other, c in seen if other["log_sha256"] == name.log.corrected_from), None)
+            yield f"{name.letter} is of {f'the log of {of}' if of else 'a log'} from which effects were taken out."
+        related |= any(_readings(d, name) == _readings(other, c) for other, c in seen)
+        seen.append((d, name))
+    if related:
+        yield (
+            "Some are of the same readings. Their errors are not independent, so that no standard deviation stands at"
+            " such a difference."
+        )
 
 
 def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:
@@ -157,7 +184,8 @@ def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]
             first = documents[0]["final"][kind.key][i], documents[0]["sd"][kind.key][i]
             for k, (d, name) in enumerate(zip(documents, names, strict=True)):
                 value, sd = d["final"][kind.key][i], d["sd"][kind.key][i]
-                made = difference(*first, value, sd)
+                same = _readings(d, name) == _readings(documents[0], names[0])
+                made = difference(first[0], None if same else first[1], value, sd)
                 rows.append(
                     (
                         channel,
@@ -198,7 +226,14 @@ def _or_dash(value: float | None) -> str:
 
 def _traces(documents: Sequence[TraceDocument], names: Sequence[Compared]) -> Iterator[Section]:
     more = [(d.get("sentence") or _DASH,) for d in documents]
-    yield Section("Traces that are compared", (_who(names, more, ("What was found",)),))
+    told = [
+        f"{b.letter} is the same result as {a.letter}, given twice."
+        if d == e
+        else f"{a.letter} and {b.letter} have readings in common: no standard deviation stands at their differences."
+        for (d, a), (e, b) in combinations(zip(documents, names, strict=True), 2)
+        if {run["log_sha256"] for run in d["runs"]} & {run["log_sha256"] for run in e["runs"]}
+    ]
+    yield Section("Traces that are compared", (_who(names, more, ("What was found",)), *map(Paragraph, told)))
     yield Section(
         "Errors beside each other", (_error_table(documents, names), *comparison_figures.of_traces(documents, names))
     )
@@ -251,6 +286,7 @@ def _parameter_table(documents: Sequence[TraceDocument], names: Sequence[Compare
          for f in d["findings"] for p in f["params"]}
         for d in documents
     ]  # fmt: skip
+    logs = [{run["log_sha256"] for run in d["runs"]} for d in documents]
     columns = (Column("Effect"), Column("Result", "code"), Column("Value ± sd", "number"),
                Column(f"Minus {names[0].letter} ± sd", "number"), Column("In sd", "number"))  # fmt: skip
     rows = []
@@ -261,6 +297,8 @@ def _parameter_table(documents: Sequence[TraceDocument], names: Sequence[Compare
         for k, (own, name) in enumerate(zip(found, names, strict=True)):
             value, sd = own.get(key, unknown)
             said = "not found" if value is None else plus_minus(value, sd, unit)
-            cells = _cells(difference(*first, value, sd), unit) if k else (_DASH, _DASH)
+            same = not logs[0].isdisjoint(logs[k])
+            made = difference(first[0], None if same else first[1], value, sd)
+            cells = _cells(made, unit) if k else (_DASH, _DASH)
             rows.append((f"{effect}, {parameter}", f"{name.letter} {name.mark}".strip(), said, *cells))
     return Table(columns, tuple(rows))

@@ -10,6 +10,12 @@ def state(name: str) -> str:
     return plain_names.state(name)
 
 
+def on_channels(effect: str, channels: Iterable[str]) -> str:
+    """An effect with its channels before it; the name alone where there are none."""
+    names = list(channels)
+    return plain_names.on_channels(effect, names) if names else effect
+
+
 def included(names: Iterable[str]) -> str:
     """Effects with their channels in brackets, "thermal_lin (gx gy)", as one sentence's part."""
     return "; ".join(_included(name) for name in names)

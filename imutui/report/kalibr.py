@@ -29,7 +29,7 @@ class KalibrFile:
 
 
 def imu_yaml(
-    levels: Mapping[str, NoiseLevel], rate_hz: float | None, seconds: float | None, heading: str
+    levels: Mapping[str, NoiseLevel], rate_hz: float | None, seconds: float | None, heading: str, moved: str = ""
 ) -> KalibrFile:
     """Noise of a unit as Kalibr takes it: the noisiest axis of each kind.
 
@@ -41,6 +41,8 @@ def imu_yaml(
         Of the log.
     heading : str
         What it is of.
+    moved : str
+        What moves the biases in the log beside a random walk, which cannot be told from it then; empty for nothing.
     """
     lines, lacks = [f"# {heading}"], []
     for kind, channels, white_unit, walk_unit in _KINDS:
@@ -54,7 +56,12 @@ def imu_yaml(
             f"{kind}_noise_density: {level.white:.3e}  # {white_unit}/sqrt(Hz), {noisiest}, +- {level.white_sd:.1e}"
         )
         walking = max(known, key=lambda name: known[name].walk)
-        if known[walking].walk > 0.0:
+        if moved and known[walking].walk > 0.0:
+            lacks.append(
+                f"{kind}_random_walk: the readings have {moved} in them, which looks like a walk. A report on the log"
+                " that `imutui apply` makes has that of what is left."
+            )
+        elif known[walking].walk > 0.0:
             lines.append(f"{kind}_random_walk: {known[walking].walk:.3e}  # {walk_unit}/sqrt(Hz), {walking}")
         else:
             length = "" if seconds is None else f" of {seconds:.0f} s"

@@ -1,12 +1,13 @@
 """A replay, or a live run's result, as an article: unit and files, verdict, what to do, biases, figures, method."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from filters.channels import CHANNELS, DPS
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     advice,
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from imutui.jobs.documents import ResultDocument
+
+
+_SQRT_HOUR = 60.0
 
 
 class _Kind(NamedTuple):
@@ -71,7 +75,7 @@ def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
         ]
     made.append(data_quality.of_replay(d, log))
     if "final" in d:
-        made.append(Section("Method and provenance", tuple(_method(d))))
+        made.append(Section("Method and provenance", tuple(_method(d, log))))
     title = f"Filtered: {PurePath(d['log']).name}"
     return Article(title, kind, identity.ORIGINS[kind], tuple(made))
 
@@ -163,7 +167,7 @@ def _draw(ax: "Axes", d: "ResultDocument", kind: _Kind) -> None:
     ax.set_xlim(-0.5, 2.5)
 
 
-def _method(d: "ResultDocument") -> Iterator[Block]:
+def _method(d: "ResultDocument", log: LogData) -> Iterator[Block]:
     yield Paragraph(
         "A 15-state Kalman filter ran over the samples of the file, in the same steps as live. ± is one standard"
         " deviation unless it says otherwise."
@@ -177,7 +181,7 @@ def _method(d: "ResultDocument") -> Iterator[Block]:
         ("Samples", f"{d['samples']} ({d['rejected']} updates left out as outliers)"),
         ("Lost packets, bad checksums, gaps", f"{d['lost_packets']}, {d['bad_checksums']}, {len(d['gaps'])}"),
         ("NIS", _nis(d)),
-        ("Noise of this log", _noise(d)),
+        ("Noise of this log", _noise_of(log, d) or _noise(d)),
         ("Effects in the filter", "; ".join(effect_words.state(effect["name"]) for effect in d["effects"]) or "none"),
         ("Asked for in place of the recording's own settings", _asked(d)),
         ("SHA-256 of the log", d["log_sha256"] or identity.NOT_STATED),
@@ -209,6 +213,24 @@ def _nis(d: "ResultDocument") -> str:
     return f"{nis['mean']:.3g} of {nis['dof']:g} degrees of freedom ({band})"
 
 
+def _noise_of(log: LogData, d: "ResultDocument") -> str:
+    """White noise by Allan deviation, which `imu.yaml` has too; empty where the log is not at hand."""
+    limits, parts = d["noise"]["specification"], []
+    for name, unit, scale, channels, limit in (
+        ("gyro", "deg/√h", _SQRT_HOUR / DPS, CHANNELS[:3], limits["gyro_arw_deg_sqrt_h"]),
+        ("accelerometer", "m/s/√h", _SQRT_HOUR, CHANNELS[3:], limits["accel_vrw_mps_sqrt_h"]),
+    ):
+        known = [log.levels.get(channel) for channel in channels]
+        values = [_DASH if e is None else numbers.plus_minus(e.white * scale, e.white_sd * scale, "") for e in known]
+        if any(known):
+            parts.append(f"{name} {', '.join(values)} {unit} ({_specification(limit)})")
+    return "; ".join(parts) + (" (± 1 sd, by Allan deviation)" if parts else "")
+
+
+def _specification(limit: Sequence[float | None]) -> str:
+    return f"specification {next((f'{value:.3g}' for value in limit if value is not None), identity.NOT_STATED)}"
+
+
 def _noise(d: "ResultDocument") -> str:
     noise, limits = d["noise"], d["noise"]["specification"]
     sure = numbers.noise_certainty(noise.get("relative_sd"))
@@ -221,6 +243,5 @@ def _noise(d: "ResultDocument") -> str:
         ("accelerometer", "m/s/√h", noise["accel_vrw_mps_sqrt_h"], limits["accel_vrw_mps_sqrt_h"]),
     ):
         values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
-        said = next((f"{value:.3g}" for value in limit if value is not None), identity.NOT_STATED)
-        parts.append(f"{name} {values} {unit} (specification {said})")
+        parts.append(f"{name} {values} {unit} ({_specification(limit)})")
     return ", ".join(parts) + (f", each {sure}" if sure is not None else "")

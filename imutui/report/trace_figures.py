@@ -16,6 +16,7 @@ from filters.tracing.trace_document import (
     RunCurvesEntry,
     TraceDocument,
 )
+from imutui.jobs.temperature_curves import TemperatureCurve
 from imutui.report import allan_axes as allan
 from imutui.report import axes
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
@@ -159,6 +160,32 @@ def _driver(ax: "Axes", finding: FindingEntry, curve: DriverCurveEntry) -> None:
     ax.axhline(0.0, color=INK, lw=0.5)
     driver = curve["driver"].replace("_", " ")
     axes.name(ax, _with_unit(driver, curve.get("unit")), _with_unit(" ".join(finding["channels"]), curve.get("y_unit")))
+
+
+def of_temperature(curves: Sequence[TemperatureCurve]) -> list[Figure]:
+    """What temperature does to channels, a figure of them all; none where none is known."""
+    if not curves:
+        return []
+    panels = tuple(Panel(c.channel, partial(_temperature, curve=c)) for c in curves)
+    which = "; ".join(f"{c.channel}: {c.label}" for c in curves)
+    return [
+        Figure(
+            "temperature",
+            "Error over temperature",
+            f"{which}. The line is what was fitted, the band two standard deviations wide on each side, both relative"
+            " to the mean temperature. Points are the residual before correction, with all effects of the channel in"
+            " it; a run's bias is free.",
+            panels,
+        )
+    ]
+
+
+def _temperature(ax: "Axes", curve: TemperatureCurve) -> None:
+    for (run, (x, y)), color in zip(curve.points.items(), (BEFORE, INK, FLOOR) * len(curve.points), strict=False):
+        ax.plot(x, y, ".", ms=2.5, color=color, label=axes.plain(f"run {run}"))
+    ax.fill_between(curve.x, curve.y - 2.0 * curve.sd, curve.y + 2.0 * curve.sd, color=AFTER, alpha=0.25, lw=0)
+    ax.plot(curve.x, curve.y, color=AFTER, lw=1.2, label="fitted")
+    axes.name(ax, "temperature, °C", curve.unit, legend=True)
 
 
 def _commons(d: TraceDocument) -> Iterator[Figure]:

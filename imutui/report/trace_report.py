@@ -92,6 +92,8 @@ def _errors(d: TraceDocument) -> Iterator[Block]:
         yield _main_table(main)
         if figure := trace_figures.error_figure(d):
             yield figure
+    elif _by_hand(d):
+        yield _other_table(every, "Errors of the unit's rests and of its turns between them.")
 
 
 def _main_table(errors: Sequence[ErrorEntry]) -> Table:
@@ -118,7 +120,7 @@ def _main_table(errors: Sequence[ErrorEntry]) -> Table:
     )
 
 
-def _other_table(errors: Sequence[ErrorEntry]) -> Table:
+def _other_table(errors: Sequence[ErrorEntry], caption: str = "Other figures of error.") -> Table:
     columns = (Column("Figure"), Column("Channel", "code"), Column("Unit"), Column("Before (95 %)", "number"),
                Column("After (95 %)", "number"), Column("Floor", "number"))  # fmt: skip
     order = list(dict.fromkeys(e["metric"] for e in errors))
@@ -133,7 +135,7 @@ def _other_table(errors: Sequence[ErrorEntry]) -> Table:
         )
         for e in sorted(errors, key=lambda e: order.index(e["metric"]))
     )
-    return Table(columns, rows, "Other figures of error.")
+    return Table(columns, rows, caption)
 
 
 def _interval(value: float | None, interval: Sequence[float | None] | None) -> str:
@@ -150,17 +152,27 @@ def _ratio(value: float | None) -> str:
 
 
 def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
+    yield from trace_figures.of_temperature(log.temperature_curves)
     yield from trace_figures.figures(d)
     for n, course in enumerate(log.courses, 1):
         yield filter_figures.biases(course, d["runs"][-1]["rate_hz"], f"convergence-{n}")
     if found := filter_figures.nis(log.courses, "nis"):
         yield found
     yield from (Paragraph(sentence) for sentence in log.missing)
-    if not d.get("curves"):
+    if _by_hand(d):
+        yield Paragraph(
+            "There is no residual over time: of a unit that was turned by hand the motion between rests is not known."
+            " The errors above are those of its rests and turns."
+        )
+    elif not d.get("curves"):
         yield Paragraph(
             "This result has no curves of the residual: it was made by an older imutui. `imutui trace` with the same"
             " logs makes them."
         )
+
+
+def _by_hand(d: TraceDocument) -> bool:
+    return all(run.get("reference") == "turned" for run in d["runs"])
 
 
 def _detail(d: TraceDocument) -> Iterator[Block]:
@@ -172,7 +184,7 @@ def _detail(d: TraceDocument) -> Iterator[Block]:
     if d.get("findings"):
         yield _causes(d)
     others = [e for e in d.get("error", []) if e["metric"] != "e10" and e.get("after") is not None]
-    if others:
+    if others and not _by_hand(d):  # above, where they are all that there is
         yield _other_table(others)
 
 
@@ -186,7 +198,12 @@ def _causes(d: TraceDocument) -> Table:
             for r in f.get("rivals", [])
         ]
     columns = (Column("Channel", "code"), Column("Cause"), Column("Score", "number"))
-    return Table(columns, tuple(rows), "Causes that were weighed. Above a score of 9 a cause is accepted.")
+    return Table(
+        columns,
+        tuple(rows),
+        "Causes that were weighed, with their scores in the final model, beside all others that joined. A cause"
+        " joined where its own score was above 9 then; a step of a channel that drifts needs 30.",
+    )
 
 
 def _method(d: TraceDocument) -> Iterator[Block]:

@@ -151,6 +151,9 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
         "update_rate": "133.25",
     }
     assert [lack.partition(":")[0] for lack in found.lacks] == ["gyroscope_random_walk"]
+    moved = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap", "ay: bias follows temperature")
+    assert "random_walk" not in moved.text
+    assert "ay: bias follows temperature in them, which looks like a walk" in moved.lacks[0]
     assert "update_rate" in kalibr.imu_yaml({}, None, None, "a.mcap").lacks[-1]
 
 

@@ -10,7 +10,8 @@ import pytest
 from helpers import traces
 
 from filters.tracing.result import RunSeries
-from imutui.jobs import residual_curves
+from imutui.jobs import residual_curves, temperature_curves
+from imutui.jobs.page_data import LogData
 from imutui.report import (
     advice,
     axes,
@@ -267,6 +268,55 @@ def test_what_to_do_is_said_in_order_and_without_a_finding_nothing() -> None:
     assert "switched off" in advice.after_trace({**clean, "runs": [RUN]})[-1]
 
 
+def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
+    """It is in no effects file; what is there to be corrected lies beside the page."""
+    finding = traces.whole_document()["findings"][0]
+    step = {**finding, "effect": "step", "label": "bias jumps at 40 s of run a", "channels": ["az"], "rivals": []}
+    told = advice.after_trace(traced(findings=[finding, step], effects_file="version = 1\n"))
+    correct = next(sentence for sentence in told if sentence.startswith("Correct for"))
+    assert "`effects.toml` beside this page has it" in correct
+    assert "jumps" not in correct
+    assert any(t.startswith("az: bias jumps") and "not in the effects file" in t for t in told)
+
+
+def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None:
+    """Those of rests and turns; why there is no residual over time."""
+    norm = {**traces.whole_document()["error"][0], "metric": "gravity_norm", "channel": None, "unit": "mg"}
+    by_hand = traced(runs=[{**RUN, "reference": "turned"}], error=[norm], curves=[])
+    sections = {section.title: section.blocks for section in trace_report.article(by_hand).sections}
+    (table,) = [block for block in sections["Error before and after"] if isinstance(block, Table)]
+    assert table.rows[0][0] == "magnitude of gravity"
+    said = " ".join(getattr(block, "text", "") for block in sections["Figures"])
+    assert "turned by hand" in said
+    assert "older" not in said
+
+
+def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> None:
+    """The curve goes through the points, whatever bias each run has; without temperature there is none."""
+    text = (
+        'version = 1\ncorrelation = [[1.0, -0.5], [-0.5, 1.0]]\n[[effect]]\neffect = "thermal_poly"\n'
+        'channels = ["ax"]\ninclude_as = "A"\n[[effect.state]]\nname = "k1"\nunit = "mg/K"\nmean = 0.5\nsd = 0.01\n'
+        '[[effect.state]]\nname = "k2"\nunit = "mg/K2"\nmean = 0.05\nsd = 0.001\n'
+    )
+    t = np.linspace(0.0, 100.0, 41)
+    courses = {"a": (t, 20.0 + 0.1 * t), "b": (t, 32.0 - 0.05 * t)}
+    runs = []
+    for name, (_, degc) in courses.items():
+        error = 0.5 * (degc - 25.0) + 0.05 * (degc - 25.0) ** 2
+        residual = {"x": t.tolist(), "before": (error - error.mean()).tolist(), "after": [0.0] * t.size}
+        runs.append({"run": name, "heldout": False, "channels": {"ax": {"residual": residual}}})
+    d: Any = {"effects_file": text, "curves": runs}
+    (curve,) = temperature_curves.of_trace(d, courses)
+    for x, y in curve.points.values():
+        np.testing.assert_allclose(y, np.interp(x, curve.x, curve.y), atol=0.01)
+    assert (curve.channel, curve.unit) == ("ax", "mg")
+    middle = int(np.argmin(curve.sd))
+    assert curve.sd[middle] < 0.01 < curve.sd[0]
+    assert temperature_curves.of_trace(d, {}) == ()
+    figure = trace_figures.of_temperature([curve])[0]
+    assert [panel.name for panel in figure.panels] == ["ax"]
+
+
 def test_equal_results_give_equal_files() -> None:
     """No date, no chance, no version of a library in a figure."""
     pytest.importorskip("matplotlib")
@@ -402,7 +452,17 @@ def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() 
     assert drawn["compared-differences"] == ["gx", "ax", "gy", "ay", "az"]
     assert all("SIMULATED" in figure.title for figure in first.figures())
     same = page.page([page.Story(replayed()), page.Story(replayed())]).articles[0]
-    assert any("same readings" in getattr(block, "text", "") for block in same.sections[0].blocks)
+    said = " ".join(getattr(block, "text", "") for block in same.sections[0].blocks)
+    assert "B is the same result as A, given twice" in said
+    corrected = LogData(corrected_from=str(replayed()["log_sha256"]))
+    fixed = page.Story(replayed(log="/data/c.mcap", log_sha256="11" * 32), corrected)
+    related = page.page([page.Story(replayed()), fixed]).articles[0]
+    who, told, *_ = related.sections[0].blocks
+    assert isinstance(who, Table)
+    assert who.rows[1][7] == "0; taken out of the log"
+    assert told == Paragraph("B is of the log of A from which effects were taken out.")
+    table = next(b for b in related.sections[1].blocks if isinstance(b, Table))
+    assert {row[4] for row in table.rows} == {"–"}  # no sd of a difference of the same readings
 
 
 def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
