@@ -72,7 +72,7 @@ def command(
         _summarise(summary, report, given=bool(logs) or output is not None, force=force, json=json)
         return
     from imutui import config
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, tell
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, tell
     from imutui.jobs.campaign import log_list, results_folder
     from imutui.jobs.campaign.run import Campaign, run
     from imutui.jobs.campaign.settings import CampaignSettings
@@ -94,7 +94,11 @@ def command(
     found = log_list.find(logs)
     found = found if head is None else found.below(head["root"])
     campaign = Campaign(found, settings, output, part, retry, force, config.load().file_mode)
-    document = run(campaign, _way(found, workers, cluster), _progress())
+    try:
+        document = run(campaign, _way(found, workers, cluster), _progress())
+    except KeyboardInterrupt:
+        say(f"imutui: rows that are done are in {output}; the same command goes on from there.")
+        raise
     if document["table"] is None:
         say_no_table()
     if json:
@@ -191,7 +195,7 @@ def campaign_words(document: "RunDocument") -> str:
     from imutui.jobs.quantities import plural, that_many
 
     made = f"{document['computed']:,} computed, {document['kept']:,} kept"
-    pace = "" if document["per_minute"] is None else f" ({document['per_minute']:,.0f} a minute)"
+    pace = "" if document["per_minute"] is None else f" ({document['per_minute']:,.0f} a minute once workers were warm)"
     head = f"{document['results']}: {counted(document['logs'], document['errors'], document['not_fine'])}"
     lines = [head, f"{made}, in {_duration(document['wall_s'])}{pace}"]
     lines += [f"error: {error}" for error in document["first_errors"]]

@@ -77,7 +77,7 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
         except (typer.Exit, typer.Abort):
             raise
         except KeyboardInterrupt:
-            say("interrupted")
+            say("imutui: interrupted")
             raise typer.Exit(INTERRUPTED) from None
         except BrokenPipeError:
             raise typer.Exit(FINE) from None  # whoever read our output has had enough

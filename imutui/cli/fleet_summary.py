@@ -78,6 +78,10 @@ def _print_group(console: "Console", group: "GroupField") -> None:
 
     console.rule(f"{fleet_sentences.name(group)}, {fleet_sentences.KINDS[group['kind']]}", align="left", characters="─")
     _lines(console, [fleet_sentences.extent(group), *group["notes"]])
+    if not group["units"]:  # no estimate can be: what is held to the limits is each log
+        _lines(console, ["", "Table 1"])
+        _lines(console, [*_shortened(fleet_sentences.limits(group)), ""], indent=True)
+        return
     for title, told in (
         ("Table 1", fleet_sentences.limits(group)),
         ("Drift", fleet_sentences.drifts(group)),

@@ -10,7 +10,6 @@ from imutui.logbook.export import formats, samples, topic
 from imutui.logbook.export.columns import Table
 from imutui.logbook.log_stream import MODE
 from imutui.logbook.pieces import Outline
-from imutui.logbook.reader import UnreadableLogError
 
 __all__ = ["FORMATS", "Export", "Exported", "export", "lacks"]
 
@@ -99,7 +98,9 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     Raises
     ------
     UnreadableLogError
-        If the log cannot be read, or has nothing of what is asked for.
+        If the log cannot be read.
+    ValueError
+        If it has nothing of what is asked for.
     FileExistsError
         If a file exists and may not be replaced.
     """
@@ -112,7 +113,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
         rows = formats.write(wanted.kind, made, part, progress)
         if not rows:
-            raise UnreadableLogError(f"{wanted.log}: --start and --end leave nothing to export.")
+            raise ValueError(f"{wanted.log}: --start and --end leave nothing to export.")
     if reference is not None:
         atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
     names = tuple(column.name for column in made.columns)

@@ -9,7 +9,7 @@ import numpy as np
 
 from imutui.logbook import pieces, reader
 from imutui.logbook.pieces import Outline, Piece
-from imutui.logbook.reader import Log, UnreadableLogError, seconds_since
+from imutui.logbook.reader import Log, seconds_since
 
 WHOLE_BYTES = 64 * 2**20
 """Size of a log up to which it is read at once: an hour and a half at 133 Hz."""
@@ -93,14 +93,16 @@ def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
     Raises
     ------
     UnreadableLogError
-        As `reader.read`, or if no sample is left.
+        As `reader.read`.
+    ValueError
+        If no sample is left.
     """
     begin_ns = known.first_ns
     chosen = (_chosen(piece, begin_ns, start, end) for piece in pieces.pieces(known, pieces.ROWS))
     found = (piece for piece in chosen if piece.stamp_ns.size)
     first = next(found, None)
     if first is None:
-        raise UnreadableLogError(_nothing_left(known.log.path, float(seconds_since(known.last_ns, begin_ns))))
+        raise ValueError(_nothing_left(known.log.path, float(seconds_since(known.last_ns, begin_ns))))
     first_ns = int(first.stamp_ns[0])
     parts = (_part(piece, first_ns, begin_ns) for piece in chain([first], found))
     last_ns = known.last_ns if end is None else min(known.last_ns, begin_ns + round(end * 1e9))
@@ -136,7 +138,7 @@ def select(log: Log, start: float | None, end: float | None) -> Part:
     if end is not None:
         use &= t <= end
     if not use.any():
-        raise UnreadableLogError(_nothing_left(log.path, float(t[-1])))
+        raise ValueError(_nothing_left(log.path, float(t[-1])))
     stamps = log.stamp_ns[use] if not use.all() else log.stamp_ns
     first_ns = int(stamps[0])
     begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))

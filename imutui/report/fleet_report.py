@@ -36,9 +36,12 @@ def _title(document: SummaryDocument) -> str:
 
 
 def _article(group: GroupField, document: SummaryDocument) -> Article:
-    sections = (
+    known = (
         Section("Fleet", tuple(_fleet(group, document))),
         Section("Which units fail Table 1", (_items(fleet_sentences.limits(group)),)),
+    )
+    sections: tuple[Section, ...] = (
+        *known,
         Section("Which units drift", (_items(fleet_sentences.drifts(group)),)),
         Section("Which days stand out", tuple(_days(group))),
         Section("Model, unit and day", tuple(_parts(group))),
@@ -46,6 +49,8 @@ def _article(group: GroupField, document: SummaryDocument) -> Article:
         Section("Which effects recur", tuple(_effects(group))),
         Section("Method", tuple(_method(document))),
     )
+    if not group["units"]:  # nothing can be told of units that nothing tells apart
+        sections = (*known, sections[-1])
     title = f"Fleet of {fleet_sentences.name(group)}"
     return Article(title, group["kind"], identity.ORIGINS[group["kind"]], sections)
 

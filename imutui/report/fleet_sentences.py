@@ -27,7 +27,6 @@ LEVELS = {
     "day": "of single days",
     "not_told": "not told: nothing to compare with",
 }
-UNSETTLED = "has not settled, so that nothing is judged"
 
 
 def name(group: GroupField) -> str:
@@ -73,11 +72,23 @@ def limits(group: GroupField) -> list[str]:
     """Which units fail Table 1."""
     failed = [one for one in group["limits"] if one["verdict"] == "fails"]
     vague = [one for one in group["limits"] if one["quantity"] == "noise" and one["verdict"] == "not_told"]
-    told = [_limit(one) for one in group["limits"] if one not in vague]
+    unsettled = [
+        one for one in group["limits"]
+        if one["quantity"] != "noise" and one["verdict"] != "fails" and not one["converged"]
+    ]  # fmt: skip
+    told = [_limit(one) for one in group["limits"] if one not in vague and one not in unsettled]
+    told += [_unsettled([one for one in unsettled if _who(one) == who]) for who in dict.fromkeys(map(_who, unsettled))]
     told += [_vague([one for one in vague if _who(one) == who]) for who in dict.fromkeys(map(_who, vague))]
     if failed:
         return told
     return ["No unit fails a limit of Table 1 (bias 1 deg/s and 12 mg, noise 4.5 deg/√h and 1 m/s/√h).", *told]
+
+
+def _unsettled(biases: Sequence[LimitField]) -> str:
+    named = ", ".join(f"{one['channel']} {plus_minus(one['value'], one['sd'], one['unit'])}" for one in biases)
+    what, verb = ("biases", "have") if len(biases) > 1 else ("bias", "has")
+    logs = ", ".join(dict.fromkeys(f"{day(one['start_utc'])}, {one['log']}" for one in biases))
+    return f"{_who(biases[0])}: {what} of {named} {verb} not settled, so that nothing is judged ({logs})."
 
 
 def _vague(noises: Sequence[LimitField]) -> str:
@@ -99,8 +110,7 @@ def _limit(one: LimitField) -> str:
     if one["verdict"] == "fails":
         days = f"in {one['above']} of {plural(one['of'], 'power-on')}"
         return f"{who} FAILS: bias of {one['channel']} {value}, {limit}, {days}; worst {where}."
-    why = "is too near the limit to tell" if one["converged"] else UNSETTLED
-    return f"{who}: bias of {one['channel']} {value}, {limit}, {why} ({where})."
+    return f"{who}: bias of {one['channel']} {value}, {limit}, is too near the limit to tell ({where})."
 
 
 def drifts(group: GroupField) -> list[str]:

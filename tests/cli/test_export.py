@@ -164,7 +164,7 @@ def test_a_part_is_cut_by_the_log_s_time(tmp_path: Path) -> None:
     t = samples_of(SAMPLE).seconds()
     assert found["npz"]["t"] == t[(t >= 2.0) & (t <= 3.0)].tolist()
     for cut in (("--start", "1e6"), ("--start", "3", "--end", "2"), ("--start", "2.00001", "--end", "2.00002")):
-        done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "none.csv"), *cut, check=3)
+        done = imutui("export", str(SAMPLE), "-o", str(tmp_path / "none.csv"), *cut, check=2)
         assert "--start and --end leave" in done.stderr
     assert not list(tmp_path.glob("none*"))
 
@@ -289,7 +289,7 @@ def test_what_cannot_be_exported_is_refused_in_words(tmp_path: Path) -> None:
         (SAMPLE, ("-o", str(tmp_path / "a.xlsx")), 2, "csv, npz, parquet"),
         (SAMPLE, ("-o", str(tmp_path / "a"), "--format", "hdf5"), 2, "csv, npz, parquet"),
         (SAMPLE, ("-o", str(tmp_path / "no" / "a.csv")), 2, "mkdir -p"),
-        (SAMPLE, ("-o", str(tmp_path / "a.csv"), "--topic", "/imu"), 3, "It has: /diagnostics"),
+        (SAMPLE, ("-o", str(tmp_path / "a.csv"), "--topic", "/imu"), 2, "It has: /diagnostics"),
         (tmp_path / "gone.mcap", ("-o", str(tmp_path / "a.csv")), 3, "no such file"),
         (tmp_path / "empty.mcap", ("-o", str(tmp_path / "a.csv")), 3, "empty"),
         (tmp_path / "text.mcap", ("-o", str(tmp_path / "a.csv")), 3, "not an MCAP"),

@@ -44,6 +44,14 @@ def test_a_page_is_made_beside_the_document_and_not_made_twice(home: Path) -> No
     assert "--force" in imutui("campaign", "--summary", results, "--report", "page", check=2).stderr
 
 
+def test_logs_without_a_serial_number_have_no_empty_headings(home: Path) -> None:
+    """What cannot be told of units that nothing tells apart is said once; each log is held to the limits."""
+    told = imutui("campaign", "--summary", written(fleets.fleet(("",), 3))).stdout
+    assert "state no serial number" in told
+    assert "Table 1" in told
+    assert not {"Drift", "Days that stand out"} & set(told.splitlines())
+
+
 def test_rows_that_all_failed_are_a_finding(home: Path) -> None:
     """Listed with their reasons, and what to do."""
     done = imutui("campaign", "--summary", written([fleets.bad("a.mcap"), fleets.bad("b.mcap")]), check=1)

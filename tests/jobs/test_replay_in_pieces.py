@@ -113,7 +113,7 @@ def test_what_needs_the_whole_log_gets_it(tmp_path: Path, in_pieces: Callable[[i
 def test_an_empty_part_of_a_long_log_is_refused_in_words(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
     """As of a short one."""
     in_pieces(200)
-    with pytest.raises(reader.UnreadableLogError, match="leave no sample"):
+    with pytest.raises(ValueError, match="leave no sample"):
         replayed(still(tmp_path / "a.mcap"), ReplayOptions(start=1e6))
 
 

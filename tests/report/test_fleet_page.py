@@ -102,6 +102,17 @@ def test_a_page_without_any_result_says_so() -> None:
     assert "first bytes are not MCAP" in text
 
 
+def test_biases_that_have_not_settled_are_one_sentence_a_unit() -> None:
+    """All of them near the limit, none of them judged."""
+    row = fleets.row("a.mcap")
+    row["final"]["gyro_bias_dps"] = [0.99, 0.98, 0.1]
+    row["sd"]["gyro_bias_dps"] = [0.3, 0.3, 0.001]
+    row["converged_s"]["gyro_bias"] = [None, None, 20.0]
+    told = [s for s in fleet_sentences.limits(summed([row])["groups"][0]) if "settled" in s]
+    assert len(told) == 1
+    assert told[0].startswith("Unit 0001: biases of gx 0.99 ± 0.30 deg/s, gy 0.98 ± 0.30 deg/s have not settled")
+
+
 def test_noise_that_cannot_be_judged_is_one_sentence_a_unit() -> None:
     """Of logs of some seconds every channel is: six sentences would hide what is to be known."""
     noise = {"gyro_arw_deg_sqrt_h": [4.0] * 3, "accel_vrw_mps_sqrt_h": [0.9] * 3, "relative_sd": 0.3}

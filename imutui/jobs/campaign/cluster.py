@@ -98,7 +98,7 @@ def _connected(address: str) -> "Client":
 def _wait_for_workers(client: "Client", address: str, say: Callable[[str], None]) -> None:
     how = f"dask worker {address} --nworkers N --nthreads 1"
     if not _threads(client):
-        say(f"the scheduler at {address} has no worker yet; start some: {how}")
+        say(f"the scheduler at {address} has no worker yet: waiting {_WORKERS_S:.0f} s for one. Start some: {how}")
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError as error:

@@ -36,13 +36,13 @@ def table(known: Outline, start: float | None = None, end: float | None = None, 
 
     Raises
     ------
-    UnreadableLogError
+    ValueError
         If the log has no sample in that part.
     """
     path = known.log.path
     seconds = seconds_since(known.last_ns, known.first_ns)
     if (start or 0.0) > seconds or (end is not None and end < (start or 0.0)):
-        raise UnreadableLogError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
+        raise ValueError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
     info = session_of(known.log)
     columns = [Column("t", "s"), Column("gyro", "deg/s", 3), Column("accel", "g", 3)]
     columns += [Column("temp", "degC")] if np.isfinite(known.first_temperature) else []
@@ -103,7 +103,8 @@ def _about(known: Outline) -> dict[str, str]:
         "kind": info.kind,
         "instrument": info.instrument,
         "serial_number": info.serial_number,
-        "first_sample_utc": f"{np.datetime64(known.first_ns, 'ns')}Z",
+        # a recording made elsewhere does not say when it was made
+        "first_sample_utc": "" if info.sampling == "imported" else f"{np.datetime64(known.first_ns, 'ns')}Z",
         "axes": "the instrument's own, with its own sign",
         "import": shlex.join(import_flags(info)),
     }

@@ -93,7 +93,7 @@ def _find(path: Path, topic: str) -> _Topic:
             if record.topic == topic:
                 return _typed(path, record, known.get(record.schema_id))
     listed = ", ".join(sorted(seen)) or "none"
-    raise UnreadableLogError(f"{path} has no topic {topic}. It has: {listed}.")
+    raise ValueError(f"{path} has no topic {topic}. It has: {listed}.")
 
 
 def _typed(path: Path, channel: Channel, schema: Schema | None) -> _Topic:
