@@ -8,12 +8,12 @@ from textual.containers import Vertical
 from textual.message import Message
 from textual.screen import Screen
 from textual.widget import Widget
-from textual.widgets import Footer
 
 from imutui.session.client import Client
 from imutui.tui.connection.model import View
 from imutui.tui.widgets.debug_line import DebugLine
 from imutui.tui.widgets.header import StatusHeader
+from imutui.tui.widgets.keys_line import KeysLine
 from imutui.tui.widgets.notice import Notice
 from imutui.tui.widgets.text_lines import TextLines
 from imutui.tui.widgets.too_small import TooSmall, is_too_small
@@ -76,7 +76,7 @@ class Page(Screen[None]):
             yield from self.body()
             yield DebugLine()
             yield Notice()
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeysLine()
 
     def body(self) -> Iterable[Widget]:
         """Widgets between header and notice."""
@@ -117,11 +117,11 @@ class Page(Screen[None]):
 
     def on_screen_suspend(self) -> None:
         """Under a dialog the keys of the page do nothing, so they are not shown."""
-        self.query_one(Footer).visible = False
+        self.query_one(KeysLine).visible = False
 
     def on_screen_resume(self) -> None:
         """Fit a size that changed while another page was on, and show the newest data."""
-        self.query_one(Footer).visible = True
+        self.query_one(KeysLine).visible = True
         self._fit()
         self.post_message(self.Wanted(self))
 

@@ -10,8 +10,9 @@ from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen, ScreenResultType
 from textual.widget import Widget
-from textual.widgets import Footer, Input, Static
+from textual.widgets import Input, Static
 
+from imutui.tui.widgets.keys_line import KeysLine
 from imutui.tui.widgets.wrapped_text import WrappedText
 
 
@@ -42,7 +43,7 @@ class Dialog(ModalScreen[ScreenResultType]):
         """The dialog's own widgets in a frame, and its keys."""
         with Vertical(classes="dialog"):
             yield from self.body()
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeysLine()
 
     def body(self) -> Iterable[Widget]:
         """Widgets inside the frame."""
@@ -149,7 +150,7 @@ class ScrollDialog(Dialog[None]):
         with VerticalScroll(classes="dialog help"):
             for part in self._parts:
                 yield WrappedText(f"{part}\n" if part is not self._parts[-1] else part)
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeysLine()
 
     def on_mount(self) -> None:
         """Begin where it was asked for."""
