@@ -410,8 +410,8 @@ def opened(path: Path) -> IO[bytes]:
 def foreign(path: Path) -> str:
     """Why a file that is no MCAP file at all cannot be read, and what can."""
     return (
-        f"{path} is not an MCAP log: it starts with other bytes. imutui replays its own logs and other MCAP files with"
-        " sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
+        f"{path} is not an MCAP log: its first bytes are not an MCAP file's. imutui takes its own logs and"
+        " other MCAP files with sensor_msgs/msg/Imu; `imutui import` makes a log of NPZ and CSV recordings."
     )
 
 

@@ -9,7 +9,7 @@ from filters.tracing.trace_document import TraceDocument
 from imutui.jobs import linear_correction
 from imutui.jobs.linear_correction import LinearCorrection
 from imutui.jobs.page_data import LogData
-from imutui.report import correction, effect_words, kalibr
+from imutui.report import correction, kalibr
 from imutui.report.blocks import Block, Code, Facts, Items, Paragraph, Section, Subheading
 from imutui.verdict import sources
 
@@ -113,13 +113,8 @@ def _code(made: LinearCorrection) -> Iterator[Block]:
 
 
 def _yaml(log: LogData, rate_hz: float | None, seconds: float | None, name: str) -> Iterator[Block]:
-    moved = "; ".join(
-        dict.fromkeys(
-            effect_words.on_channels(term.effect, term.channels) for term in log.terms if term.effect != "bias"
-        )
-    )
     heading = f"noise of {name}, by Allan deviation of its readings"
-    made = kalibr.imu_yaml(log.levels, rate_hz, seconds, heading, moved)
+    made = kalibr.imu_yaml(log.levels, rate_hz, seconds, heading, log.terms)
     yield Subheading(f"`{KALIBR_FILE}` for Kalibr and what takes its files: the noisiest axis of each kind")
     yield Code(made.text)
     if made.lacks:

@@ -1,8 +1,10 @@
 """The file of noise that users of Kalibr know (`imu.yaml`), and why some of its values are left out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from filters.effects import plain_names
+from imutui.jobs.correction_terms import Term
 from imutui.jobs.residual_noise import NoiseLevel
 
 TOPIC = "/imu/data_raw"
@@ -29,7 +31,11 @@ class KalibrFile:
 
 
 def imu_yaml(
-    levels: Mapping[str, NoiseLevel], rate_hz: float | None, seconds: float | None, heading: str, moved: str = ""
+    levels: Mapping[str, NoiseLevel],
+    rate_hz: float | None,
+    seconds: float | None,
+    heading: str,
+    terms: Iterable[Term] = (),
 ) -> KalibrFile:
     """Noise of a unit as Kalibr takes it: the noisiest axis of each kind.
 
@@ -41,10 +47,10 @@ def imu_yaml(
         Of the log.
     heading : str
         What it is of.
-    moved : str
-        What moves the biases in the log beside a random walk, which cannot be told from it then; empty for nothing.
+    terms : iterable of Term
+        Effects that the readings have in them: a walk cannot be told from what moves a channel in another way.
     """
-    lines, lacks = [f"# {heading}"], []
+    lines, lacks, terms = [f"# {heading}"], [], tuple(terms)
     for kind, channels, white_unit, walk_unit in _KINDS:
         known = {name: levels[name] for name in channels if name in levels}
         if not known:
@@ -56,10 +62,10 @@ def imu_yaml(
             f"{kind}_noise_density: {level.white:.3e}  # {white_unit}/sqrt(Hz), {noisiest}, +- {level.white_sd:.1e}"
         )
         walking = max(known, key=lambda name: known[name].walk)
-        if moved and known[walking].walk > 0.0:
+        if (moved := _moved(terms, channels)) and known[walking].walk > 0.0:
             lacks.append(
-                f"{kind}_random_walk: the readings have {moved} in them, which looks like a walk. A report on the log"
-                " that `imutui apply` makes has that of what is left."
+                f"{kind}_random_walk: the readings have errors in them that look like a walk ({moved}). A report on the"
+                " log that `imutui apply` makes has the walk of what is left."
             )
         elif known[walking].walk > 0.0:
             lines.append(f"{kind}_random_walk: {known[walking].walk:.3e}  # {walk_unit}/sqrt(Hz), {walking}")
@@ -72,3 +78,14 @@ def imu_yaml(
     else:
         lines.append(f"update_rate: {rate_hz:.2f}  # Hz")
     return KalibrFile("\n".join(lines), tuple(lacks))
+
+
+def _moved(terms: Iterable[Term], channels: Iterable[str]) -> str:
+    """What moves channels of a kind beside a constant bias and a walk, in words; empty for nothing."""
+    own = set(channels)
+    named = (
+        plain_names.on_channels(term.effect, term.channels)
+        for term in terms
+        if own.intersection(term.channels) and term.effect not in ("bias", "random_walk")
+    )
+    return "; ".join(dict.fromkeys(named))

@@ -36,6 +36,15 @@ _HELD_OUT = {
     "part": "on a part of the power-on that nothing was fitted to",
     "folds": "within the runs that were fitted, by folds",
 }
+_RULE = (
+    "A cause joins where its score, beside drift too, is above 9; of a channel that drifts, a step, or what channels"
+    " share, needs more than 30. It is taken out again where its score falls below 4.5, because others explain it."
+)
+_RULE_BY_HAND = (
+    "Scale factors, cross-axis terms and the gyros' sensitivity to specific force join as groups, where the gain of a"
+    " group is above its price; each is taken out again where its own score is below 4.5. What goes beyond them (an"
+    " accelerometer's square, cube, asymmetry) needs more than 9. The gyros' biases are always in."
+)
 _DASH = "–"
 NO_DATA = LogData()
 
@@ -201,8 +210,7 @@ def _causes(d: TraceDocument) -> Table:
     return Table(
         columns,
         tuple(rows),
-        "Causes that were weighed, with their scores in the final model, beside all others that joined. A cause"
-        " joined where its own score was above 9 then; a step of a channel that drifts needs 30.",
+        f"Causes that were weighed, with their scores in the final model. {_RULE_BY_HAND if _by_hand(d) else _RULE}",
     )
 
 

@@ -482,7 +482,7 @@ def test_a_file_that_is_no_log_is_called_so(run: Run, home: Path, name: str) -> 
     (home / name).write_bytes(FOREIGN_FILES[name])
     error = run("replay", name, "--json").error(3)
     assert name in error
-    assert "not an MCAP log" in error
+    assert "not an MCAP log: its first bytes are not an MCAP file's" in error
     assert "imutui import" in error
 
 

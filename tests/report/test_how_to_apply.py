@@ -15,6 +15,7 @@ from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.tracing.result import Trace
 from imutui.jobs import correction_terms, linear_correction
+from imutui.jobs.correction_terms import Term
 from imutui.jobs.linear_correction import LinearCorrection
 from imutui.jobs.page_data import LogData
 from imutui.jobs.residual_noise import NoiseLevel
@@ -151,9 +152,12 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
         "update_rate": "133.25",
     }
     assert [lack.partition(":")[0] for lack in found.lacks] == ["gyroscope_random_walk"]
-    moved = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap", "ay: bias follows temperature")
-    assert "random_walk" not in moved.text
-    assert "ay: bias follows temperature in them, which looks like a walk" in moved.lacks[0]
+    levels["gz"] = NoiseLevel(2e-3, 1e-5, 5e-5)
+    terms = [Term((c,), name, "k", "", 1.0) for c, name in (("ay", "thermal_lin"), ("gz", "random_walk"))]
+    moved = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap", terms)
+    assert "accelerometer_random_walk" not in moved.text
+    assert "gyroscope_random_walk: 5.000e-05" in moved.text  # a walk that was found is the walk
+    assert "look like a walk (ay: bias follows temperature)" in moved.lacks[0]
     assert "update_rate" in kalibr.imu_yaml({}, None, None, "a.mcap").lacks[-1]
 
 

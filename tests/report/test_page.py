@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from helpers import traces
 
+from filters.multiposition import choice
+from filters.tracing import selection
 from filters.tracing.result import RunSeries
 from imutui.jobs import residual_curves, temperature_curves
 from imutui.jobs.page_data import LogData
@@ -279,10 +281,20 @@ def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
     assert any(t.startswith("az: bias jumps") and "not in the effects file" in t for t in told)
 
 
+def _caption_of_causes(d: Any) -> str:
+    section = next(s for s in trace_report.article(d).sections if s.title.startswith("What was found"))
+    tables = [block for block in section.blocks if isinstance(block, Table)]
+    return next(table.caption for table in tables if table.caption.startswith("Causes"))
+
+
 def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None:
     """Those of rests and turns; why there is no residual over time."""
     norm = {**traces.whole_document()["error"][0], "metric": "gravity_norm", "channel": None, "unit": "mg"}
     by_hand = traced(runs=[{**RUN, "reference": "turned"}], error=[norm], curves=[])
+    assert f"own score is below {choice.KEEP}. " in _caption_of_causes(by_hand)
+    assert f"needs more than {choice.ACCEPT:g}. " in _caption_of_causes(by_hand)
+    assert f"is above {selection.ACCEPT:g};" in _caption_of_causes(traced())
+    assert f"falls below {selection.KEEP}," in _caption_of_causes(traced())
     sections = {section.title: section.blocks for section in trace_report.article(by_hand).sections}
     (table,) = [block for block in sections["Error before and after"] if isinstance(block, Table)]
     assert table.rows[0][0] == "magnitude of gravity"
