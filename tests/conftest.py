@@ -33,6 +33,9 @@ def _compiled() -> Path:
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # output of commands is buffered for whoever uses them, whatever the machine that builds them has set
 os.environ.pop("PYTHONUNBUFFERED", None)
+# nor is each of hundreds of processes to compile every module anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
 
 
@@ -42,7 +45,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return (os.cpu_count() or 1) + 2
 
 
-LONG = ("undeclared", "test_trace_wire.py", "test_tmux.py", "remote")
+LONG = ("undeclared", "test_trace_wire.py", "test_tmux.py", "remote", "test_snapshots.py", "test_dialogs.py")
 """Folders and modules whose tests take longest."""
 
 

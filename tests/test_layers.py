@@ -106,9 +106,21 @@ def tree_of(module: str) -> ast.Module:
 
 
 @cache
+def statements(module: str) -> tuple[ast.AST, ...]:
+    """What stands on lines of its own in a module, at every depth: expressions, which are most of a tree, do not."""
+    found, waiting = [], list[ast.AST]([tree_of(module)])
+    while waiting:
+        node = waiting.pop()
+        found.append(node)
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            waiting += getattr(node, part, ())
+    return tuple(found)
+
+
+@cache
 def imports(module: str, *, top_level: bool = False) -> frozenset[str]:
     """Absolute names of what a module imports; `from a import b` counts as a.b where that is a module."""
-    nodes = tree_of(module).body if top_level else list(ast.walk(tree_of(module)))
+    nodes = tree_of(module).body if top_level else statements(module)
     names: set[str] = set()
     for node in nodes:
         if isinstance(node, ast.Import):
@@ -234,7 +246,7 @@ def test_a_command_imports_what_is_heavy_when_it_runs() -> None:
 
 def public_functions(module: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
     """Functions and methods of a module that others may call."""
-    for node in ast.walk(tree_of(module)):
+    for node in statements(module):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not node.name.startswith("_"):
             yield node
 
@@ -263,7 +275,7 @@ def test_a_class_is_small_enough_to_be_read() -> None:
     """The limit is far above the usual: a class that reaches it has more than one subject."""
     wrong = []
     for module in MODULES:
-        for node in ast.walk(tree_of(module)):
+        for node in statements(module):
             if isinstance(node, ast.ClassDef):
                 methods = sum(isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef) for n in node.body)
                 wrong += [f"{module}.{node.name}: {methods} methods"] if methods > MOST_METHODS else []

@@ -151,8 +151,9 @@ def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) 
 def test_a_second_acquisition_is_told_of_the_first(home: Path) -> None:
     """Its name is taken, or under another name its port; neither disturbs the first."""
     with Device(GOOD) as device, recording_to(home / "first.mcap", device.port) as first:
-        same = imutui("record", "--port", device.port, "--json", check=4)
-        other = imutui("record", "--port", device.port, "--json", "--name", "other", check=4)
+        line = ("record", "--port", device.port, "--filter", "none", "--json")
+        same = imutui(*line, check=4)
+        other = imutui(*line, "--name", "other", check=4)
         assert first.poll() is None
         imutui("mark", "still here")
         imutui("stop")

@@ -15,6 +15,7 @@ from helpers import many_logs
 from helpers.commands import imutui
 from helpers.many_logs import rows_of
 from helpers.processes import LIMIT_S, command_line, started, wait_until
+from helpers.shared import once
 
 BAD = ["corrupt.mcap", "empty.mcap", "foreign.mcap"]
 
@@ -22,17 +23,23 @@ BAD = ["corrupt.mcap", "empty.mcap", "foreign.mcap"]
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """200 logs, three of which are none."""
-    return many_logs.two_hundred(tmp_path_factory.mktemp("campaign") / "logs")
+
+    def make(folder: Path) -> None:
+        many_logs.two_hundred(folder / "logs")
+
+    return once(tmp_path_factory, "campaign_logs", make) / "logs"
 
 
 @pytest.fixture(scope="module")
-def expected(logs: Path) -> list[dict[str, Any]]:
+def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     """Rows of a campaign that nothing befell, by two processes."""
-    results = logs.parent / "plain"
-    done = imutui("campaign", str(logs), "-o", str(results), "--workers", "2", "--json", check=1)
-    told = json.loads(done.stdout)
-    assert (told["logs"], told["computed"], told["kept"], told["errors"]) == (200, 200, 0, 3)
-    return rows_of(results)
+
+    def make(folder: Path) -> None:
+        done = imutui("campaign", str(logs), "-o", str(folder / "plain"), "--workers", "2", "--json", check=1)
+        told = json.loads(done.stdout)
+        assert (told["logs"], told["computed"], told["kept"], told["errors"]) == (200, 200, 0, 3)
+
+    return rows_of(once(tmp_path_factory, "campaign_rows", make) / "plain")
 
 
 def lines(results: Path) -> int:
