@@ -25,6 +25,25 @@ class InstrumentError(Exception):
     """The instrument is not there, is another one, or does not behave; the message says what to do next."""
 
 
+@dataclass(frozen=True, slots=True)
+class PacketDetails:
+    """What packets of some units have beside their readings, in counts.
+
+    Attributes
+    ----------
+    rate_temperatures : tuple of int
+        Of the rate sensors X, Y, Z.
+    board_temperature : int
+        Of the board.
+    status : int
+        The unit's status word, 16 bits.
+    """
+
+    rate_temperatures: Triple
+    board_temperature: int
+    status: int
+
+
 class DataPacket(Protocol):
     """One set of readings, in counts, in the instrument's own axes and signs."""
 
@@ -46,6 +65,11 @@ class DataPacket(Protocol):
     @property
     def ticks(self) -> int:
         """The packet's counter, 0 to 65535."""
+        ...
+
+    @property
+    def details(self) -> PacketDetails | None:
+        """What else it has; None of units whose packets have no more."""
         ...
 
 

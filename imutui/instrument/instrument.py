@@ -55,6 +55,9 @@ class Instrument:
         Raises ValueError for an argument of zeroing that cannot be sent.
     zeroing_patience_s : callable
         How long a unit may take to zero its rate sensors, by the argument, s.
+    status_names : callable or None
+        Names of the bits that are set in a packet's status word; None where packets have no details, see
+        `host.PacketDetails`.
     host : callable
         Makes the host side for an open port, and the rate of a stream, Hz, or None if packets are asked for.
     """
@@ -71,6 +74,7 @@ class Instrument:
     scaling: Callable[[float, float], Scaling]
     check_zeroing: Callable[[int], None]
     zeroing_patience_s: Callable[[int], float]
+    status_names: Callable[[int], tuple[str, ...]] | None
     host: Callable[[Port, float | None], Host]
 
     @property

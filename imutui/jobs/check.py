@@ -6,6 +6,7 @@ A finding is something that a calibration should not rest on unseen; a note is w
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from imutui.instrument.registry import of_model
 from imutui.jobs import check_file, damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding
 from imutui.jobs.check_packets import PacketSteps
@@ -101,11 +102,24 @@ def _notes(log: CheckContext) -> Iterator[str]:
         yield f"It holds no readings of {', '.join(lacking)}: these channels are left out of replay and trace."
     if a.samples and a.temperatures is None:
         yield "It holds no temperature: effects of temperature can't be traced in it."
+    yield from _statuses(a)
     if found.unknown:
         yield f"{plural(found.unknown, 'record')} of kinds that the format leaves to others were passed over."
     told = [event for event in a.events if event.name not in ("mark", "gap") and _worth_a_word(event.text)]
     for event in told[:SHOWN]:
         yield f"{log.at(event.stamp_ns)}: {event.text}"
+
+
+def _statuses(a: Audit) -> Iterator[str]:
+    """Status words that are not zero, for units whose packets have one; readings count whatever they say."""
+    names = None if a.info is None else of_model(a.info.instrument).status_names
+    for word, count in sorted(a.statuses.items()) if names is not None else ():
+        if word and names is not None:
+            told = ", ".join(names(word))
+            yield (
+                f"The unit's status word (BIT) was 0x{word:04X} ({told}) in {count:,} of {a.packets:,} packets;"
+                " readings count whatever it says."
+            )
 
 
 def _worth_a_word(text: str) -> bool:

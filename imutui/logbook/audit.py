@@ -83,6 +83,8 @@ class Audit:
         Channels that are NaN in every sample, gyros first, body axes, bool, shape (6,).
     temperatures : Temperatures or None
         Of all of them; None if there is none.
+    statuses : dict
+        How many packets have each status word; zero where packets have none.
     events : list of LogEvent
         Marks and events.
     diagnostics : dict
@@ -113,6 +115,7 @@ class Audit:
     latest_ns: int = 0
     lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
     temperatures: Temperatures | None = None
+    statuses: dict[int, int] = field(default_factory=dict)
     events: list[LogEvent] = field(default_factory=list)
     diagnostics: dict[str, str] = field(default_factory=dict)
     undecodable: list[tuple[str, int, str]] = field(default_factory=list)
@@ -167,6 +170,8 @@ def take_note(known: Audit, part: Part) -> None:
         known.lacks &= unread_channels.unread(part.gyro, part.accel)
         known.unread_samples += int(np.count_nonzero(~part.valid))
     known.packets += part.packets.size
+    for word, count in zip(*np.unique(part.packets["status"], return_counts=True), strict=True):
+        known.statuses[int(word)] = known.statuses.get(int(word), 0) + int(count)
     degc = part.temperature_degc
     if degc.size:
         before = known.temperatures or Temperatures(float(degc[0]), 0.0, np.inf, -np.inf)

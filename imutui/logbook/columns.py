@@ -74,7 +74,7 @@ class Columns:
         self._gather = walk.gather
         self._imu = Growing(9, np.uint64)
         self._temperature = Growing(2, np.uint64)
-        self._raw = Growing(message_layout.RAW_SIZE, np.uint8)
+        self._raw = Growing(message_layout.S1_SIZE, np.uint8)
         self._table = Growing(7, np.uint64)
 
     @property
@@ -128,9 +128,11 @@ class Columns:
         self._temperature.keep(1)
 
     def packet(self, message: Message) -> None:
-        """One RawPacket, which has one layout only."""
+        """One raw packet, whose type has one layout only."""
         schemas.decode_raw(message.data)
-        self._raw.room(1)[0] = np.frombuffer(message.data, np.uint8)
+        row = self._raw.room(1)[0]
+        row[:] = 0
+        row[: len(message.data)] = np.frombuffer(message.data, np.uint8)
         self._raw.keep(1)
 
     def table(self, message: Message) -> None:
@@ -169,4 +171,4 @@ class Columns:
 
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
-        return self._raw.columns(0, message_layout.RAW_SIZE).view(schemas.RAW_DTYPE)[:, 0]
+        return self._raw.columns(0, message_layout.S1_SIZE).view(schemas.RAW_DTYPE)[:, 0]

@@ -21,6 +21,7 @@ from imutui.logbook.message_layout import (
     RAW,
     RAW_SIZE,
     ROLES,
+    S1_SIZE,
     TABLE,
     TABLE_DOUBLES,
     TEMPERATURE,
@@ -28,7 +29,7 @@ from imutui.logbook.message_layout import (
     RecordTable,
 )
 
-LAYOUT_CRC = 0x76C80EA6
+LAYOUT_CRC = 0x88F1222D
 """Of the numbers above. They are compiled in, and numba's cache notices a change of this file alone: it has to change
 with them, and a test says so."""
 
@@ -185,7 +186,7 @@ def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[n
     temperature : np.ndarray
         uint64, shape (M, 2): stamp, bits of the temperature.
     raw : np.ndarray
-        uint8, shape (K, 38).
+        uint8, shape (K, 48); zeros behind a message of 38 bytes.
     motion : np.ndarray
         uint64, shape (L, 7): stamp of a table's reference, bits of its angles and rates.
 
@@ -216,10 +217,10 @@ def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[n
             temperature[j, 1] = _uint(data, body, 8)
             j += 1
         elif role == RAW:
-            if length != RAW_SIZE:
+            if length != RAW_SIZE and length != S1_SIZE:
                 return False
-            for byte in range(RAW_SIZE):
-                raw[k, byte] = data[at + byte]
+            for byte in range(S1_SIZE):
+                raw[k, byte] = data[at + byte] if byte < length else 0
             k += 1
         elif role == TABLE:
             body = _table_body(data, at, length)

@@ -98,7 +98,7 @@ class _Work:
         self.audit.types[channel.topic] = typename
         self.audit.encodings[channel.topic] = channel.message_encoding
         cdr = channel.message_encoding == "cdr"
-        ours = cdr and schemas.TYPES.get(channel.topic) == typename
+        ours = cdr and schemas.is_own(channel.topic, typename)
         imu = cdr and typename == schemas.TYPES[schemas.IMU] and channel.topic == self.audit.imu_topic
         own = _PLAIN.get(channel.topic, message_layout.OTHER) if ours else message_layout.IGNORED
         self._roles[channel.id] = message_layout.IMU if imu else own

@@ -14,6 +14,19 @@ uint16 ticks              # time counter, counts down, 0.79 us nominal
 uint8 mode                # 0 scaled, 1 voltage
 uint8 flags               # 1 packets were lost before this one, 2 stamped by the host alone, 4 a count at its limit
 """,
+    "imutui_msgs/msg/S1Packet": """\
+# One packet S1 of an IMU381, IMU380 or IMU440 as received. Fixed size; it begins as RawPacket does.
+uint64 sequence             # number of the packet since the recording began
+int64 host_monotonic_ns     # host's monotonic clock when the packet's last byte was read
+int16[6] counts             # angular rate x y z, acceleration x y z: instrument axes and sign
+uint16 temperature          # of the x rate sensor, which the samples have; 16 bits, signed, 200/2^16 degC
+uint16 ticks                # counter: packets (440, 380), or time in 1/65536 s that wraps each second (381)
+uint8 mode                  # 0
+uint8 flags                 # 1 packets were lost before this one, 2 stamped by the host alone, 4 a count at its limit
+int16[3] rate_temperatures  # of the rate sensors x y z, 200/2^16 degC
+int16 board_temperature     # 200/2^16 degC
+uint16 status               # the word that manuals call BIT; no bit of it says that the readings are bad
+""",
     "imutui_msgs/msg/TableReference": """\
 # What is known of the table: C_nb = Rx(outer) Ry(middle) Rz(inner).
 std_msgs/Header header

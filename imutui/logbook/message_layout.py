@@ -17,8 +17,8 @@ IGNORED, OTHER, IMU, TEMPERATURE, RAW, TABLE = range(6)
 """What a channel's messages are to the reader."""
 ROLES = 6
 
-RAW_SIZE = 38
-"""Bytes of a raw packet's message."""
+RAW_SIZE, S1_SIZE = 38, 48
+"""Bytes of a raw packet's message: of an IMU400CD's, and of one with details, which begins with the same fields."""
 DOUBLE = 8
 IMU_DOUBLES = 37
 """Numbers of sensor_msgs/Imu behind its header."""

@@ -28,6 +28,7 @@ from imutui.logbook.message_layout import (
     RAW,
     RAW_SIZE,
     ROLES,
+    S1_SIZE,
     TABLE,
     TABLE_DOUBLES,
     TEMPERATURE,
@@ -118,7 +119,7 @@ def gather(
     data, table, roles : np.ndarray
         Bytes, messages in them, role of each channel id.
     imu, temperature, raw, motion : np.ndarray
-        Columns to fill: shapes (N, 9), (M, 2), (K, 38), (L, 7).
+        Columns to fill: shapes (N, 9), (M, 2), (K, 48), (L, 7).
 
     Returns
     -------
@@ -131,11 +132,15 @@ def gather(
     imu_body = _bodies(data, at[samples], length[samples], IMU_DOUBLES)
     degc_body = _bodies(data, at[degc], length[degc], TEMPERATURE_DOUBLES)
     angles_body = _table_bodies(data, at[angles], length[angles])
-    if imu_body is None or degc_body is None or angles_body is None or (length[packets] != RAW_SIZE).any():
+    sizes = length[packets]
+    plain = bool(((sizes == RAW_SIZE) | (sizes == S1_SIZE)).all())
+    if imu_body is None or degc_body is None or angles_body is None or not plain:
         return False
     imu[:, 0], imu[:, 1:] = _stamps(data, at[samples]), _doubles(data, imu_body, _READ_OF_IMU)
     temperature[:, 0], temperature[:, 1:] = _stamps(data, at[degc]), _doubles(data, degc_body, (0,))
-    raw[:] = data[at[packets][:, None] + np.arange(RAW_SIZE)]
+    raw[:, RAW_SIZE:] = 0
+    for size in (RAW_SIZE, S1_SIZE):
+        raw[sizes == size, :size] = data[at[packets][sizes == size][:, None] + np.arange(size)]
     motion[:, 0], motion[:, 1:] = _stamps(data, at[angles]), _doubles(data, angles_body, range(TABLE_DOUBLES))
     return True
 

@@ -69,6 +69,8 @@ class Log:
         All temperature messages, shape (M,).
     packets : np.ndarray
         Packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only.
+    has_details : bool
+        Whether packets have temperatures of each sensor and a status word; else these fields are zero.
     reference : str or None
         Kind of the last /table/reference.
     table : Table
@@ -95,6 +97,7 @@ class Log:
     temperature_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
+    has_details: bool = False
     reference: str | None = None
     table: Table = field(default_factory=Table)
     events: list[LogEvent] = field(default_factory=list)
@@ -106,7 +109,12 @@ class Log:
     @property
     def raw(self) -> list[schemas.RawPacket]:
         """`packets` as objects, made anew by each look: keep it where it is used more than once."""
-        return [schemas.RawPacket(n, host, tuple(counts), *rest) for n, host, counts, *rest in self.packets.tolist()]
+        return [self._raw(*row) for row in self.packets.tolist()]
+
+    def _raw(self, n: int, host: int, counts: list[int], *rest: Any) -> schemas.RawPacket:
+        degc, ticks, mode, flags, of_rates, of_board, status = rest
+        details = (tuple(of_rates), of_board, status) if self.has_details else None
+        return schemas.RawPacket(n, host, tuple(counts), degc, ticks, mode, flags, details)  # type: ignore[arg-type]
 
     @property
     def unread(self) -> np.ndarray:
@@ -281,7 +289,9 @@ class Content:
     def _assign(self) -> None:
         """Give each channel its role."""
         for channel, (topic, typename, encoding) in self.channels.items():
-            ours = self.log.own and encoding == "cdr" and schemas.TYPES.get(topic) == typename
+            ours = self.log.own and encoding == "cdr" and schemas.is_own(topic, typename)
+            if ours and topic == schemas.RAW:
+                self.log.has_details = typename == schemas.S1_PACKET
             self._roles[channel] = self._topics.get(topic, IGNORED) if ours else IGNORED
         if self.imu_channel is not None:
             self._roles[self.imu_channel] = IMU

@@ -16,7 +16,7 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import mcap_format, mcap_stream, record_walk, schemas
+from imutui.logbook import mcap_format, mcap_stream, message_layout, record_walk, schemas
 from imutui.logbook import scan as scanning
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
@@ -223,9 +223,11 @@ class _Copy:
         if not 1 <= number <= len(schemas.TYPES):
             return
         topic, typename = list(schemas.TYPES.items())[number - 1]
+        if topic == schemas.RAW:
+            typename = schemas.raw_type(details=len(data) == message_layout.S1_SIZE)
         try:
             message = schemas.decode(typename, data)
-            same = bytes(schemas.encode(topic, message)) == data
+            same = schemas.encode_as(typename, message) == data
         except Exception:  # noqa: BLE001 - parsing of foreign bytes raises many kinds; they then are no such message
             return
         if same:

@@ -33,6 +33,8 @@ TYPES = {
     TRANSFORMS: "tf2_msgs/msg/TFMessage",
 }
 """In the order of their channels' numbers: `recover` knows a channel by its number, so what is new comes last."""
+S1_PACKET = "imutui_msgs/msg/S1Packet"
+"""Type of `RAW` in logs of a unit whose packets have details."""
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 _LATCHED = f"""\
 - history: keep_last
@@ -57,16 +59,18 @@ FLAG_LIMIT = 4
 
 # CDR, little endian: 4 bytes of encapsulation, then fields aligned to their own size, counted from after those 4
 _RAW = struct.Struct("<4xQq6hHHBB")
+_S1 = struct.Struct("<4xQq6hHHBB3hhH")
 _CDR_HEADER = b"\x00\x01\x00\x00"
 RAW_DTYPE = np.dtype(
     {
-        "names": ["sequence", "host_monotonic_ns", "counts", "temperature", "ticks", "mode", "flags"],
-        "formats": ["<u8", "<i8", ("<i2", 6), "<u2", "<u2", "u1", "u1"],
-        "offsets": [4, 12, 20, 32, 34, 36, 37],
-        "itemsize": 38,
+        "names": ["sequence", "host_monotonic_ns", "counts", "temperature", "ticks", "mode", "flags",
+                  "rate_temperatures", "board_temperature", "status"],
+        "formats": ["<u8", "<i8", ("<i2", 6), "<u2", "<u2", "u1", "u1", ("<i2", 3), "<i2", "<u2"],
+        "offsets": [4, 12, 20, 32, 34, 36, 37, 38, 44, 46],
+        "itemsize": 48,
     }
-)
-"""Raw packets as an array reads them: the bytes of `encode_raw`, one packet a record."""
+)  # fmt: skip
+"""Raw packets as an array reads them: the bytes of `encode_raw`, one packet a record; no details are zeros."""
 # header (stamp, length of the frame_id with its NUL, frame_id, padding), then the numbers of sensor_msgs/Imu
 _IMU = struct.Struct("<4siII13s7x4d9d3d9d3d9d")
 _TEMPERATURE = struct.Struct("<4siII9s3x2d")
@@ -133,7 +137,10 @@ class LogEvent:
 
 @dataclass(frozen=True, slots=True)
 class RawPacket:
-    """A packet as it came off the line; see the message definition of the same name."""
+    """A packet as it came off the line; see the message definitions RawPacket and, with details, S1Packet.
+
+    `details` are the temperatures of the rate sensors and of the board, and the status word; None of a unit without.
+    """
 
     sequence: int
     host_monotonic_ns: int
@@ -142,25 +149,47 @@ class RawPacket:
     ticks: int
     mode: int = 0
     flags: int = 0
+    details: tuple[tuple[int, int, int], int, int] | None = None
 
 
 def encode_raw(packet: RawPacket) -> bytes:
     """CDR bytes of a raw packet."""
     p = packet
-    body = _RAW.pack(p.sequence, p.host_monotonic_ns, *p.counts, p.temperature, p.ticks, p.mode, p.flags)
-    return _CDR_HEADER + body[4:]
+    head = (p.sequence, p.host_monotonic_ns, *p.counts, p.temperature, p.ticks, p.mode, p.flags)
+    if p.details is None:
+        return _CDR_HEADER + _RAW.pack(*head)[4:]
+    of_rates, of_board, status = p.details
+    return _CDR_HEADER + _S1.pack(*head, *of_rates, of_board, status)[4:]
 
 
 def decode_raw(data: bytes) -> RawPacket:
     """Raw packet from CDR bytes."""
-    sequence, host, *counts, temperature, ticks, mode, flags = _RAW.unpack(data)
-    a, b, c, d, e, f = counts
-    return RawPacket(sequence, host, (a, b, c, d, e, f), temperature, ticks, mode, flags)
+    has_details = len(data) == _S1.size
+    sequence, host, a, b, c, d, e, f, temperature, ticks, mode, flags, *rest = (_S1 if has_details else _RAW).unpack(
+        data
+    )
+    details = ((rest[0], rest[1], rest[2]), rest[3], rest[4]) if has_details else None
+    return RawPacket(sequence, host, (a, b, c, d, e, f), temperature, ticks, mode, flags, details)
+
+
+def is_own(topic: str, typename: str) -> bool:
+    """Whether a type is one that our logs have on a topic."""
+    return TYPES.get(topic) == typename or (topic == RAW and typename == S1_PACKET)
+
+
+def raw_type(*, details: bool) -> str:
+    """Type of `RAW` in a log of a unit whose packets have details, or have none."""
+    return S1_PACKET if details else TYPES[RAW]
 
 
 def encode(topic: str, message: Any) -> bytes:
     """CDR bytes of a message that belongs on `topic`."""
-    return bytes(typestore().serialize_cdr(message, TYPES[topic]))
+    return encode_as(TYPES[topic], message)
+
+
+def encode_as(typename: str, message: Any) -> bytes:
+    """CDR bytes of a message of a type."""
+    return bytes(typestore().serialize_cdr(message, typename))
 
 
 def decode(typename: str, data: bytes) -> Any:

@@ -40,6 +40,8 @@ class LogWriter:
         Whether its SHA-256 is put beside it on closing.
     also : callable or None
         Given each message once the file has taken it: topic, CDR bytes, log time (UTC, ns).
+    raw_type : str
+        Type of the packets, `schemas.raw_type`.
 
     Attributes
     ----------
@@ -68,6 +70,7 @@ class LogWriter:
         mode: int = log_stream.MODE,
         checksum: bool = True,
         also: Callable[[str, bytes, int], None] | None = None,
+        raw_type: str = schemas.TYPES[schemas.RAW],
     ) -> None:
         self.path = path
         self.sha256: str | None = None
@@ -88,7 +91,7 @@ class LogWriter:
             self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())
             self.attach(CONFIGURATION, "application/toml", configuration.encode(), now_ns)
-            for topic, typename in schemas.TYPES.items():
+            for topic, typename in (schemas.TYPES | {schemas.RAW: raw_type}).items():
                 schema = self._writer.register_schema(typename, "ros2msg", schemas.definition(typename).encode())
                 told = schemas.CHANNEL_METADATA.get(topic, {})
                 self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, told)

@@ -30,6 +30,7 @@ _LAST_MESSAGES_S = 0.3
 _BACKLOG = 4096
 """Messages that wait for a viewer that is slow, ten seconds at the full rate; then its oldest are left out."""
 _TRANSFORMS = TOPICS.index(schemas.TRANSFORMS)
+_RAW = TOPICS.index(schemas.RAW)
 
 
 class Subscriptions:
@@ -124,7 +125,8 @@ class _Server:
             )
         except (RuntimeError, OSError, ValueError, OverflowError) as error:
             raise _RefusedError(_refusal(host, port, str(error))) from error
-        self._channels = [_channel(topic) for topic in TOPICS]
+        self._channels = [_channel(topic, schemas.TYPES[topic]) for topic in TOPICS]
+        self._has_details = False
         self._transform: tuple[bytes, int] | None = None
 
     def serve(self, feed: socket.socket) -> None:
@@ -148,6 +150,11 @@ class _Server:
     def _log(self, message: bytes) -> None:
         number, log_ns = MESSAGE.unpack_from(message)
         data = message[MESSAGE.size :]
+        if number == _RAW and not self._has_details and schemas.decode_raw(data).details is not None:
+            # which instrument answers was not known when the channels were made
+            self._has_details = True
+            self._channels[number].close()
+            self._channels[number] = _channel(schemas.RAW, schemas.raw_type(details=True))
         self._channels[number].log(data, log_time=log_ns)
         if number == _TRANSFORMS:
             self._transform = data, log_ns
@@ -168,10 +175,9 @@ class _Server:
         return now
 
 
-def _channel(topic: str) -> "Channel":
+def _channel(topic: str, typename: str) -> "Channel":
     import foxglove
 
-    typename = schemas.TYPES[topic]
     schema = foxglove.Schema(name=typename, encoding="ros2msg", data=schemas.definition(typename).encode())
     told = schemas.CHANNEL_METADATA.get(topic, {})
     return foxglove.Channel(topic, message_encoding="cdr", schema=schema, metadata=told)

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imutui.logbook import power_on
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.logbook import power_on, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.session import previous_log, vanished_file
@@ -253,6 +254,15 @@ def _new_id() -> str:
 def _open(path: Path, info: SessionInfo, plan: Plan, stream: LiveStream | None, *, overwrite: bool) -> LogWriter:
     also = None if stream is None else stream.send
     now = time.time_ns()
-    writer = LogWriter(path, info, plan.configuration(), now, overwrite=overwrite, mode=plan.mode, also=also)
+    writer = LogWriter(
+        path,
+        info,
+        plan.configuration(),
+        now,
+        overwrite=overwrite,
+        mode=plan.mode,
+        also=also,
+        raw_type=schemas.raw_type(details=INSTRUMENTS[plan.instrument].status_names is not None),
+    )
     attach(writer, plan, time.time_ns())
     return writer

@@ -176,9 +176,11 @@ class SamplePipeline:
         flags = schemas.FLAG_LOST_BEFORE if stamp.gap is not None else 0
         flags |= schemas.FLAG_HOST_STAMP if stamp.by_host else 0
         flags |= schemas.FLAG_LIMIT if at_limit else 0
+        more = packet.details
         raw = schemas.RawPacket(
-            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature % 65536, packet.ticks, 0, flags
-        )
+            self.counters.packets, host_ns, (p, q, r, x, y, z), packet.temperature % 65536, packet.ticks, 0, flags,
+            None if more is None else (more.rate_temperatures, more.board_temperature, more.status),
+        )  # fmt: skip
         writer.raw(raw, self._timebase.utc_ns(host_ns), self._timebase.utc_ns(stamp.monotonic_ns))
 
     def _sample(self, sample: Sample, host_ns: int, *, valid: bool) -> None:

@@ -28,6 +28,7 @@ packets = st.builds(
     st.integers(0, 65535),
     st.integers(0, 1),
     st.integers(0, 255),
+    st.none() | st.tuples(st.tuples(counts, counts, counts), counts, st.integers(0, 65535)),
 )
 
 
@@ -56,14 +57,17 @@ def test_a_raw_packet_is_what_rosbags_makes_of_it(packet: RawPacket) -> None:
     """Our fixed-size bytes and the definition's, decoded by an independent library, say the same."""
     data = schemas.encode_raw(packet)
     assert schemas.decode_raw(data) == packet
-    m = schemas.decode(schemas.TYPES[schemas.RAW], data)
+    typename = schemas.raw_type(details=packet.details is not None)
+    m = schemas.decode(typename, data)
     assert (m.sequence, m.host_monotonic_ns, tuple(m.counts)) == (
         packet.sequence,
         packet.host_monotonic_ns,
         packet.counts,
     )
     assert (m.temperature, m.ticks, m.mode, m.flags) == (packet.temperature, packet.ticks, packet.mode, packet.flags)
-    assert bytes(schemas.typestore().serialize_cdr(m, schemas.TYPES[schemas.RAW])) == data
+    if packet.details is not None:
+        assert (tuple(m.rate_temperatures), m.board_temperature, m.status) == packet.details
+    assert schemas.encode_as(typename, m) == data
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

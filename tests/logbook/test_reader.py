@@ -4,6 +4,7 @@ import io
 import random
 import struct
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -255,7 +256,9 @@ def test_packets_are_an_array_and_a_list_of_the_same(tmp_path: Path) -> None:
     assert log.packets["counts"].tolist() == [list(packet.counts) for packet in log.raw]
     assert log.packets["flags"].tolist() == [packet.flags for packet in log.raw]
     assert reader.read(path).packets.size == 0
-    assert message_layout.RAW_SIZE == schemas.RAW_DTYPE.itemsize == len(schemas.encode_raw(log.raw[0]))
+    assert len(schemas.encode_raw(log.raw[0])) == message_layout.RAW_SIZE
+    detailed = schemas.encode_raw(replace(log.raw[0], details=((1, 2, 3), 4, 5)))
+    assert message_layout.S1_SIZE == schemas.RAW_DTYPE.itemsize == len(detailed)
 
 
 def test_a_sample_has_the_last_temperature_by_then(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ IMU400CD = Instrument(
     scaling=Scaling,
     check_zeroing=zeroing.check,
     zeroing_patience_s=zeroing.patience_s,
+    status_names=None,
     host=Imu400Host,
 )
 """Crossbow's IMU400CD."""

@@ -133,6 +133,10 @@ class Packet:
     temperature: int
     ticks: int
 
+    @property
+    def details(self) -> None:
+        """Nothing: it has no more than this."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pong:

@@ -5,6 +5,7 @@ from imutui.instrument.uut.fields import RATE_OF_DIVIDER
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
 from imutui.instrument.uut.frames import OVERHEAD_BYTES
 from imutui.instrument.uut.host import SPEEDS, UutHost
+from imutui.instrument.uut.messages import names_of_bits
 from imutui.instrument.uut.scaling import COUNT_LIMITS, Scaling
 
 
@@ -38,6 +39,7 @@ IMU381 = Instrument(
     scaling=_scaling,
     check_zeroing=check_zeroing,
     zeroing_patience_s=lambda argument: 0.0,
+    status_names=names_of_bits,
     host=UutHost,
 )
 """Aceinna's IMU381, MEMSIC's IMU380, Crossbow's IMU440."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from imutui.instrument.discarded import Discarded
-from imutui.instrument.host import Answer
+from imutui.instrument.host import Answer, PacketDetails
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import Event, GetPacket, Memory, PacketS0, PacketS1, Refused, Triple
@@ -32,6 +32,11 @@ class DataPacket:
     ticks: int
     status: int
     source: PacketS0 | PacketS1
+
+    @property
+    def details(self) -> PacketDetails:
+        """Temperatures of all rate sensors and of the board, and the status word."""
+        return PacketDetails(self.source.rate_temperatures, self.source.board_temperature, self.status)
 
 
 def reading_of(event: Event) -> DataPacket | None:

@@ -102,7 +102,7 @@ def _typed(path: Path, channel: Channel, schema: Schema | None) -> _Topic:
         raise UnreadableLogError(
             f"{path}: {channel.topic} is encoded as {told}; only ROS 2 messages (cdr, ros2msg) are exported."
         )
-    if schemas.TYPES.get(channel.topic) == schema.name:
+    if schemas.is_own(channel.topic, schema.name):
         return _Topic(path, channel.topic, schema.name, partial(schemas.decode, schema.name), Log(path))
     decode = schemas.decoder_of(schema.name, schema.data.decode("utf-8", "replace"))
     return _Topic(path, channel.topic, schema.name, decode, Log(path))
@@ -140,7 +140,8 @@ def _outline(found: _Topic) -> list[Column]:
 
 def _grows(typename: str) -> bool:
     """Whether messages of a type may have more fields than the first one: all but those known to be of fixed size."""
-    return typename not in (schemas.TYPES[topic] for topic in (schemas.RAW, schemas.IMU, schemas.ESTIMATE))
+    fixed = (schemas.TYPES[topic] for topic in (schemas.RAW, schemas.IMU, schemas.ESTIMATE))
+    return typename not in (*fixed, schemas.S1_PACKET)
 
 
 def _column(found: _Topic, name: str, value: Any) -> Column:
@@ -156,7 +157,7 @@ def _unit(found: _Topic, name: str) -> str:
         return _OF_TEMPERATURE.get(stem, "ns" if stem == "stamp_ns" else "")
     if "covariance" in stem:
         return ""
-    if found.topic == schemas.RAW and stem == "temperature":
+    if found.topic == schemas.RAW and "temperature" in stem:
         return "counts"
     if "deg_m" in stem:
         return ("deg", "deg", "m")[int(name[-1])]
