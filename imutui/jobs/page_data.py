@@ -12,11 +12,11 @@ from typing import TypeAlias, cast
 import numpy as np
 
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
-from imutui.jobs import log_quality, replay, residual_noise, temperature_curves
+from imutui.jobs import driver_course, driver_curves, log_quality, replay, residual_noise
 from imutui.jobs.correction_terms import Term, of_effects_file, of_states
+from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.log_quality import Quality
 from imutui.jobs.residual_noise import NoiseLevel
-from imutui.jobs.temperature_curves import TemperatureCurve
 from imutui.logbook import effects_file, reader
 from imutui.logbook.reader import Log, UnreadableLogError
 from imutui.logbook.results import EstimatePoints, ResultDocument
@@ -24,7 +24,6 @@ from imutui.logbook.results import EstimatePoints, ResultDocument
 Result: TypeAlias = TraceDocument | ResultDocument
 
 _SAME, _SHARE = 1e-9, 1e-3
-_MOST_TEMPERATURES = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +65,8 @@ class LogData:
         What it takes to correct a reading beside the constant bias.
     missing : tuple of str
         What is left out, and why, a sentence each.
-    temperature_curves : tuple of TemperatureCurve
-        Of a trace: what temperature does to channels.
+    driver_curves : tuple of DriverCurve
+        Of a trace: what errors follow, and how.
     corrected_from : str
         SHA-256 of the log that effects were taken out of to make this one; empty for none.
     """
@@ -80,7 +79,7 @@ class LogData:
     effects: str = ""
     terms: tuple[Term, ...] = ()
     missing: tuple[str, ...] = ()
-    temperature_curves: tuple[TemperatureCurve, ...] = ()
+    driver_curves: tuple[DriverCurve, ...] = ()
     corrected_from: str = ""
 
 
@@ -143,7 +142,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
     made: list[Quality] = []
     missing: list[str] = []
     at_hand = None
-    temperatures: dict[str, temperature_curves.Course] = {}
+    drivers: dict[str, driver_course.DriverCourse] = {}
     for run in d["runs"]:
         path = Path(run["log"])
         progress(path.name)
@@ -153,7 +152,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
             continue
         made.append(log_quality.of_log(log))
         at_hand = run, log
-        temperatures[run["id"]] = _temperatures(log, run.get("begins_s", 0.0))
+        drivers[run["id"]] = driver_course.of_log(log, run.get("begins_s", 0.0))
     if at_hand is None:
         return LogData(missing=tuple(missing))
     run, log = at_hand
@@ -173,23 +172,14 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
             f"The reference of {path.name} came from another file, which the result does not hold: biases and NIS over"
             " time are left out."
         )
-    curves = temperature_curves.of_trace(d, temperatures)
     return LogData(
         courses=tuple(courses),
         levels=levels,
         levels_of=path.name,
         quality=tuple(made),
         missing=tuple(missing),
-        temperature_curves=curves,
+        driver_curves=driver_curves.of_trace(d, drivers),
     )
-
-
-def _temperatures(log: Log, begins_s: float) -> temperature_curves.Course:
-    """Temperature of a log over the time since power-on, where it is known, at a bounded number of instants."""
-    t, degc = log.seconds() + begins_s, log.temperature()
-    known = np.flatnonzero(np.isfinite(degc))
-    chosen = known[:: max(1, known.size // _MOST_TEMPERATURES)]
-    return t[chosen], degc[chosen]
 
 
 def _without_and_with(

@@ -5,6 +5,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from filters.channels import CHANNELS
+from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import TraceDocument
 from imutui.jobs import linear_correction
 from imutui.jobs.linear_correction import LinearCorrection
@@ -74,6 +75,12 @@ def _trace(d: TraceDocument, log: LogData) -> Iterator[Block]:
             f" LOG --effects {EFFECTS_FILE}` estimates those of a log."
         )
     yield from _code(made)
+    if events := [f for f in d["findings"] if f["effect"] in OF_ONE_RUN]:
+        named = "; ".join(f"{' '.join(f['channels'])}: {f['label']}" for f in events)
+        yield Paragraph(
+            f"Neither these lines nor `{EFFECTS_FILE}` take out what happened once in a run, since nothing of it can be"
+            f" foretold of the next: {named}."
+        )
     yield from _yaml(log, run["rate_hz"], run["seconds"], log.levels_of)
     old = "the result is of an older imutui. `imutui trace` with the same logs and `-o effects.toml` writes it."
     yield from _toml(log, "effects_file" not in d, old)

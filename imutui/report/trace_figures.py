@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from filters.channels import CHANNELS
+from filters.effects import plain_names
 from filters.tracing.trace_document import (
     ChannelCurvesEntry,
     CommonEntry,
@@ -16,7 +18,8 @@ from filters.tracing.trace_document import (
     RunCurvesEntry,
     TraceDocument,
 )
-from imutui.jobs.temperature_curves import TemperatureCurve
+from imutui.jobs.driver_course import TEMPERATURE
+from imutui.jobs.driver_curves import DriverCurve
 from imutui.report import allan_axes as allan
 from imutui.report import axes
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 _UNITS = {"g": "deg/s", "a": "mg"}
 _BRIDGED = " Where readings are missing, straight lines stand for them: short averaging times then look quieter."
 _FEW_POINTS = 30
+_REMEMBERED = " Where the error remembers temperature, a line is along a run: it comes back another way than it went."
+_NOT_CHANGING = " Where rate or force changed much within the time that a point is a mean over, there is none."
 
 
 def error_figure(d: TraceDocument) -> Figure | None:
@@ -162,30 +167,44 @@ def _driver(ax: "Axes", finding: FindingEntry, curve: DriverCurveEntry) -> None:
     axes.name(ax, _with_unit(driver, curve.get("unit")), _with_unit(" ".join(finding["channels"]), curve.get("y_unit")))
 
 
-def of_temperature(curves: Sequence[TemperatureCurve]) -> list[Figure]:
-    """What temperature does to channels, a figure of them all; none where none is known."""
-    if not curves:
-        return []
-    panels = tuple(Panel(c.channel, partial(_temperature, curve=c)) for c in curves)
-    which = "; ".join(f"{c.channel}: {c.label}" for c in curves)
-    return [
-        Figure(
-            "temperature",
-            "Error over temperature",
-            f"{which}. The line is what was fitted, the band two standard deviations wide on each side, both relative"
-            " to the mean temperature. Points are the residual before correction, with all effects of the channel in"
-            " it; a run's bias is free.",
-            panels,
+def of_drivers(curves: Sequence[DriverCurve]) -> list[Figure]:
+    """What errors follow and how: a figure of those of temperature and one of those of motion, where there are any."""
+    made = []
+    for name, title, own in (
+        ("temperature", "Error over temperature", [c for c in curves if c.driver == TEMPERATURE]),
+        ("motion", "Error over rate and specific force", [c for c in curves if c.driver != TEMPERATURE]),
+    ):
+        if not own:
+            continue
+        which = "; ".join(dict.fromkeys(f"{c.channel}: {c.label}" for c in own))
+        caption = (
+            f"{which}. A line is what was fitted, the band two standard deviations wide on each side, both relative to"
+            " the mean. Points are the residual before correction, but without the channel's other effects; a run's"
+            f" bias is free.{_REMEMBERED if any(_has_past(c) for c in own) else ''}"
+            f"{'' if name == 'temperature' else _NOT_CHANGING}"
         )
-    ]
+        made.append(Figure(name, title, caption, tuple(Panel(c.channel, partial(_curve, c=c)) for c in own)))
+    return made
 
 
-def _temperature(ax: "Axes", curve: TemperatureCurve) -> None:
-    for (run, (x, y)), color in zip(curve.points.items(), (BEFORE, INK, FLOOR) * len(curve.points), strict=False):
-        ax.plot(x, y, ".", ms=2.5, color=color, label=axes.plain(f"run {run}"))
-    ax.fill_between(curve.x, curve.y - 2.0 * curve.sd, curve.y + 2.0 * curve.sd, color=AFTER, alpha=0.25, lw=0)
-    ax.plot(curve.x, curve.y, color=AFTER, lw=1.2, label="fitted")
-    axes.name(ax, "temperature, °C", curve.unit, legend=True)
+def _has_past(c: DriverCurve) -> bool:
+    return any((np.diff(line.x) < 0.0).any() for line in c.lines)
+
+
+def _curve(ax: "Axes", c: DriverCurve) -> None:
+    for is_held_out, color, label in ((False, BEFORE, "runs that were fitted"), (True, INK, "held out")):
+        own = [points for points in c.points if points.is_held_out is is_held_out]
+        if own:
+            x, y = np.concatenate([p.x for p in own]), np.concatenate([p.y for p in own])
+            ax.plot(x, y, ".", ms=2.5, color=color, label=label)
+    for n, (x, y, sd) in enumerate(c.lines):
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+        # a band that turned back over itself would be none there
+        for first, last in pairwise([0, *turns.tolist(), x.size - 1]):
+            part = slice(first, last + 1)
+            ax.fill_between(x[part], (y - 2.0 * sd)[part], (y + 2.0 * sd)[part], color=AFTER, alpha=0.25, lw=0)
+        ax.plot(x, y, color=AFTER, lw=1.2, label="" if n else "fitted")
+    axes.name(ax, _with_unit(plain_names.driver(c.driver).removeprefix("the "), c.driver_unit), c.unit, legend=True)
 
 
 def _commons(d: TraceDocument) -> Iterator[Figure]:

@@ -161,7 +161,7 @@ def _ratio(value: float | None) -> str:
 
 
 def _figures(d: TraceDocument, log: LogData) -> Iterator[Figure | Paragraph]:
-    yield from trace_figures.of_temperature(log.temperature_curves)
+    yield from trace_figures.of_drivers(log.driver_curves)
     yield from trace_figures.figures(d)
     for n, course in enumerate(log.courses, 1):
         yield filter_figures.biases(course, d["runs"][-1]["rate_hz"], f"convergence-{n}")

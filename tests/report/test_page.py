@@ -12,12 +12,14 @@ from helpers import traces
 from filters.multiposition import choice
 from filters.tracing import selection
 from filters.tracing.result import RunSeries
-from imutui.jobs import residual_curves, temperature_curves
+from imutui.jobs import driver_curves, residual_curves
+from imutui.jobs.driver_course import DriverCourse
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     advice,
     axes,
     figures,
+    how_to_apply,
     html,
     identity,
     markdown,
@@ -274,11 +276,16 @@ def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
     """It is in no effects file; what is there to be corrected lies beside the page."""
     finding = traces.whole_document()["findings"][0]
     step = {**finding, "effect": "step", "label": "bias jumps at 40 s of run a", "channels": ["az"], "rivals": []}
-    told = advice.after_trace(traced(findings=[finding, step], effects_file="version = 1\n"))
+    d = traced(findings=[finding, step], effects_file="version = 1\n")
+    told = advice.after_trace(d)
     correct = next(sentence for sentence in told if sentence.startswith("Correct for"))
     assert "`effects.toml` beside this page has it" in correct
     assert "jumps" not in correct
     assert any(t.startswith("az: bias jumps") and "not in the effects file" in t for t in told)
+    stays = [block.text for block in how_to_apply.of_trace(d, LogData()).blocks if isinstance(block, Paragraph)]
+    assert any(
+        text.startswith("Neither these lines") and text.endswith(": az: bias jumps at 40 s of run a.") for text in stays
+    )
 
 
 def _caption_of_causes(d: Any) -> str:
@@ -303,29 +310,81 @@ def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None
     assert "older" not in said
 
 
-def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> None:
-    """The curve goes through the points, whatever bias each run has; without temperature there is none."""
-    text = (
-        'version = 1\ncorrelation = [[1.0, -0.5], [-0.5, 1.0]]\n[[effect]]\neffect = "thermal_poly"\n'
-        'channels = ["ax"]\ninclude_as = "A"\n[[effect.state]]\nname = "k1"\nunit = "mg/K"\nmean = 0.5\nsd = 0.01\n'
-        '[[effect.state]]\nname = "k2"\nunit = "mg/K2"\nmean = 0.05\nsd = 0.001\n'
+def _effects(*parts: tuple[str, str, str, float], shape: str = "") -> str:
+    """An effects file of effects with channel, state and mean; units as they have to be."""
+    units = {"thermal_lin": "mg/K", "hysteresis": "mg", "asymmetry": "1"}
+    rows = [[float(i == j) for j in range(len(parts))] for i in range(len(parts))]
+    return f"version = 1\ncorrelation = {rows}\n" + "".join(
+        f'[[effect]]\neffect = "{name}"\nchannels = ["{channel}"]\ninclude_as = "A"\n'
+        f'{shape if name == "hysteresis" else ""}[[effect.state]]\nname = "{state}"\nunit = "{units[name]}"\n'
+        f"mean = {mean}\nsd = {abs(mean) / 100}\n"
+        for name, channel, state, mean in parts
     )
-    t = np.linspace(0.0, 100.0, 41)
-    courses = {"a": (t, 20.0 + 0.1 * t), "b": (t, 32.0 - 0.05 * t)}
-    runs = []
-    for name, (_, degc) in courses.items():
-        error = 0.5 * (degc - 25.0) + 0.05 * (degc - 25.0) ** 2
-        residual = {"x": t.tolist(), "before": (error - error.mean()).tolist(), "after": [0.0] * t.size}
-        runs.append({"run": name, "heldout": False, "channels": {"ax": {"residual": residual}}})
-    d: Any = {"effects_file": text, "curves": runs}
-    (curve,) = temperature_curves.of_trace(d, courses)
-    for x, y in curve.points.values():
-        np.testing.assert_allclose(y, np.interp(x, curve.x, curve.y), atol=0.01)
-    assert (curve.channel, curve.unit) == ("ax", "mg")
-    middle = int(np.argmin(curve.sd))
-    assert curve.sd[middle] < 0.01 < curve.sd[0]
-    assert temperature_curves.of_trace(d, {}) == ()
-    figure = trace_figures.of_temperature([curve])[0]
+
+
+def _driven(text: str, channel: str, **afters: Any) -> Any:
+    """A trace's document with that effects file, and of each run the residual after correction over 101 cells."""
+    t = np.arange(0.5, 101.0)
+    runs = [
+        {"run": name, "heldout": k > 0, "channels": {channel: {"residual": {"x": t.tolist(), "after": list(after)}}}}
+        for k, (name, after) in enumerate(afters.items())
+    ]
+    return {"effects_file": text, "curves": runs}
+
+
+PLAY = "[effect.parameters]\nwidth_k = 10.0\n"
+T_FINE = np.arange(0.05, 101.0, 0.1)
+WAVE = np.sin(np.arange(101.0))
+
+
+def _course(driver: str, values: np.ndarray, **fields: Any) -> DriverCourse:
+    return DriverCourse(T_FINE, {driver: values}, **fields)
+
+
+def test_what_temperature_does_is_drawn_over_the_residual_that_it_is_of() -> None:
+    """The curve with its band, and points about it as the residual is, whatever bias each run has."""
+    d = _driven(_effects(("thermal_lin", "ax", "k", 0.5)), "ax", a=WAVE, b=3.0 + WAVE)
+    courses = {"a": _course("temperature", 20.0 + 0.1 * T_FINE), "b": _course("temperature", 32.0 - 0.05 * T_FINE)}
+    (curve,) = driver_curves.of_trace(d, courses)
+    (line,) = curve.lines
+    assert (curve.channel, curve.unit, [p.is_held_out for p in curve.points]) == ("ax", "mg", [False, True])
+    for points in curve.points:
+        left = points.y - np.interp(points.x, line.x, line.y)
+        np.testing.assert_allclose(left, WAVE - WAVE.mean(), atol=1e-6)
+    assert np.interp(np.concatenate([p.x for p in curve.points]), line.x, line.y).mean() == pytest.approx(0.0, abs=1e-6)
+    assert line.sd.min() < 0.01
+    assert line.sd[-1] == pytest.approx(0.01 * abs(line.y[-1]))
+    assert driver_curves.of_trace(d, {}) == ()
+    assert driver_curves.of_trace(d, {"a": _course("temperature", np.full(T_FINE.size, 20.0))}) == ()
+
+
+def test_an_error_that_follows_a_rate_is_drawn_where_the_rate_holds() -> None:
+    """A mean over a cell in which the rate changes is that of no rate."""
+    rate = np.select([T_FINE < 40.0, T_FINE < 60.0], [-50.0, 5.0 * (T_FINE - 50.0)], 50.0)
+    d = _driven(_effects(("asymmetry", "gx", "k", 0.02)), "gx", a=WAVE)
+    (curve,) = driver_curves.of_trace(d, {"a": _course("wx", rate)})
+    (line,), (points,) = curve.lines, curve.points
+    assert (curve.driver, curve.driver_unit, curve.unit) == ("wx", "deg/s", "deg/s")
+    assert np.ptp(line.y) == pytest.approx(1.0)
+    assert line.y[line.x == 0.0] == line.y.min()
+    assert points.x.size == 101
+    sine = _course("wx", 50.0 * np.sin(2.0 * np.pi * T_FINE))  # a turn there and back in every cell
+    assert driver_curves.of_trace(d, {"a": sine}) == ()
+
+
+def test_what_remembers_temperature_is_a_line_along_the_run() -> None:
+    """Up and down again it is another one; of a run whose past is not known there is none."""
+    text = _effects(("hysteresis", "ax", "k", 2.0), ("thermal_lin", "ax", "k", 0.1), shape=PLAY)
+    d = _driven(text, "ax", a=WAVE)
+    up_and_down = np.interp(T_FINE, [0.0, 50.0, 101.0], [20.0, 55.0, 20.0])
+    (curve,) = driver_curves.of_trace(d, {"a": _course("temperature", up_and_down)})
+    (line,), (points,) = curve.lines, curve.points
+    np.testing.assert_allclose(points.y - line.y, WAVE - WAVE.mean(), atol=1e-9)
+    before, after = np.interp(32.0, line.x[:45], line.y[:45]), np.interp(-32.0, -line.x[55:], line.y[55:])
+    assert after - before == pytest.approx(2.0 * 7.0 / 6.0, abs=0.02)
+    assert driver_curves.of_trace(d, {"a": _course("temperature", up_and_down, has_past=True)}) == ()
+    figure = trace_figures.of_drivers([curve])[0]
+    assert "along a run" in figure.caption
     assert [panel.name for panel in figure.panels] == ["ax"]
 
 
