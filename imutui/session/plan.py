@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
+from imutui.instrument.instrument import Instrument
 from imutui.instrument.registry import DEFAULT, INSTRUMENTS
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 
@@ -64,6 +65,11 @@ class RecordingWish:
 
 
 _TEXTS = {"note": NOTE_LIMIT, "operator": NAME_LIMIT, "place": NAME_LIMIT, "table": NAME_LIMIT}
+
+
+def _not_given(rate_hz: float, instrument: Instrument) -> str:
+    gives = f"the {instrument.model} gives {MIN_RATE_HZ} to {instrument.most_rate_hz:g} Hz"
+    return f"`rate` is {rate_hz:g} Hz; {gives}"
 
 
 def _clean(record: "RecordingWish | Plan") -> None:
@@ -181,8 +187,10 @@ class Plan:
     def __post_init__(self) -> None:
         if self.instrument and self.instrument not in INSTRUMENTS:
             raise ValueError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
-        if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:
-            raise ValueError(f"`rate` is {self.rate_hz:g} Hz; the IMU400CD gives {MIN_RATE_HZ} to {MAX_RATE_HZ:g} Hz")
+        named = INSTRUMENTS[self.instrument or DEFAULT]
+        most = named.most_rate_hz if "rate_hz" in self.explicit else MAX_RATE_HZ
+        if not MIN_RATE_HZ <= self.rate_hz <= most:
+            raise ValueError(_not_given(self.rate_hz, named))
         if self.sampling not in SAMPLINGS:
             raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
         if not self.baud > 0:
@@ -212,8 +220,7 @@ class Plan:
         if name == DEFAULT:
             return replace(self, instrument=name)
         if self.rate_hz > instrument.most_rate_hz and "rate_hz" in self.explicit:
-            most = f"the {instrument.model} gives {instrument.most_rate_hz:g} Hz"
-            raise ValueError(f"`rate` is {self.rate_hz:g} Hz; {most}")
+            raise ValueError(_not_given(self.rate_hz, instrument))
         chosen = set(self.explicit)
         return replace(
             self,
