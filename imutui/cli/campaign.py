@@ -97,7 +97,7 @@ def command(
     try:
         document = run(campaign, _way(found, workers, cluster), _progress())
     except KeyboardInterrupt:
-        say(f"imutui: rows that are done are in {output}; the same command goes on from there.")
+        say(f"imutui: {_rows_in(output)}; the same command goes on from there.")
         raise
     if document["table"] is None:
         say_no_table()
@@ -106,6 +106,19 @@ def command(
     else:
         tell(campaign_words(document))
     raise typer.Exit(FINDINGS if document["errors"] or document["not_fine"] else FINE)
+
+
+def _rows_in(results: Path) -> str:
+    """How many rows are kept in a folder of results, of these settings."""
+    from imutui.jobs.campaign import results_folder
+    from imutui.jobs.quantities import that_many
+    from imutui.logbook.reader import UnreadableLogError
+
+    try:
+        count = len(results_folder.read(results).rows)
+    except (OSError, ValueError, UnreadableLogError):  # interrupted before there was one
+        count = 0
+    return f"{that_many(count, 'row', 'is', 'are')} kept in {results}"
 
 
 def _summarise(results: Path, report: Path | None, *, given: bool, force: bool, json: bool) -> None:

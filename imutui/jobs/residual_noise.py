@@ -18,18 +18,21 @@ _MOST_ROWS = 500_000
 _SHORTEST_S = 5.0
 _FEWEST = 8
 _SURE_SD = 3.0
+_MEANS, _LEAST_SPAN_K, _MOST = 100, 1.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseLevel:
     """Noise of a channel by Allan deviation, SI: white noise, its standard deviation, random walk; 0 where none shows.
 
-    White noise in rad/s or m/s² per √Hz, random walk in rad/s² or m/s³ per √Hz.
+    White noise in rad/s or m/s² per √Hz, random walk in rad/s² or m/s³ per √Hz. Where slow errors follow the
+    temperature, a walk is not told from what temperature does.
     """
 
     white: float
     white_sd: float
     walk: float
+    follows_temperature: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +75,14 @@ def of_log(path: Path, options: replay.ReplayOptions, start: float | None, end: 
     run = read.run
     use = (run.t >= (-np.inf if start is None else start)) & (run.t <= (np.inf if end is None else end))
     first, last = (int(np.argmax(use)), int(use.size - np.argmax(use[::-1]))) if use.any() else (0, run.t.size)
-    t, r, period = _thinned(run.t[first:last], residual.residual(run, slice(first, last)), 1.0 / run.rate_hz)
+    part = slice(first, last)
+    raw = residual.residual(run, part)
+    follows = np.zeros(6, bool) if run.temperature is None else follow_temperature(raw, run.temperature[part])
+    t, r, period = _thinned(run.t[part], raw, 1.0 / run.rate_hz)
     if t.size < _FEWEST:
         return Residual(why=f"{path.name} is too short for a residual.")
     (entry,) = residual_curves.curves([RunSeries(path.stem, period, t, r, r)], None)
-    return Residual(entry["channels"], _levels(r, period))
+    return Residual(entry["channels"], _levels(r, period, follows))
 
 
 def _thinned(t: Array, r: Array, period: float) -> tuple[Array, Array, float]:
@@ -88,7 +94,7 @@ def _thinned(t: Array, r: Array, period: float) -> tuple[Array, Array, float]:
     return t[:n].reshape(-1, m).mean(axis=1), r[:n].reshape(-1, m, 6).mean(axis=1), period * m
 
 
-def _levels(r: Array, period: float) -> dict[str, NoiseLevel]:
+def _levels(r: Array, period: float, follows: NDArray[np.bool_]) -> dict[str, NoiseLevel]:
     """Noise of the longest stretch without a gap, by channel; channels that the log lacks are left out."""
     seen = np.asarray(np.isfinite(r).any(axis=0))
     good = np.isfinite(r[:, seen]).all(axis=1)
@@ -102,8 +108,37 @@ def _levels(r: Array, period: float) -> dict[str, NoiseLevel]:
         return {}
     names = [name for name, s in zip(CHANNELS, seen.tolist(), strict=True) if s]
     walks = np.where(_shows(found, last - first, period), found.drift, 0.0)
-    columns = zip(names, found.white.tolist(), found.white_sd.tolist(), walks.tolist(), strict=True)
-    return {name: NoiseLevel(white, sd, walk) for name, white, sd, walk in columns if white > 0.0}
+    columns = zip(
+        names, found.white.tolist(), found.white_sd.tolist(), walks.tolist(), follows[seen].tolist(), strict=True
+    )
+    return {name: NoiseLevel(white, *rest) for name, white, *rest in columns if white > 0.0}
+
+
+def follow_temperature(r: Array, temperature: Array) -> NDArray[np.bool_]:
+    """Whether a curve in temperature takes most of the power out of slow means of the residual, shape (6,).
+
+    Parameters
+    ----------
+    r : Array
+        Residual, shape (N, 6), NaN where there is none.
+    temperature : Array
+        degC, shape (N,).
+    """
+    m = max(1, len(r) // _MEANS)
+    n = len(r) // m * m
+    y = r[:n].reshape(-1, m, 6).mean(axis=1)
+    T = temperature[:n].reshape(-1, m).mean(axis=1)
+    use = np.isfinite(T)
+    if np.count_nonzero(use) < _FEWEST or np.ptp(T[use]) < _LEAST_SPAN_K:
+        return np.zeros(6, bool)
+    out = np.zeros(6, bool)
+    for c in range(6):
+        good = use & np.isfinite(y[:, c])
+        if np.count_nonzero(good) >= _FEWEST:
+            own = y[good, c] - y[good, c].mean()
+            curve = np.polynomial.Polynomial.fit(T[good], own, 2)
+            out[c] = float(np.sum((own - curve(T[good])) ** 2)) < (1.0 - _MOST) * float(np.sum(own**2))
+    return out
 
 
 def _shows(found: allan.NoiseLevels, count: int, period: float) -> NDArray[np.bool_]:

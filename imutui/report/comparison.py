@@ -140,8 +140,12 @@ def _replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
     if bad:
         blocks.append(Paragraph(f"Not to be relied on as they are: {', '.join(bad)}. Their verdicts say why."))
     yield Section("What is compared", tuple(blocks))
+    related = [
+        _readings(d, name) == _readings(documents[0], names[0]) for d, name in zip(documents, names, strict=True)
+    ]
     yield Section(
-        "Biases beside each other", (_bias_table(documents, names), *comparison_figures.of_replays(documents, names))
+        "Biases beside each other",
+        (_bias_table(documents, names, related), *comparison_figures.of_replays(documents, names, related)),
     )
     yield Section("Noise beside each other", (_noise_table(documents, names),))
 
@@ -164,7 +168,8 @@ def _kinship(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
         if twin := next((c.letter for other, c in seen if other == d), None):
             yield f"{name.letter} is the same result as {twin}, given twice."
         elif name.log.corrected_from:
-            of = next((c.letter for other, c in seen if other["log_sha256"] == name.log.corrected_from), None)
+            every = zip(documents, names, strict=True)
+            of = next((c.letter for other, c in every if other["log_sha256"] == name.log.corrected_from), None)
             yield f"{name.letter} is of {f'the log of {of}' if of else 'a log'} from which effects were taken out."
         related |= any(_readings(d, name) == _readings(other, c) for other, c in seen)
         seen.append((d, name))
@@ -175,7 +180,7 @@ def _kinship(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -
         )
 
 
-def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> Table:
+def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared], related: Sequence[bool]) -> Table:
     columns = (Column("Channel", "code"), Column("Result", "code"), Column("Bias ± sd", "number"),
                Column(f"Minus {names[0].letter} ± sd", "number"), Column("In sd", "number"))  # fmt: skip
     rows = []
@@ -184,8 +189,7 @@ def _bias_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared]
             first = documents[0]["final"][kind.key][i], documents[0]["sd"][kind.key][i]
             for k, (d, name) in enumerate(zip(documents, names, strict=True)):
                 value, sd = d["final"][kind.key][i], d["sd"][kind.key][i]
-                same = _readings(d, name) == _readings(documents[0], names[0])
-                made = difference(first[0], None if same else first[1], value, sd)
+                made = difference(first[0], None if related[k] else first[1], value, sd)
                 rows.append(
                     (
                         channel,

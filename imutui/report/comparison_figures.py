@@ -51,7 +51,9 @@ class Compared:
         return "" if self.origin == "measured" else f"({self.origin})"
 
 
-def of_replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> list[Figure]:
+def of_replays(
+    documents: "Sequence[ResultDocument]", names: Sequence[Compared], related: Sequence[bool]
+) -> list[Figure]:
     """Biases, their differences to the first, and where logs are at hand their courses and Allan deviations.
 
     Parameters
@@ -60,6 +62,8 @@ def of_replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
         Two at least, in each of which a filter ran.
     names : sequence of Compared
         One each.
+    related : sequence of bool
+        Whether each is of the readings of the first: their difference has no standard deviation then.
     """
     who = _origins(names)
     seen = [[c for c in CHANNELS if None not in _bias(d, c)] for d in documents]
@@ -75,8 +79,8 @@ def of_replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
         _six(
             "compared-differences",
             f"Differences to {names[0].letter} with three standard deviations ({who})",
-            "A bar that crosses zero is of a difference that may be chance.",
-            partial(_differences, documents=documents, names=names),
+            "A bar that crosses zero is of a difference that may be chance." + (_NO_BAR if any(related[1:]) else ""),
+            partial(_differences, documents=documents, names=names, related=related),
             differing,
         ),
     ]
@@ -105,6 +109,7 @@ def of_replays(documents: "Sequence[ResultDocument]", names: Sequence[Compared])
     return made
 
 
+_NO_BAR = " One without a bar is of the same readings, so that no standard deviation is known."
 _OVERLAID = f"Of results whose logs are at hand, {_MOST} at most."
 
 
@@ -144,13 +149,20 @@ def _values(ax: "Axes", channel: str, documents: "Sequence[ResultDocument]", nam
     _results(ax, channel, names)
 
 
-def _differences(ax: "Axes", channel: str, documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> None:
+def _differences(
+    ax: "Axes",
+    channel: str,
+    documents: "Sequence[ResultDocument]",
+    names: Sequence[Compared],
+    related: Sequence[bool],
+) -> None:
     first, first_sd = _bias(documents[0], channel)
     for k, d in enumerate(documents[1:], 1):
         value, sd = _bias(d, channel)
         if None not in (first, first_sd, value, sd):
             made, half = float(np.subtract(value, first)), 3.0 * float(np.hypot(first_sd, sd))  # type: ignore[arg-type]
-            axes.whiskers(ax, float(k), made, [made - half, made + half], AFTER, "o")
+            bar = [None, None] if related[k] else [made - half, made + half]
+            axes.whiskers(ax, float(k), made, bar, AFTER, "o")
     ax.axhline(0.0, color=INK, lw=0.6)
     _results(ax, channel, names)
 

@@ -67,6 +67,11 @@ def imu_yaml(
                 f"{kind}_random_walk: the readings have errors in them that look like a walk ({moved}). A report on the"
                 " log that `imutui apply` makes has the walk of what is left."
             )
+        elif known[walking].walk > 0.0 and any(level.follows_temperature for level in known.values()):
+            lacks.append(
+                f"{kind}_random_walk: the readings follow the temperature, and a walk is not told from that."
+                " `imutui trace` finds what temperature does."
+            )
         elif known[walking].walk > 0.0:
             lines.append(f"{kind}_random_walk: {known[walking].walk:.3e}  # {walk_unit}/sqrt(Hz), {walking}")
         else:

@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from filters.channels import DPS, G
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.tracing.result import Trace
-from imutui.jobs import correction_terms, linear_correction
+from imutui.jobs import correction_terms, linear_correction, residual_noise
 from imutui.jobs.correction_terms import Term
 from imutui.jobs.linear_correction import LinearCorrection
 from imutui.jobs.page_data import LogData
@@ -158,7 +159,21 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
     assert "accelerometer_random_walk" not in moved.text
     assert "gyroscope_random_walk: 5.000e-05" in moved.text  # a walk that was found is the walk
     assert "look like a walk (ay: bias follows temperature)" in moved.lacks[0]
+    levels["gz"] = replace(levels["gz"], follows_temperature=True)
+    warm = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap")
+    assert "accelerometer_random_walk: 3" in warm.text
+    assert warm.lacks[0].startswith("gyroscope_random_walk: the readings follow the temperature")
     assert "update_rate" in kalibr.imu_yaml({}, None, None, "a.mcap").lacks[-1]
+
+
+def test_a_residual_that_follows_the_temperature_is_told_from_noise() -> None:
+    """A curve in it is; noise is not, nor anything while the temperature stays where it is."""
+    T = np.linspace(20.0, 40.0, 2000)
+    noise = np.random.default_rng(3).standard_normal((2000, 6))
+    warm = noise + np.outer((T - 30.0) ** 2, [0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+    warm[500:600] = np.nan
+    assert residual_noise.follow_temperature(warm, T).tolist() == [False, True, False, False, False, False]
+    assert not residual_noise.follow_temperature(warm, T / 40.0).any()
 
 
 def test_files_of_the_section_lie_beside_the_page() -> None:

@@ -534,6 +534,8 @@ def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() 
     assert told == Paragraph("B is of the log of A from which effects were taken out.")
     table = next(b for b in related.sections[1].blocks if isinstance(b, Table))
     assert {row[4] for row in table.rows} == {"–"}  # no sd of a difference of the same readings
+    captions = {figure.name: figure.caption for figure in related.figures()}
+    assert "without a bar" in captions["compared-differences"]
 
 
 def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
