@@ -68,6 +68,7 @@ class FilterSnapshot(TypedDict):
     """The filter; `t` of its last sample, `waiting` what it waits for, in words.
 
     From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
+    `own_limits` is whether limits of biases are of this kind of unit; those of the IMU400CD stand for others too.
     `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
     """
 
@@ -80,6 +81,7 @@ class FilterSnapshot(TypedDict):
     temperature_k_per_min: NotRequired[float | None]
     held_since: NotRequired[float | None]
     departure: NotRequired[str | None]
+    own_limits: NotRequired[bool]
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]

@@ -7,6 +7,7 @@ from imutui.filter_snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 from imutui.logbook import departures, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
+from imutui.verdict import sources
 
 
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
@@ -32,6 +33,7 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "remainder": results.remainder_fields(estimator, info.axes()),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since": estimator.held_since,
+        "own_limits": sources.has_own_limits(info.instrument),
         "departure": departures.sentence(estimator, info.axes(), info.g_unit),
         "effects": _effects(estimator),
         "state": None,

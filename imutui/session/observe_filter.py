@@ -5,6 +5,7 @@ import numpy as np
 from filters.imu import CHANNELS, IMU400CD_200, ImuSpec
 from imutui.filter_snapshot import FilterSnapshot
 from imutui.logbook.session_info import SessionInfo
+from imutui.verdict import sources
 
 AXES = ("x", "y", "z")
 _NO_UPDATE = "no update yet"
@@ -22,6 +23,7 @@ def before_estimates(info: SessionInfo) -> FilterSnapshot:
         "temperature_k_per_min": None,
         "held_since": None,
         "departure": None,
+        "own_limits": sources.has_own_limits(info.instrument),
         "biases": [
             {
                 "name": f"{axis} {kind}",

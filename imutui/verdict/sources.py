@@ -35,6 +35,7 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         held_since=estimates.get("held_since"),
         failure=estimates["failure"],
         waiting=estimates["waiting"],
+        own_limits=estimates.get("own_limits", True),
     )
 
 
@@ -59,10 +60,15 @@ def of_document(d: "ResultDocument") -> Verdict:
     )
 
 
+def has_own_limits(instrument: str) -> bool:
+    """Whether the limits, Table 1's, are those of this kind of unit."""
+    return instrument.upper().startswith("IMU400")
+
+
 def _is_imu400(d: "ResultDocument") -> bool:
     """Whether the limits are those of the unit, as far as its log says; one that says nothing may be of any type."""
     identity = d.get("identity")
-    return identity is None or identity["instrument"].upper().startswith("IMU400")
+    return identity is None or has_own_limits(identity["instrument"])
 
 
 def _unfiltered(alarms: list[str]) -> Verdict:

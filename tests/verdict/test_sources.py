@@ -68,6 +68,18 @@ def test_a_result_has_the_word_that_its_last_snapshot_had(of: Any, word: str, pa
     assert (live.passes, over.passes) == (passes, passes)
 
 
+def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() -> None:
+    """Live as in its result: outside of Table 1 an IMU381 is to be compared with its own data sheet."""
+    biases = snapshot()["biases"]
+    biases[0] = {**biases[0], "value": 1.5}
+    of = snapshot(biases=biases, own_limits=False)
+    other = document(of, identity={"instrument": "IMU381ZA-400", "serial_number": "2"})
+    for found in (rules.judge(sources.of_snapshot(of)), sources.of_document(other)):
+        assert found.word == "AMBER"
+    assert rules.judge(sources.of_snapshot({**of, "own_limits": True})).word == "RED"
+    assert (sources.has_own_limits("IMU381ZA-400"), sources.has_own_limits("IMU400CD-200")) == (False, True)
+
+
 @pytest.mark.parametrize(("of", "word", "passes"), CASES)
 def test_converged_is_said_above_nothing_that_is_red(of: Any, word: str, passes: bool) -> None:
     """Nor without the word that says how far it may be believed."""
