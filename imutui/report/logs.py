@@ -96,7 +96,8 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     yield "note", d["note"]
     for entry in d["added"]:
         yield "added later", _added(entry)
-    yield "start", d["start_utc"] or ""
+    # stamps of a recording made elsewhere begin where it was imported
+    yield "start", "not stated" if d["sampling"] == "imported" else d["start_utc"] or ""
     yield "length", _length(d)
     yield "rate", _rate(d)
     yield "continues", f"{d['continues']}, of the same power-on" if d["continues"] else ""

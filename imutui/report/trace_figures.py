@@ -176,7 +176,10 @@ def of_drivers(curves: Sequence[DriverCurve]) -> list[Figure]:
     ):
         if not own:
             continue
-        which = "; ".join(dict.fromkeys(f"{c.channel}: {c.label}" for c in own))
+        channels = {
+            label: dict.fromkeys(c.channel for c in own if c.label == label) for label in (c.label for c in own)
+        }
+        which = "; ".join(f"{' '.join(of)}: {label}" for label, of in channels.items())
         caption = (
             f"{which}. A line is what was fitted, the band two standard deviations wide on each side, both relative to"
             " the mean. Points are the residual before correction, but without the channel's other effects; a run's"

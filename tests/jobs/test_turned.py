@@ -105,6 +105,8 @@ def test_import_takes_a_recording_that_was_turned(tmp_path: Path) -> None:
     assert "moves" not in done.stderr
     assert "turned" in done.stdout + done.stderr
     assert json.loads(imutui("info", str(tmp_path / "a.mcap"), "--json").stdout)["reference"] == "turned"
+    # nobody knows when a recording was made whose stamps begin at its import
+    assert "start         not stated" in imutui("info", str(tmp_path / "a.mcap")).stdout
 
 
 def test_a_recording_of_accelerometers_alone_is_calibrated(tmp_path: Path) -> None:

@@ -385,6 +385,7 @@ def test_what_remembers_temperature_is_a_line_along_the_run() -> None:
     assert driver_curves.of_trace(d, {"a": _course("temperature", up_and_down, has_past=True)}) == ()
     figure = trace_figures.of_drivers([curve])[0]
     assert "along a run" in figure.caption
+    assert figure.caption.startswith(f"ax: {curve.label}. A line")
     assert [panel.name for panel in figure.panels] == ["ax"]
 
 
