@@ -6,6 +6,9 @@ import numpy as np
 
 from filters.channels import CHANNELS as CHANNELS
 from filters.channels import STANDARD_GRAVITY as STANDARD_GRAVITY
+from filters.specification import IMU400CD_200 as IMU400CD_200
+from filters.specification import IMU440CA_200 as IMU440CA_200
+from filters.specification import ImuSpec as ImuSpec
 from filters.types import Array
 
 LOOP_HZ = 400.0 / 3.0
@@ -33,34 +36,6 @@ class Samples:
     gyro: Array
     accel: Array
 
-
-@dataclass(frozen=True, slots=True)
-class ImuSpec:
-    """What the filter believes of the sensor; the defaults are the paper's Table 1 (IMU400CD-200).
-
-    Attributes
-    ----------
-    gyro_arw : float
-        Angle random walk, rad/√s (Table 1: 4.5 deg/√h).
-    accel_vrw : float
-        Velocity random walk, m/s/√s (Table 1: 1 m/s/√h).
-    gyro_bias_limit : float
-        rad/s (Table 1: 1 deg/s).
-    accel_bias_limit : float
-        m/s² (Table 1: 12 mg).
-    gyro_bandwidth, accel_bandwidth : float
-        -3 dB frequencies, Hz (Table 1: 25 and 75).
-    """
-
-    gyro_arw: float = 4.5 * _DEG / _SQRT_HOUR
-    accel_vrw: float = 1.0 / _SQRT_HOUR
-    gyro_bias_limit: float = 1.0 * _DEG
-    accel_bias_limit: float = 12e-3 * STANDARD_GRAVITY
-    gyro_bandwidth: float = 25.0
-    accel_bandwidth: float = 75.0
-
-
-IMU400CD_200 = ImuSpec()
 
 _Triple = tuple[float, float, float]
 

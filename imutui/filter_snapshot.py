@@ -68,7 +68,8 @@ class FilterSnapshot(TypedDict):
     """The filter; `t` of its last sample, `waiting` what it waits for, in words.
 
     From `held_since` on there is no reference any more: biases are held, and there is no navigation state.
-    `own_limits` is whether limits of biases are of this kind of unit; those of the IMU400CD stand for others too.
+    `own_limits` is whether limits of biases are of this kind of unit; those of the IMU400CD stand for unknown ones.
+    `limits_of` is where they are from.
     `departure` says where in a table profile the readings depart from the model most certainly, and what it may be.
     """
 
@@ -82,6 +83,7 @@ class FilterSnapshot(TypedDict):
     held_since: NotRequired[float | None]
     departure: NotRequired[str | None]
     own_limits: NotRequired[bool]
+    limits_of: NotRequired[str]
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]

@@ -276,7 +276,7 @@ def _spec(table: Mapping[str, Any]) -> ImuSpec:
         for key, (field, unit) in _NOISE.items()
         if key in table
     }
-    return replace(IMU400CD_200, **fields)
+    return replace(IMU400CD_200, **fields)  # type: ignore[arg-type] # all of these are numbers
 
 
 def _temperature(value: Any, where: str) -> Temperature:

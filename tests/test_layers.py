@@ -13,7 +13,8 @@ from helpers.paths import ROOT
 
 PACKAGES = ("imutui", "filters")
 GROUND = {
-    f"filters.{name}" for name in ("types", "channels", "first_order", "earth", "attitude", "imu", "allan", "state")
+    f"filters.{name}"
+    for name in ("types", "channels", "first_order", "earth", "attitude", "specification", "imu", "allan", "state")
 }
 
 EVERYWHERE = {
@@ -41,7 +42,7 @@ FLOORS = {
     "imutui.session": {"imutui.filter_snapshot", "imutui.instrument", "imutui.logbook", "imutui.verdict", "filters"},
     "imutui.session.snapshot": {"imutui.filter_snapshot"},
     "imutui.filter_snapshot": set(),
-    "imutui.verdict": {"imutui.filter_snapshot", "imutui.logbook.results"},
+    "imutui.verdict": {"filters.channels", "filters.specification", "imutui.filter_snapshot", "imutui.logbook.results"},
     "imutui.jobs": {"filters", "imutui.logbook", "imutui.instrument.imu400.scaling", "imutui.instrument.registry"},
     "imutui.jobs.campaign": {"filters", "imutui.logbook", "imutui.jobs", "imutui.verdict"},
     "imutui.report": {"filters", "imutui.jobs", "imutui.logbook.json_text", "imutui.verdict"},

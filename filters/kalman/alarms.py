@@ -101,7 +101,7 @@ def of_residuals(
     for i in np.flatnonzero(np.abs(apparent) > _ALARM_FACTOR * limits):
         if observable[i] and abs(apparent[i]) < 0.5 * STANDARD_GRAVITY:
             out.append(
-                f"{names[i]} (body axes) is off by {abs(apparent[i]) / limits[i]:.1f} times the bias limit of Table 1:"
-                " tilt, scale, a moving table, or a faulty sensor"
+                f"{names[i]} (body axes) is off by {abs(apparent[i]) / limits[i]:.1f} times the bias limit of"
+                f" {spec.source}: tilt, scale, a moving table, or a faulty sensor"
             )
     return out

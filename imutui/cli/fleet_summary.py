@@ -74,16 +74,18 @@ def print_summary(document: "SummaryDocument") -> None:
 
 
 def _print_group(console: "Console", group: "GroupField") -> None:
+    from filters import specification
     from imutui.report import fleet_sentences
 
     console.rule(f"{fleet_sentences.name(group)}, {fleet_sentences.KINDS[group['kind']]}", align="left", characters="─")
     _lines(console, [fleet_sentences.extent(group), *group["notes"]])
+    source = specification.of_model(group["instrument"]).source
     if not group["units"]:  # no estimate can be: what is held to the limits is each log
-        _lines(console, ["", "Table 1"])
+        _lines(console, ["", source])
         _lines(console, [*_shortened(fleet_sentences.limits(group)), ""], indent=True)
         return
     for title, told in (
-        ("Table 1", fleet_sentences.limits(group)),
+        (source, fleet_sentences.limits(group)),
         ("Drift", fleet_sentences.drifts(group)),
         ("Days that stand out", fleet_sentences.days_out(group) or [_no_day(group)]),
     ):

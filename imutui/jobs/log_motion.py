@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import attitude
-from filters.imu import IMU400CD_200, STANDARD_GRAVITY
+from filters.imu import STANDARD_GRAVITY
 from filters.motion import alignment, attitude_rows, kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import TableMotion, Trajectory
@@ -132,7 +132,8 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
             raise ValueError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
         offset -= gyro_latency
         how = f"the profile starts at {offset:.3f} ± {sd:.3f} s (1 sd) of the log, found from the gyros"
-    table = TableMotion(profile, info.settings().site, IMU400CD_200, 1.0 / info.rate_hz, offset)
+    settings = info.settings()
+    table = TableMotion(profile, settings.site, settings.spec, 1.0 / info.rate_hz, offset)
     for event in log.events:
         if event.name == "mark":
             table.mark(float(reader.seconds_since(event.stamp_ns, int(log.stamp_ns[0]))), event.text)

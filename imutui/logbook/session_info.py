@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
+from filters import specification
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
 from filters.state import PAPER_SITE, Site
@@ -175,6 +176,7 @@ class SessionInfo:
             raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
         return Settings(
             1.0 / self.rate_hz,
+            spec=specification.of_model(self.instrument),
             filter="spkf" if self.filter == "none" else self.filter,
             reference=self.reference,
             site=self.site(),
@@ -237,6 +239,7 @@ class SessionInfo:
         """Hash of all that decides the estimates apart from the samples."""
         settings = asdict(self.settings())
         del settings["effects"], settings["unread"]  # code, whose file has a hash; and what the samples themselves say
+        del settings["spec"]["source"]  # words
         decisive = {"settings": settings, "mount": self.mount, "accel_sign": self.accel_sign}
         decisive |= {"gyro_sign": self.gyro_sign, "g_unit": self.g_unit}
         decisive |= {"noise": self.noise, "reference_sha256": self.reference_sha256}

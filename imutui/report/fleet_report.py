@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from filters import specification
 from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
 from imutui.jobs.quantities import plural
 from imutui.report import fleet_figures, fleet_sentences, identity
@@ -36,9 +37,10 @@ def _title(document: SummaryDocument) -> str:
 
 
 def _article(group: GroupField, document: SummaryDocument) -> Article:
+    source = specification.of_model(group["instrument"]).source
     known = (
         Section("Fleet", tuple(_fleet(group, document))),
-        Section("Which units fail Table 1", (_items(fleet_sentences.limits(group)),)),
+        Section(f"Which units fail {source}", (_items(fleet_sentences.limits(group)),)),
     )
     sections: tuple[Section, ...] = (
         *known,

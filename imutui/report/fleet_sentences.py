@@ -5,6 +5,8 @@ Terminal and page have the same sentences; the page has more of them.
 
 from collections.abc import Iterator, Sequence
 
+from filters import specification
+from filters.channels import DPS, MG
 from imutui.jobs.campaign.summary_document import (
     ChannelField,
     ComponentField,
@@ -81,7 +83,15 @@ def limits(group: GroupField) -> list[str]:
     told += [_vague([one for one in vague if _who(one) == who]) for who in dict.fromkeys(map(_who, vague))]
     if failed:
         return told
-    return ["No unit fails a limit of Table 1 (bias 1 deg/s and 12 mg, noise 4.5 deg/√h and 1 m/s/√h).", *told]
+    return [f"No unit fails a limit of {_limits_of(group)}.", *told]
+
+
+def _limits_of(group: GroupField) -> str:
+    """Where limits are from, and what they are."""
+    spec = specification.of_model(group["instrument"])
+    bias = f"bias {spec.gyro_bias_limit / DPS:g} deg/s and {spec.accel_bias_limit / MG:g} mg"
+    noise = f"noise {spec.gyro_arw / DPS * 60.0:g} deg/√h and {spec.accel_vrw * 60.0:g} m/s/√h"
+    return f"{spec.source} ({bias}, {noise})"
 
 
 def _unsettled(biases: Sequence[LimitField]) -> str:

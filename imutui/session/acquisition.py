@@ -7,6 +7,7 @@ import time
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
+from filters import specification
 from filters.motion.profile import Profile
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
@@ -79,7 +80,10 @@ class Acquisition:
         self._recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
         self._instrument = INSTRUMENTS[plan.instrument]
         scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
-        self._recent, self._statistics = RecentPackets(scaling), ChannelStatistics(scaling)
+        self._recent, self._statistics = (
+            RecentPackets(scaling),
+            ChannelStatistics(scaling, specification.of_model(info.instrument)),
+        )
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)

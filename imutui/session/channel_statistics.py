@@ -9,7 +9,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from filters.imu import CHANNELS, IMU400CD_200, STANDARD_GRAVITY
+from filters.imu import CHANNELS, STANDARD_GRAVITY
+from filters.specification import IMU400CD_200, ImuSpec
 from imutui.instrument.host import DataPacket
 from imutui.instrument.instrument import Scaling
 from imutui.session.running_allan import RunningAllan
@@ -34,9 +35,12 @@ class ChannelStatistics:
     ----------
     scaling : Scaling
         Ranges of the unit.
+    spec : ImuSpec
+        What its noise is compared with.
     """
 
-    def __init__(self, scaling: Scaling) -> None:
+    def __init__(self, scaling: Scaling, spec: ImuSpec = IMU400CD_200) -> None:
+        self._spec = spec
         rate, accel = float(scaling.rates_dps(1)), float(scaling.accels_g(1)) * 1e3
         zero = float(scaling.temperature_degc(0))
         self._scale = (*(rate,) * 3, *(accel,) * 3, float(scaling.temperature_degc(1)) - zero)
@@ -103,7 +107,7 @@ class ChannelStatistics:
             raise ValueError(f"`channel` is {channel}; they are numbered from 0 to {len(NAMES) - 1}")
         self._work_out()
         period = self._seconds / self._steps if self._steps and self._seconds > 0.0 else None
-        white, bandwidth = _table_1(channel)
+        white, bandwidth = _promised(self._spec, channel)
         return {
             "channel": channel,
             "unit": UNITS[channel],
@@ -168,12 +172,12 @@ class ChannelStatistics:
         }
 
 
-def _table_1(channel: int) -> tuple[float | None, float | None]:
+def _promised(spec: ImuSpec, channel: int) -> tuple[float | None, float | None]:
     """White noise of the data sheet, unit·√s, and bandwidth, Hz."""
     if channel < 3:
-        return math.degrees(IMU400CD_200.gyro_arw), IMU400CD_200.gyro_bandwidth
+        return math.degrees(spec.gyro_arw), spec.gyro_bandwidth
     if channel < 6:
-        return IMU400CD_200.accel_vrw / STANDARD_GRAVITY * 1e3, IMU400CD_200.accel_bandwidth
+        return spec.accel_vrw / STANDARD_GRAVITY * 1e3, spec.accel_bandwidth
     return None, None
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from filters import specification
 from filters.kalman.runner import Estimator
 from imutui.filter_snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 from imutui.logbook import departures, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
-from imutui.verdict import sources
 
 
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
@@ -33,7 +33,8 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "remainder": results.remainder_fields(estimator, info.axes()),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since": estimator.held_since,
-        "own_limits": sources.has_own_limits(info.instrument),
+        "own_limits": specification.is_known(info.instrument),
+        "limits_of": estimator.settings.spec.source,
         "departure": departures.sentence(estimator, info.axes(), info.g_unit),
         "effects": _effects(estimator),
         "state": None,

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from filters.imu import CHANNELS, IMU400CD_200, ImuSpec
+from filters import specification
+from filters.imu import CHANNELS
+from filters.specification import ImuSpec
 from imutui.filter_snapshot import FilterSnapshot
 from imutui.logbook.session_info import SessionInfo
-from imutui.verdict import sources
 
 AXES = ("x", "y", "z")
 _NO_UPDATE = "no update yet"
@@ -23,7 +24,8 @@ def before_estimates(info: SessionInfo) -> FilterSnapshot:
         "temperature_k_per_min": None,
         "held_since": None,
         "departure": None,
-        "own_limits": sources.has_own_limits(info.instrument),
+        "own_limits": specification.is_known(info.instrument),
+        "limits_of": specification.of_model(info.instrument).source,
         "biases": [
             {
                 "name": f"{axis} {kind}",
@@ -35,7 +37,7 @@ def before_estimates(info: SessionInfo) -> FilterSnapshot:
                 "converged_s": None,
                 "observable": True,
             }
-            for kind, unit, limit in bias_limits(IMU400CD_200, info.g_unit)
+            for kind, unit, limit in bias_limits(specification.of_model(info.instrument), info.g_unit)
             for axis in AXES
         ],
         "nis": {"mean": None, "first": None, "dof": 0, "band95": [None, None], "is_test": False, "why": _NO_UPDATE},

@@ -69,6 +69,8 @@ class Standing:
         Whether no sample comes any more.
     own_limits : bool
         Whether the limits of the biases are this unit's, and not another type's.
+    limits_of : str
+        Where they are from.
     """
 
     t: float | None
@@ -86,6 +88,7 @@ class Standing:
     waiting_profile: str | None = None
     over: bool = False
     own_limits: bool = True
+    limits_of: str = "Table 1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +211,7 @@ def _green(checks: tuple[Check, ...]) -> Verdict:
 def _rules(standing: Standing) -> list[Check | None]:
     return [
         _alarms(standing),
-        _limits(standing.biases, own=standing.own_limits),
+        _limits(standing.biases, standing.limits_of, own=standing.own_limits),
         _nis(standing.nis),
         _converged(standing),
         _unexplained(standing),
@@ -235,16 +238,16 @@ def _alarms(standing: Standing) -> Check:
     return Check("bad", "alarms", f"{count}: {said}", count, "put that right first")
 
 
-def _limits(biases: Sequence[BiasSnapshot], *, own: bool) -> Check:
+def _limits(biases: Sequence[BiasSnapshot], source: str, *, own: bool) -> Check:
     known = [(abs(bias["value"]), bias) for bias in biases if bias["observable"] and bias["value"] is not None]
     if not known:
         return Check("none", "limit", "no estimate yet")
     size, worst = max(known, key=lambda one: one[0] / one[1]["limit"])
     limit, sd3, unit = worst["limit"], worst["sd3"] or 0.0, worst["unit"]
     bias = f"{worst['name']} bias {bias_text(worst)} {unit} (3 sd)"
-    allowed = f"Table 1's ±{limit:g} {unit}"
+    allowed = f"{source}'s ±{limit:g} {unit}"
     if size <= limit:
-        return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of Table 1's, the most")
+        return Check("good", "limit", f"{worst['name']} at {100.0 * size / limit:.0f} % of {source}'s, the most")
     brief = f"{channel(worst['name'])} limit"
     if not own:
         todo = "compare it with this unit's own data sheet"

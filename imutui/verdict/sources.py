@@ -2,13 +2,14 @@
 
 from typing import TYPE_CHECKING
 
+from filters import specification
+from filters.channels import DPS, MG
+from filters.specification import IMU400CD_200, ImuSpec
 from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
 
 if TYPE_CHECKING:
     from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
     from imutui.logbook.results import ResultDocument
-
-_LIMITS = {"deg/s": 1.0, "mg": 12.0}
 
 _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
 
@@ -36,6 +37,7 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         failure=estimates["failure"],
         waiting=estimates["waiting"],
         own_limits=estimates.get("own_limits", True),
+        limits_of=estimates.get("limits_of", IMU400CD_200.source),
     )
 
 
@@ -55,20 +57,27 @@ def of_document(d: "ResultDocument") -> Verdict:
             departure=d.get("departure"),
             held_since=d.get("held_since_s"),
             over=True,
-            own_limits=_is_imu400(d),
+            own_limits=_is_known(d),
+            limits_of=specification_of(d).source,
         )
     )
 
 
-def has_own_limits(instrument: str) -> bool:
-    """Whether the limits, Table 1's, are those of this kind of unit."""
-    return instrument.upper().startswith("IMU400")
+def specification_of(d: "ResultDocument") -> ImuSpec:
+    """Specification of the unit that a result is of; Table 1's for one that is not known."""
+    identity = d.get("identity")
+    return IMU400CD_200 if identity is None else specification.of_model(identity["instrument"])
 
 
-def _is_imu400(d: "ResultDocument") -> bool:
+def bias_limits(spec: ImuSpec) -> dict[str, float]:
+    """Limits of biases by their unit, deg/s and mg."""
+    return {"deg/s": round(spec.gyro_bias_limit / DPS, 9), "mg": round(spec.accel_bias_limit / MG, 9)}
+
+
+def _is_known(d: "ResultDocument") -> bool:
     """Whether the limits are those of the unit, as far as its log says; one that says nothing may be of any type."""
     identity = d.get("identity")
-    return identity is None or has_own_limits(identity["instrument"])
+    return identity is None or specification.is_known(identity["instrument"])
 
 
 def _unfiltered(alarms: list[str]) -> Verdict:
@@ -83,20 +92,23 @@ def _biases(d: "ResultDocument") -> "list[BiasSnapshot]":
         ("gyro", "deg/s", final["gyro_bias_dps"], sds["gyro_bias_dps"], since["gyro_bias"]),
         ("accel", "mg", final["accel_bias_mg"], sds["accel_bias_mg"], since["accel_bias"]),
     )
+    limits = bias_limits(specification_of(d))
     return [
-        _bias(f"{axis} {kind}", unit, value, sd, converged)
+        _bias(f"{axis} {kind}", unit, limits[unit], value, sd, converged)
         for kind, unit, *columns in kinds
         for axis, value, sd, converged in zip("xyz", *columns, strict=True)
     ]
 
 
-def _bias(name: str, unit: str, value: float | None, sd: float | None, since: float | None) -> "BiasSnapshot":
+def _bias(
+    name: str, unit: str, limit: float, value: float | None, sd: float | None, since: float | None
+) -> "BiasSnapshot":
     return {
         "name": name,
         "value": value,
         "sd3": None if sd is None else 3.0 * sd,
         "unit": unit,
-        "limit": _LIMITS[unit],
+        "limit": limit,
         "change_10s": None,
         "converged_s": since,
         "observable": value is not None,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.fake_client import bias, estimates
 
+from filters import specification
 from filters.kalman.temperature_trend import TemperatureTrend
 from imutui.verdict import rules, sources
 
@@ -69,15 +70,32 @@ def test_a_result_has_the_word_that_its_last_snapshot_had(of: Any, word: str, pa
 
 
 def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() -> None:
-    """Live as in its result: outside of Table 1 an IMU381 is to be compared with its own data sheet."""
+    """Live as in its result: outside of Table 1 a unit of unknown kind is to be compared with its own data sheet."""
     biases = snapshot()["biases"]
     biases[0] = {**biases[0], "value": 1.5}
     of = snapshot(biases=biases, own_limits=False)
-    other = document(of, identity={"instrument": "IMU381ZA-400", "serial_number": "2"})
+    other = document(of, identity={"instrument": "MPU-9150", "serial_number": "2"})
     for found in (rules.judge(sources.of_snapshot(of)), sources.of_document(other)):
         assert found.word == "AMBER"
     assert rules.judge(sources.of_snapshot({**of, "own_limits": True})).word == "RED"
-    assert (sources.has_own_limits("IMU381ZA-400"), sources.has_own_limits("IMU400CD-200")) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("model", "word", "source"),
+    [("IMU400CD-200", "GREEN", "Table 1"), ("IMU381ZA-400", "RED", "IMU440 data sheet")],
+)
+def test_a_unit_is_judged_by_the_limits_of_its_kind(model: str, word: str, source: str) -> None:
+    """0.9 deg/s is within Table 1, and outside of what the IMU440's sheet allows; both are named."""
+    biases = snapshot()["biases"]
+    biases[0] = {**biases[0], "value": 0.9}
+    found = sources.of_document(document(snapshot(biases=biases), identity={"instrument": model, "serial_number": ""}))
+    assert found.word == word
+    limits = sources.bias_limits(specification.of_model(model))
+    live = [{**row, "limit": limits[row["unit"]]} for row in biases]
+    shown = snapshot(biases=live, limits_of=specification.of_model(model).source, own_limits=True)
+    seen = rules.judge(sources.of_snapshot(shown))
+    assert seen.word == word
+    assert any(f"{source}'s" in check.said for check in seen.checks if check.name == "limit")
 
 
 @pytest.mark.parametrize(("of", "word", "passes"), CASES)

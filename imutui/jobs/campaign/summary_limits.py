@@ -7,6 +7,7 @@ no day. Noise is the unit's, and a mean over its logs is compared.
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from filters import specification
 from filters.channels import CHANNELS, DPS, MG
 from filters.imu import IMU400CD_200
 from imutui.jobs.campaign import fleet_values
@@ -16,7 +17,6 @@ from imutui.jobs.campaign.summary_document import LimitField
 
 SURE = 3.0
 """Standard deviations beyond a limit at which a value fails it; as many on the inner side are not told."""
-BIAS_LIMITS = {"deg/s": IMU400CD_200.gyro_bias_limit / DPS, "mg": IMU400CD_200.accel_bias_limit / MG}
 GYRO_NOISE = IMU400CD_200.gyro_arw / DPS * 60.0
 """deg/√h."""
 ACCEL_NOISE = IMU400CD_200.accel_vrw * 60.0
@@ -50,14 +50,15 @@ def limits(rows: Sequence[Row]) -> list[LimitField]:
 
 
 def _of_unit(rows: Sequence[Row]) -> Iterator[LimitField]:
+    spec = specification.of_model(rows[0].get("instrument") or "")
+    limits = {"deg/s": spec.gyro_bias_limit / DPS, "mg": spec.accel_bias_limit / MG}
     for told in fleet_values.channels(rows):
-        yield from _bias(told.channel, told.unit, told.values)
+        yield from _bias(told.channel, told.unit, limits[told.unit], told.values)
     for number, channel in enumerate(CHANNELS):
         yield from _noise(channel, number, rows)
 
 
-def _bias(channel: str, unit: str, values: Sequence[BiasValue]) -> Iterator[LimitField]:
-    limit = BIAS_LIMITS[unit]
+def _bias(channel: str, unit: str, limit: float, values: Sequence[BiasValue]) -> Iterator[LimitField]:
     each = [_Worst((abs(v.value) - limit) / v.sd, v.value, v.sd, v.row, v.converged) for v in values]
     if not each:
         return

@@ -10,11 +10,12 @@ from imutui.tui.widgets.text_lines import TextLines
 from imutui.verdict.rules import MOVES_SD, moved_sd
 
 NAMES = tuple(f"{axis} {kind}" for kind in ("gyro", "accel") for axis in "xyz")
+_TABLE_1 = "Table 1"
 _HEAD = (
     ("  bias", 13),
     ("value", 5),
     (" ± 3 sd", 16),
-    ("zero ±Table 1 limit", 21),
+    ("zero ±{} limit", 21),
     ("in 10 s", 13),
     ("converged at", 12),
 )
@@ -48,7 +49,9 @@ class BiasTable(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and biases; dashes while nothing is known."""
         biases = view.estimates["biases"] if view.estimates is not None else []
-        head = "".join(self._cell(title, cells) for title, cells in _HEAD)
+        source = view.estimates.get("limits_of", _TABLE_1) if view.estimates is not None else _TABLE_1
+        short = source.partition(" data")[0]
+        head = "".join(self._cell(title.format(short), cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
         if view.estimates is not None and view.estimates["waiting"]:
             biases = []  # what stands there is what the filter begins with

@@ -17,7 +17,6 @@ from imutui.verdict.rules import nis_meaning
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-_LIMITS = {"deg/s": 1.0, "mg": 12.0}
 _KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
 _GAPS = 5
 _SAVED = "x writes that motion as a profile; 5 Table guides through it."
@@ -98,6 +97,8 @@ def _as_written(sentence: str, writing: Collection[Path]) -> str:
 
 def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
     """A replay's result: verdict, biases against Table 1, NIS, noise, what was lost; `writing` were not finished."""
+    spec = sources.specification_of(d)
+    limits = sources.bias_limits(spec)
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
     size = f"{formatting.plural(d['samples'], 'sample')}, {d['duration_s']:.1f} s at {rate}"
     lines = [
@@ -106,7 +107,8 @@ def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
         f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
         *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
         "",
-        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {'Table 1':>8} {'of limit':>9}   converged",
+        f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {spec.source.partition(' data')[0]:>8}"
+        f" {'of limit':>9}   converged",
     ]
     final, sds, since = d["final"], d["sd"], d["converged_s"]
     for kind, values, sd, unit, converged in (
@@ -114,16 +116,16 @@ def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
         ("accel", final["accel_bias_mg"], sds["accel_bias_mg"], "mg", since["accel_bias"]),
     ):
         for i, axis in enumerate("xyz"):
-            lines.append(_bias(f"{axis} {kind}", values[i], sd[i], unit, converged[i]))
+            lines.append(_bias(f"{axis} {kind}", values[i], sd[i], unit, limits[unit], converged[i]))
     return "\n".join([*lines, "", *_filtered(d), "", *_data(d), *_warnings(d)])
 
 
-def _bias(name: str, value: float | None, sd: float | None, unit: str, since: float | None) -> str:
+def _bias(name: str, value: float | None, sd: float | None, unit: str, limit: float, since: float | None) -> str:
     if value is None or sd is None:
         return (
             f"{name:<8} {formatting.NOTHING:>9} {formatting.NOTHING:>8} {unit:<6}  not observable with this reference"
         )
-    decimals, limit = formatting.BIAS_DECIMALS[unit], _LIMITS[unit]
+    decimals = formatting.BIAS_DECIMALS[unit]
     when = f"at {since:.1f} s" if since is not None else "not yet"
     share = f"{100.0 * abs(value) / limit:.0f} %" + (" OUT" if abs(value) > limit else "")
     return (
