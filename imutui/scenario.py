@@ -74,7 +74,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from filters.imu import IMU400CD_200, STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
+from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
 from filters.motion.profile import Profile
 from filters.simulation import Effect, PowerOn, Scenario, Temperature
 from filters.state import PAPER_SITE, Site
@@ -125,7 +125,7 @@ def load_profile(path: Path) -> Profile:
     return _profile(_parsed(path), path)
 
 
-def load_scenario(path: Path, axes: AxisMap | None = None) -> Scenario:
+def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
     """Scenario from a TOML file.
 
     Parameters
@@ -133,8 +133,8 @@ def load_scenario(path: Path, axes: AxisMap | None = None) -> Scenario:
     path : Path
         The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and so
         does the name of a ready-made one.
-    axes : AxisMap or None
-        How the unit reads and sits where the file does not say; None: as the IMU400CD does.
+    plain : Scenario or None
+        A unit without any of it: its axes and specification count where the file does not say; None: an IMU400CD.
 
     Returns
     -------
@@ -145,16 +145,16 @@ def load_scenario(path: Path, axes: AxisMap | None = None) -> Scenario:
     ScenarioError
         If it can't be read, or something in it does not fit.
     """
-    usual = AxisMap() if axes is None else axes
+    usual = Scenario() if plain is None else plain
     named = None if path.exists() else named_profiles.find(str(path))
     if named is not None:
-        return Scenario(profile=named.profile, axes=usual)
+        return replace(usual, profile=named.profile)
     if not path.suffix and not path.exists():
         raise ScenarioError(f"{path} is no file, nor a ready-made profile: {named_profiles.listed()}.")
     document = _parsed(path)
     try:
         if "segment" in document or "samples" in document:
-            return Scenario(profile=_profile(document, path), axes=usual)
+            return replace(usual, profile=_profile(document, path))
         return _scenario(document, path, usual)
     except ScenarioError:
         raise
@@ -221,13 +221,13 @@ _TOP = (
 )
 
 
-def _scenario(document: Mapping[str, Any], path: Path, usual: AxisMap) -> Scenario:
+def _scenario(document: Mapping[str, Any], path: Path, usual: Scenario) -> Scenario:
     known(document, _TOP, "in a scenario")
     biases = table_of(document, "biases")
     known(biases, ("accel_mg", "gyro_dps", "accel_run_mg", "gyro_run_dps"), "in [biases]")
     return Scenario(
         seed=whole(document, "seed", 0, "") if "seed" in document else 0,
-        spec=_spec(table_of(document, "noise")),
+        spec=_spec(table_of(document, "noise"), usual.spec),
         accel_bias=triple(biases, "accel_mg", _MG, "[biases]: "),
         gyro_bias=triple(biases, "gyro_dps", _DPS, "[biases]: "),
         accel_bias_run_sd=number(biases, "accel_run_mg", "[biases]: ", 0.0, least=0.0) * _MG,
@@ -239,7 +239,7 @@ def _scenario(document: Mapping[str, Any], path: Path, usual: AxisMap) -> Scenar
         faults=tuple(fault_of(table, f"fault {n}: ") for n, table in enumerate(tables_of(document, "fault"), 1)),
         personality=personality_of(table_of(document, "unit"), table_of(document, "line")),
         site=_site(table_of(document, "site")),
-        axes=_axes(table_of(document, "instrument"), usual),
+        axes=_axes(table_of(document, "instrument"), usual.axes),
     )
 
 
@@ -269,14 +269,14 @@ def _profile_named(name: str, folder: Path) -> Profile:
     return load_profile(file)
 
 
-def _spec(table: Mapping[str, Any]) -> ImuSpec:
+def _spec(table: Mapping[str, Any], usual: ImuSpec) -> ImuSpec:
     known(table, tuple(_NOISE), "in [noise]")
     fields = {
         field: number(table, key, "[noise]: ", least=0.0) * unit
         for key, (field, unit) in _NOISE.items()
         if key in table
     }
-    return replace(IMU400CD_200, **fields)  # type: ignore[arg-type] # all of these are numbers
+    return replace(usual, **fields)  # type: ignore[arg-type] # all of these are numbers
 
 
 def _temperature(value: Any, where: str) -> Temperature:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.imu import STANDARD_GRAVITY, AxisMap
+from filters.imu import STANDARD_GRAVITY
 from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
@@ -128,7 +128,7 @@ def on_the_line(
     start: float,
     spoil: ErrorFunction | None,
     rate_hz: float = LOOP_HZ,
-    axes: AxisMap | None = None,
+    plain: Scenario | None = None,
 ) -> UnitOnTheLine:
     """The unit that the options of `imutui virtual` ask for.
 
@@ -148,10 +148,10 @@ def on_the_line(
         What to add besides.
     rate_hz : float
         Rate of the unit's loop.
-    axes : AxisMap or None
-        How it reads and sits where the scenario does not say; None: as the IMU400CD does.
+    plain : Scenario or None
+        The unit without a scenario: how it reads, sits, and what it promises; None: an IMU400CD.
     """
-    made = scenario_of(scenario, seed, axes)
+    made = scenario_of(scenario, seed, plain)
     played = None if recording is None else load(recording, start, made.axes, made.site)
     if played is not None and np.isnan(played.values).any():
         raise ValueError(
@@ -175,12 +175,12 @@ def simulated(scenario: Path | None, power_on: int, seed: int | None) -> Simulat
     return SimulatedReadings(scenario_of(scenario, seed), power_on)
 
 
-def scenario_of(path: Path | None, seed: int | None, axes: AxisMap | None = None) -> Scenario:
+def scenario_of(path: Path | None, seed: int | None, plain: Scenario | None = None) -> Scenario:
     """Scenario of a file, or of a plain unit without one; a seed that is given wins over the file's."""
     from imutui.scenario import load_scenario
 
-    plain = Scenario() if axes is None else Scenario(axes=axes)
-    what = plain if path is None else load_scenario(path, axes)
+    usual = Scenario() if plain is None else plain
+    what = usual if path is None else load_scenario(path, usual)
     return what if seed is None else replace(what, seed=seed)
 
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filters.imu import AxisMap
+from filters.imu import IMU440CA_200, AxisMap
+from filters.simulation import Scenario
 from imutui import outside_file
 from imutui.cli.spoil import ErrorFunction
 from imutui.cli.virtual_readings import UnitOnTheLine, faults_of, on_the_line, scenario_of
@@ -22,7 +23,7 @@ SERIAL_NUMBER = 9911750
 _IMU381 = "IMU381ZA-200"
 _IMU381_LOOP_HZ = 100
 # "Level, z reads -1 g": specific force, with z down
-_IMU381_AXES = AxisMap(accel_sign=1)
+_IMU381_PLAIN = Scenario(axes=AxisMap(accel_sign=1), spec=IMU440CA_200)
 
 # The one recorded stream that there is comes without an identity; this is what its maker's own stand-in says.
 _RECORDED_SERIAL_NUMBER = 2008705635
@@ -63,7 +64,7 @@ def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
 
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU381ZA-200."""
-    made = _made(asked, _IMU381_LOOP_HZ, _IMU381_AXES)
+    made = _made(asked, _IMU381_LOOP_HZ, _IMU381_PLAIN)
     it = made.personality
     text = f"{_IMU381} {made.version.partition(' ')[2]}" if it.version is None else it.version
     options = UnitOptions(
