@@ -169,9 +169,9 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     (home / "remote").mkdir(mode=0o700)
     first = login(XDG_RUNTIME_DIR=str(home / "remote"), IMUTUI_ACQUISITION_RATE_HZ="20")
     first.wait_for("virtual instrument", "Connect")
-    while "virtual, 20 Hz" not in first.screen():
+    while "virtual, 20 Hz" not in (before := first.screen()):
         first.press("\x1b[B")
-        first.wait_for("imutui")
+        wait_until(lambda before=before: first.screen() != before)  # type: ignore[misc]
     first.press("\r")
     first.wait_for("asked 20", "not recording")
     first.press("r")
