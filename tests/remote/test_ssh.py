@@ -168,7 +168,8 @@ def test_a_recording_begun_on_the_screen_outlives_its_link(home: Path, login: Lo
     """`imutui` and keys over SSH, XDG_RUNTIME_DIR set as by PAM; found again from shells with another and with none."""
     (home / "remote").mkdir(mode=0o700)
     first = login(XDG_RUNTIME_DIR=str(home / "remote"), IMUTUI_ACQUISITION_RATE_HZ="20")
-    first.wait_for("virtual instrument", "Connect")
+    # the line that says what Enter does comes last: a key that is pressed before would move on from there
+    first.wait_for("virtual instrument", "20 Hz, stream")
     while "virtual, 20 Hz" not in (before := first.screen()):
         first.press("\x1b[B")
         wait_until(lambda before=before: first.screen() != before)  # type: ignore[misc]
