@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.channels import CHANNELS as CHANNELS
 from filters.channels import STANDARD_GRAVITY as STANDARD_GRAVITY
@@ -13,6 +14,8 @@ from filters.types import Array
 
 LOOP_HZ = 400.0 / 3.0
 """Readings a second of the IMU400CD's own loop: "up to 133 Hz" in scaled mode, one in 7.5 ms."""
+
+_Turn = tuple[NDArray[np.int_], Array]
 
 _DEG = np.pi / 180.0
 _SQRT_HOUR = 60.0
@@ -89,6 +92,8 @@ class AxisMap:
     mount: Array = field(default_factory=lambda: np.eye(3))
     accel_sign: int = -1
     gyro_sign: Array = field(default_factory=lambda: np.ones(3))
+    _to_body: _Turn = field(init=False, repr=False, compare=False)
+    _to_instrument: _Turn = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.accel_sign not in (-1, 1):
@@ -100,33 +105,42 @@ class AxisMap:
             raise ValueError(f"`mount` is {M.tolist()}, not a signed permutation of the axes")
         if np.linalg.det(M) < 0.0 and np.all(self.gyro_sign == 1.0):
             raise ValueError("`mount` turns right-handed axes into left-handed ones: swap two axes, or flip a sign")
+        # worked out once: a reading at a time is turned hundreds of times a second
+        object.__setattr__(self, "_to_body", _turn(M))
+        object.__setattr__(self, "_to_instrument", _turn(M.T))
 
     def gyro_to_body(self, rate: Array) -> Array:
         """Angular rate in body axes, M · diag(gyro_sign) · reading; shape (..., 3) in and out."""
-        return _turned(rate * self.gyro_sign, self.mount)
+        return _turned(rate * self.gyro_sign, self._to_body)
 
     def accel_to_body(self, reading: Array) -> Array:
         """Specific force in body axes, f = s · M · reading; shape (..., 3) in and out."""
-        return np.asarray(self.accel_sign * _turned(reading, self.mount))
+        return np.asarray(self.accel_sign * _turned(reading, self._to_body))
 
     def gyro_to_instrument(self, rate: Array) -> Array:
         """Rate or gyro bias in the instrument's axes, diag(gyro_sign) · Mᵀ · rate; shape (..., 3) in and out."""
-        return np.asarray(_turned(rate, self.mount.T) * self.gyro_sign)
+        return np.asarray(_turned(rate, self._to_instrument) * self.gyro_sign)
 
     def accel_to_instrument(self, force: Array) -> Array:
         """Specific force or its bias as the instrument shows it, s · Mᵀ · force; shape (..., 3) in and out."""
-        return np.asarray(self.accel_sign * _turned(force, self.mount.T))
+        return np.asarray(self.accel_sign * _turned(force, self._to_instrument))
 
     def sd_to_instrument(self, sd: Array) -> Array:
         """Standard deviations of a body vector, reordered to the instrument's axes; shape (..., 3) in and out."""
-        return _turned(sd, np.abs(self.mount.T))
+        return _turned(sd, (self._to_instrument[0], np.ones(3)))
 
 
-def _turned(v: Array, M: Array) -> Array:
-    """M v for a signed permutation, shape (..., 3); an axis that is NaN stays the only one."""
+def _turn(M: Array) -> _Turn:
+    """Which axis each axis is taken from, and its sign, of a signed permutation; shapes (3,)."""
     axis = np.abs(M).argmax(axis=1)
+    return axis, M[np.arange(3), axis]
+
+
+def _turned(v: Array, turn: _Turn) -> Array:
+    """M v for a signed permutation, shape (..., 3); an axis that is NaN stays the only one."""
+    axis, sign = turn
     # adding zero leaves no negative zero, as the sum of a product of matrices does
-    return np.asarray(v[..., axis] * M[np.arange(3), axis] + 0.0)
+    return np.asarray(v[..., axis] * sign + 0.0)
 
 
 def parse_mount(text: str) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class Term:
         """How many parameters it has: k."""
         return next(iter(self.places.values())).size
 
-    @property
+    @cached_property
     def key(self) -> tuple[str, tuple[int, ...], str]:
         """Effect, channels and shape: equal for the same hypothesis, whatever the data."""
         h = self.hypothesis

@@ -61,9 +61,13 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
     list of NoiseDriver
     """
     multiplier, found = np.ones_like(design.stack.y), []
+    edges = _window_edges(design)
+    counts = np.diff(np.append(edges, design.stack.t.size))[:, None]
+    means = np.add.reduceat(design.columns, edges, axis=0) / counts
     for c in channels:
         terms = [a for a in design.terms if isinstance(a.hypothesis, Driver) and list(a.places) == [c]]
-        fitted, own = _channel(design, c, [a for a in terms if a.hypothesis.effect != "driver:temperature_threshold"])
+        usable = [a for a in terms if a.hypothesis.effect != "driver:temperature_threshold"]
+        fitted, own = _channel(design, _windows(design, c, edges, means), usable)
         multiplier[:, c] = fitted
         found += own
     return multiplier, found
@@ -124,17 +128,17 @@ class _Windows:
         return total > 0.5 * gain
 
 
-def _channel(design: Design, c: int, terms: list[Term]) -> tuple[Array, list[NoiseDriver]]:
+def _channel(design: Design, windows: _Windows | None, terms: list[Term]) -> tuple[Array, list[NoiseDriver]]:
     """Multiplier of the noise of every block of a channel, shape (n,), and what it follows."""
-    windows = _windows(design, c)
     even = np.ones(design.stack.t.size)
     if windows is None or not terms:
         return even, []
+    seconds = np.log(design.stack.seconds(windows.channel))
     base = np.ones((windows.log_variance.size, 1))
     chosen: list[Term] = []
     found: list[NoiseDriver] = []
     for _ in range(_TERMS):
-        best, score = _best(windows, [a for a in terms if not _has(chosen, a)], base, np.log(design.stack.seconds(c)))
+        best, score = _best(windows, [a for a in terms if not _has(chosen, a)], base, seconds)
         if best is None:
             break
         chosen.append(best)
@@ -148,26 +152,29 @@ def _channel(design: Design, c: int, terms: list[Term]) -> tuple[Array, list[Noi
     return multiplier, [driver for driver in found if driver.ratio > _LEAST_RATIO]
 
 
-def _windows(design: Design, c: int) -> _Windows | None:
-    """A channel's windows; None with too few good ones."""
+def _window_edges(design: Design) -> NDArray[np.int_]:
+    """First block of each window of 2 s, shape (W,); the same on all channels."""
     stack = design.stack
     per = max(1, round(WINDOW_S / stack.period))
     label = stack.run * (1 << 40) + stack.part_t.astype(np.int64) // max(1, round(per * stack.period))
-    edges = np.flatnonzero(np.diff(label, prepend=-1))
+    return np.flatnonzero(np.diff(label, prepend=-1))
+
+
+def _windows(design: Design, c: int, edges: NDArray[np.int_], means: Array) -> _Windows | None:
+    """A channel's windows; None with too few good ones. `means` of the design's columns, shape (W, K)."""
+    stack = design.stack
     rough = np.add.reduceat(np.concatenate([b.rough[:, c] for b in stack.blocks]), edges)
     pairs = np.add.reduceat(np.concatenate([b.pairs[:, c] for b in stack.blocks]), edges)
     good = (pairs >= 8) & (rough > 0.0)
     if good.sum() < _LEAST_WINDOWS:
         return None
     v = np.log(np.where(good, rough, 1.0) / np.maximum(pairs, 1.0))
-    counts = np.diff(np.append(edges, stack.t.size))[:, None]
-    columns = np.add.reduceat(design.columns, edges, axis=0) / counts
     steps = np.diff(v)[good[1:] & good[:-1]]
     sd = np.sqrt(np.median(steps**2) / CHI2_MEDIAN / 2.0)
     return _Windows(
         channel=c,
         log_variance=v - np.median(v[good]),
-        columns=columns,
+        columns=means,
         good=good,
         sd=max(sd, 1e-3),
         cell=stack.cell[edges],

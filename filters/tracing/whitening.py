@@ -238,13 +238,16 @@ def _whiten_twice(columns, t, starts, variance, tau, level, out):  # type: ignor
 def unbiased(columns: Array, run: NDArray[np.int_], variance: Array) -> Array:
     """Columns over their standard deviations, less each run's weighted mean: `whiten` without drift, in closed form."""
     precision = 1.0 / variance
-    total = np.bincount(run, precision)
-    out = np.empty_like(columns)
-    root = np.sqrt(precision)
-    for j in range(columns.shape[1]):
-        mean = np.bincount(run, precision * columns[:, j]) / np.maximum(total, 1e-300)
-        out[:, j] = root * (columns[:, j] - mean[run])
-    return out
+    total = np.maximum(np.bincount(run, precision), 1e-300)
+    mean = _sums(columns, run, precision, total.size) / total[:, None]
+    return np.asarray(np.sqrt(precision)[:, None] * (columns - mean[run]))
+
+
+def _sums(columns: Array, run: NDArray[np.int_], weight: Array, count: int) -> Array:
+    """Weighted sum of each column over each run, shape (count, k)."""
+    of_run = np.zeros((count, run.size))
+    of_run[run, np.arange(run.size)] = weight
+    return of_run @ columns
 
 
 def unbiased_parts(
@@ -253,11 +256,8 @@ def unbiased_parts(
     """The same of columns that come in parts, rows with their columns, and are gone through twice."""
     precision = 1.0 / variance
     total = np.maximum(np.bincount(run, precision), 1e-300)
-    mean: Array = np.zeros((total.size, 0))
-    for rows, part in parts():
-        sums = [np.bincount(run[rows], precision[rows] * column, total.size) for column in part.T]
-        mean = np.asarray(np.stack(sums, axis=1) + (mean if mean.size else 0.0))
-    mean = mean / total[:, None]
+    sums = sum(_sums(part, run[rows], precision[rows], total.size) for rows, part in parts())
+    mean = sums / total[:, None]
     root = np.sqrt(precision)
     for rows, part in parts():
         part -= mean[run[rows]]

@@ -107,16 +107,16 @@ def test_the_held_out_error_comes_down_to_its_floor(seed: int) -> None:
     ],
 )
 def test_drift_that_was_fitted_is_honest_on_another_run(drift: Effect) -> None:
-    """√NIS of the held-out run is near one over six units, and within its band as often as a fitted level allows."""
+    """√NIS of the held-out run is near one over four units, and within its band as often as a fitted level allows."""
     figures = []
-    for seed in range(6):
+    for seed in range(4):
         runs = power_ons(drift, seed=seed, hz=4.0)
         figures.append(errors(trace(runs[:2], runs[2], seed=seed), "nis", "ax"))
     squares = np.array([f["after"] ** 2 for f in figures])
     assert np.mean([f["before"] for f in figures]) > 1.5
     # levels are known to a tenth from two runs of 15 minutes, which makes it a little more than one
     assert np.mean(squares) == pytest.approx(1.1, abs=0.2)
-    assert sum(f["ci95"][0] < 1.0 < f["ci95"][1] for f in figures) >= 4
+    assert sum(f["ci95"][0] < 1.0 < f["ci95"][1] for f in figures) >= 3
 
 
 def test_one_cold_start_is_never_better_than_confounded() -> None:
