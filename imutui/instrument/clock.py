@@ -30,8 +30,10 @@ _LONGEST_HOLD_NS = 0.8e9
 _MOST_HELD = 4096
 # how well the tick must be known to tell wraps apart after a pause, as a part of one
 _AMBIGUOUS = 0.25
+# in so short a time no unit pauses by itself: what is missing on a quiet line was lost
+_LONGEST_LOSS_NS = 60e6
 # where packets are rare, what is waited for is so many of them
-_OPENING_PERIODS, _CAUGHT_UP_PERIODS, _HOLD_PERIODS = 2.5, 2.5, 4.0
+_OPENING_PERIODS, _CAUGHT_UP_PERIODS, _HOLD_PERIODS, _LOSS_PERIODS = 2.5, 2.5, 4.0, 5.5
 _LOOP_NS = 7.5e6
 _POLL_UNCERTAINTY_NS = 20e6
 
@@ -131,6 +133,7 @@ class Clock:
         self._opening_ns = max(_OPENING_NS, _OPENING_PERIODS * period_ns)
         self._caught_up_ns = max(_CAUGHT_UP_NS, _CAUGHT_UP_PERIODS * period_ns)
         self._longest_hold_ns = max(_LONGEST_HOLD_NS, _HOLD_PERIODS * period_ns)
+        self._longest_loss_s = max(_LONGEST_LOSS_NS, _LOSS_PERIODS * period_ns) / 1e9
         self._count_by(counter)
         self._ticks: int | None = None
         self._host_ns = 0
@@ -356,7 +359,8 @@ class Clock:
         self._grid.advance(step, packets)
         missing, seconds = packets - 1, step * self.tick_ns / 1e9
         gap = None
-        if wraps and (packet.quiet or packet.contiguous or not regular):
+        silent = packet.quiet and not self._counter.counts_packets and seconds > self._longest_loss_s
+        if silent or (wraps and (packet.quiet or packet.contiguous or not regular)):
             # the unit may have sent nothing meanwhile, or everything
             gap = Gap(seconds, 0, missing + (not regular))
         elif moved > WRAP * self.tick_ns - _SLACK_NS:

@@ -20,12 +20,15 @@ class CounterSpec:
         +1 if it counts up, -1 if it counts down.
     may_count_packets : bool
         Whether units of the kind are known whose counter counts packets instead: its step tells.
+    counts_packets : bool
+        Whether it does: then it tells how many are missing even where the unit may have paused.
     """
 
     tick_ns: float = 790.0
     tick_tolerance: float = 0.006
     direction: int = -1
     may_count_packets: bool = False
+    counts_packets: bool = False
 
     def step(self, before: int, after: int) -> int:
         """Ticks from one value to a later one, less whole wraps."""
@@ -33,7 +36,7 @@ class CounterSpec:
 
     def of_packets(self, period_ns: float) -> "CounterSpec":
         """The same where each packet counts one, a period apart."""
-        return replace(self, tick_ns=period_ns, may_count_packets=False)
+        return replace(self, tick_ns=period_ns, may_count_packets=False, counts_packets=True)
 
 
 CROSSBOW = CounterSpec()

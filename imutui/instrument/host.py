@@ -159,6 +159,11 @@ class Host(Protocol):
         """How a unit that forgot how it was set up shows it, in words."""
         ...
 
+    @property
+    def streams_from_power_up(self) -> bool:
+        """Whether a unit sends as soon as it has power: that it sends does not say that it kept it."""
+        ...
+
     def find(self) -> Identity:
         """Find the unit's speed and ask who it is, and no more; raises InstrumentError if it is not there."""
         ...
@@ -227,8 +232,11 @@ class Host(Protocol):
         """Whether a packet alone leaves open that the unit forgot how it was set up."""
         ...
 
-    def has_forgotten(self, packet: DataPacket, before: DataPacket) -> bool:
-        """Whether a packet, after one that was right, shows that the unit forgot how it was set up."""
+    def has_forgotten(self, packet: DataPacket, before: DataPacket, elapsed_s: float | None = None) -> bool:
+        """Whether a packet, after one that was right, shows that the unit forgot how it was set up, or is another.
+
+        It arrived `elapsed_s` after the last packet that had it; None if an arrival does not say when it was sent.
+        """
         ...
 
     def set_up(self) -> bool:

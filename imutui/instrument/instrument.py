@@ -45,12 +45,16 @@ class Instrument:
         Rates of a stream; at each of them every packet is a sample.
     accel_sign : int
         +1 if it reads specific force, -1 if its sign is the other.
+    mode, mode_words : str
+        What its packets are, in two words and in a line.
     count_limits : tuple of int
         Least and largest count; a reading there says only "this or more".
     rate_range_dps, accel_range_g : float
-        Ranges, unless the configuration has others: words reach 1.5 times as far.
+        Ranges, unless the configuration has others, from which `scaling` has the size of a count where units differ.
     scaling : callable
         Makes the scaling from the ranges, deg/s and g.
+    zeroes_rates : bool
+        Whether it has a command that zeroes its rate sensors.
     check_zeroing : callable
         Raises ValueError for an argument of zeroing that cannot be sent.
     zeroing_patience_s : callable
@@ -68,10 +72,13 @@ class Instrument:
     packet_bytes: int
     rates_hz: tuple[float, ...]
     accel_sign: int
+    mode: str
+    mode_words: str
     count_limits: tuple[int, int]
     rate_range_dps: float
     accel_range_g: float
     scaling: Callable[[float, float], Scaling]
+    zeroes_rates: bool
     check_zeroing: Callable[[int], None]
     zeroing_patience_s: Callable[[int], float]
     status_names: Callable[[int], tuple[str, ...]] | None

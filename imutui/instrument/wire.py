@@ -98,7 +98,7 @@ class Wire(Generic[PacketT, CommandT]):
     def _suffer(self, fault: LineFault) -> None:
         match fault.kind:
             case "reset":
-                self._unit.power_up(self._now)
+                self._unit.power_up(self._now, fault.serial_number)
             case "mode_change":
                 self._unit.change_mode(self._now)
             case "pause":

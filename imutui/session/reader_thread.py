@@ -110,6 +110,7 @@ class Reader:
         self._has_line = True
         self._found: str | None = None
         self._last: DataPacket | None = None
+        self._in_time_ns = self.last_packet_ns
         self._has_mode = True
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
@@ -269,17 +270,28 @@ class Reader:
         behind: bool = False,
         requested_ns: int | None = None,
     ) -> None:
-        if self._poll_hz is None and self._last is not None and self._host.has_forgotten(packet, self._last):
+        if self._known is not None and not self._has_mode:
+            return  # of a unit that is to be set up first
+        if self._is_as_after_power_up(packet, None if behind else host_ns):
             self._set_up_soon()
             return
         if self._found is not None:
             self._emit(LineReturned(self.last_packet_ns, host_ns, self._found))
             self._found = None
         self.last_packet_ns, self._last = host_ns, packet
+        if not behind:
+            self._in_time_ns = host_ns
         bad = self._bad_checksums + counters.bad_checksums
         discarded = self._discarded_bytes + counters.discarded_bytes
         self._counted = bad, discarded
         self._emit(PacketArrival(packet, host_ns, contiguous, quiet, behind, bad, discarded, requested_ns))
+
+    def _is_as_after_power_up(self, packet: DataPacket, in_time_ns: int | None) -> bool:
+        """Whether a unit that streams forgot how it was set up; only one that is known can be set up again."""
+        if self._poll_hz is not None or self._last is None or self._known is None:
+            return False
+        elapsed_s = None if in_time_ns is None else (in_time_ns - self._in_time_ns) / 1e9
+        return self._host.has_forgotten(packet, self._last, elapsed_s)
 
     def _answers_as_after_power_up(self, packet: DataPacket, poller: Poller) -> bool:
         """Whether a polled unit forgot how it was set up: where a packet may say so, it is, and another asked for."""

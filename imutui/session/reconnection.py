@@ -185,6 +185,7 @@ def find_again(
     """
     port = host.port
     told: StillAway | None = None
+    streams = streams and not host.streams_from_power_up
     kept_power, unanswered = False, 0
     while not stopping.is_set():
         pause = _LOOK_S

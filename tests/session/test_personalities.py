@@ -1,16 +1,19 @@
 """Acquisitions of every kind of unit and line that a scenario can make: nothing crashes, the file holds what came.
 
+Of an IMU400CD and of an IMU381, whose packets tell a loss in ways of their own.
+
 The acquisition runs in this process, on pseudo-terminals, many at a time: most of each is waiting.
 """
 
 import re
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.processes import wait_until
 from helpers.units import served
@@ -21,13 +24,18 @@ from filters.simulation import Effect, Scenario
 from imutui.cli.virtual_readings import SimulatedReadings
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import InstrumentError
-from imutui.instrument.imu400 import handshake
-from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.imu400.messages import POWER_UP_BAUD, Mode, Packet
-from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
 from imutui.instrument.reading import Reading, Source
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.uut import unit as uut_unit
+from imutui.instrument.uut.counter import Meaning
+from imutui.instrument.uut.messages import PacketS1
+from imutui.instrument.uut.packet_makers import MeasuredPackets
+from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
+from imutui.instrument.virtual_instrument import VirtualInstrument
 from imutui.jobs import check
 from imutui.logbook import reader, schemas
 from imutui.session import exit_codes, reconnection
@@ -38,14 +46,17 @@ from imutui.session.snapshot import NO_SERIES, Snapshot
 
 LIMIT_S = 60.0
 _AT_ONCE = 6
-_WHILE = 15
+_WHILE_NS, _FEWEST = int(0.1e9), 3
 
 
 class Numbered:
     """Readings of a unit at rest but about X, where each tells its number, so that packets can be told apart."""
 
+    def __init__(self, count_dps: float = 300.0 / 2**15) -> None:
+        self._count_dps = count_dps
+
     def reading(self, k: int) -> Reading:
-        return Reading((k % 8192 * 300.0 / 2**15, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
+        return Reading((k % 8192 * self._count_dps, -0.2, 0.3), (0.0, 0.0, 0.998), 25.0)
 
 
 @dataclass
@@ -54,25 +65,31 @@ class Run:
 
     Attributes
     ----------
+    instrument : str
+        Name of the unit's kind.
     refused : str
         Why it did not begin.
-    sent : list of Packet
-        What the unit sent.
+    sent : list of tuple of int
+        Rates, forces, temperature and counter of each packet that the unit sent.
     sampled : list of int
         When, on the host's monotonic clock, ns.
     lost : int
         Packets between the first and the last that were recorded, less those.
-    modes : set of Mode
-        What the unit meant by those that were recorded.
+    modes : list of Mode or None
+        What the unit meant by each that it sent; None of units that have one way only.
+    recorded_modes : set of Mode or None
+        Those of the packets that were recorded.
     seen : Snapshot or None
         Its last.
     """
 
+    instrument: str
     refused: str = ""
-    sent: list[Packet] = field(default_factory=list)
+    sent: list[tuple[int, ...]] = field(default_factory=list)
     sampled: list[int] = field(default_factory=list)
     lost: int = 0
-    modes: set[Mode] = field(default_factory=set)
+    modes: list[Mode | None] = field(default_factory=list)
+    recorded_modes: set[Mode | None] = field(default_factory=set)
     exit_code: int = 0
     findings: list[EndFinding] = field(default_factory=list)
     seen: Snapshot | None = None
@@ -126,7 +143,7 @@ def losing(count: int) -> Callable[[Run], None]:
 def silent(run: Run) -> None:
     """Longer than the counter's wrap: how many were lost can be bounded only."""
     bounded(run)
-    assert run.lost == pytest.approx(40, abs=1)
+    assert run.lost == pytest.approx(0.3 * INSTRUMENTS[run.instrument].most_rate_hz, abs=1)
 
 
 def found_again(run: Run) -> None:
@@ -152,7 +169,7 @@ def set_up_again(run: Run) -> None:
     """Not one packet of voltages is taken for a reading; the unit is set up again."""
     found_again(run)
     assert run.event("measures in volts")
-    assert run.modes == {Mode.SCALED}
+    assert run.recorded_modes == {Mode.SCALED}
 
 
 def waited_for(run: Run) -> None:
@@ -189,11 +206,33 @@ class Personality:
 
     check: Callable[[Run], None] = went_well
     faults: tuple[LineFault, ...] = ()
-    unit: UnitOptions = field(default_factory=UnitOptions)
+    unit: UnitOptions | UutOptions = field(default_factory=UnitOptions)
     source: Callable[[], Source] = Numbered
     bursts_s: float = 0.0
     until: Callable[[Snapshot], bool] = for_a_second
     baud: int = POWER_UP_BAUD
+
+    @property
+    def instrument(self) -> str:
+        """Name of the unit's kind."""
+        return "imu400cd" if isinstance(self.unit, UnitOptions) else "imu381"
+
+    def made(self) -> VirtualInstrument[Any, Any]:
+        """The unit that has this personality."""
+        if isinstance(self.unit, UnitOptions):
+            return imu400_unit.VirtualUnit(self.source(), self.unit, seed=3)
+        return uut_unit.VirtualUnit(MeasuredPackets(self.source(), self.unit), self.unit, seed=3)
+
+
+def imu381(
+    check: Callable[[Run], None] = went_well,
+    faults: tuple[LineFault, ...] = (),
+    how: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> Personality:
+    """One of an IMU381."""
+    rest: dict[str, Any] = {"baud": 115200, "source": lambda: Numbered(1260.0 / 2**16), **(how or {})}
+    return Personality(check, faults, UutOptions(**options), **rest)
 
 
 def with_stuck_channel() -> Source:
@@ -240,28 +279,67 @@ PERSONALITIES = {
     "is another": Personality(
         refused_another, fault("hang_up", seconds=0.3, serial_number=7), until=another_is_refused
     ),
+    "(an IMU381) is plain": imu381(),
+    "(an IMU381) counts its packets": imu381(counter=Meaning.PACKETS),
+    "(an IMU381) drops bytes": imu381(losing(1), fault("drop_bytes", count=7)),
+    "(an IMU381) adds garbage": imu381(went_well, fault("garbage", count=40)),
+    "(an IMU381) turns bits": imu381(losing(3), fault("bit_flips", count=3)),
+    "(an IMU381) loses packets": imu381(losing(2), fault("lose_packets", count=2)),
+    "(an IMU381) counts packets and loses some": imu381(
+        losing(2), fault("lose_packets", count=2), counter=Meaning.PACKETS
+    ),
+    "(an IMU381) is silent": imu381(silent, fault("silence", seconds=0.3)),
+    "(an IMU381) stalls": imu381(went_well, fault("stall", seconds=0.7)),
+    "(an IMU381) has a backlog": imu381(went_well, fault("backlog", count=60)),
+    "(an IMU381) stutters": imu381(went_well, fault("stutter", seconds=0.2)),
+    "(an IMU381) pauses": imu381(went_well, fault("pause", seconds=0.5)),
+    "(an IMU381) bursts and loses": imu381(losing(3), fault("lose_packets", count=3), {"bursts_s": 0.016}),
+    "(an IMU381) stalls and loses": imu381(
+        losing(1), (*fault("stall", seconds=0.6), *fault("lose_packets", 0.8, count=1))
+    ),
+    "(an IMU381) runs fast": imu381(clock_skew_ppm=200.0),
+    "(an IMU381) answers late": imu381(reply_delay_s=0.7),
+    "(an IMU381) is reset": imu381(found_again, fault("reset")),
+    "(an IMU381) hangs up": imu381(found_again, fault("hang_up", seconds=0.3)),
+    "(an IMU381) loses its power": imu381(found_again, fault("hang_up", seconds=0.3, power=True)),
+    "(an IMU381) is another": imu381(
+        refused_another, fault("hang_up", seconds=0.3, serial_number=7), {"until": another_is_refused}
+    ),
 }
+
+
+def words_of(packet: Packet | PacketS1) -> tuple[int, ...]:
+    """Rates, forces, temperature and counter, as a log has them."""
+    if isinstance(packet, Packet):
+        return (*packet.rates, *packet.accels, packet.temperature, packet.ticks)
+    return (*packet.rates, *packet.accels, packet.rate_temperatures[0], packet.counter)
 
 
 def acquired(it: Personality, folder: Path) -> Run:
     """Record a unit of this personality, and compare what was recorded with what it sent."""
-    run = Run()
-    unit, line = VirtualUnit(it.source(), it.unit, seed=3), FaultyLine(it.faults, seed=3, bursts_s=it.bursts_s)
+    run = Run(it.instrument)
+    instrument = INSTRUMENTS[it.instrument]
+    line = FaultyLine(it.faults, seed=3, bursts_s=it.bursts_s)
     folder.mkdir()
 
-    def sent(packet: Packet, sampled_ns: int) -> None:
-        run.sent.append(packet)
+    def sent(packet: Packet | PacketS1, sampled_ns: int) -> None:
+        run.sent.append(words_of(packet))
+        run.modes.append(packet.mode if isinstance(packet, Packet) else None)
         run.sampled.append(sampled_ns)
 
-    device = served(unit, line=line, link=folder / "imu", on_packet=sent)
-    with device as path, Port(path, POWER_UP_BAUD) as port:
-        plan = Plan(path, logs=str(folder), record=True, filter="none", baud=it.baud)
+    device = served(it.made(), line=line, link=folder / "imu", on_packet=sent)
+    with device as path, Port(path, instrument.power_up_bauds[0]) as port:
+        plan = Plan(
+            path, instrument.most_rate_hz, instrument=it.instrument, logs=str(folder), record=True, filter="none",
+            baud=it.baud, accel_sign=instrument.accel_sign,
+        )  # fmt: skip
+        host = instrument.host(port, plan.rate_hz)
         try:
-            identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
+            identity = host.open(plan.baud)
         except InstrumentError as error:
             run.refused = str(error)
             return run
-        engine = Engine(plan, Imu400Host(port), identity)
+        engine = Engine(plan, host, identity)
         engine.start()
         wait_until(lambda: it.until(looked_at(engine)), LIMIT_S)
         engine.request_stop()
@@ -274,7 +352,7 @@ def acquired(it: Personality, folder: Path) -> Run:
     assert run.log.finished
     assert not run.log.damage
     numbers = recorded(run)
-    run.modes = {run.sent[number].mode for number in numbers}
+    run.recorded_modes = {run.modes[number] for number in numbers}
     run.lost = numbers[-1] - numbers[0] + 1 - len(numbers)
     stamped_as_said(run, numbers)
     checked_as_said(run)
@@ -306,8 +384,8 @@ def always_late(run: Run, numbers: list[int]) -> bool:
     """
     read = [packet.host_monotonic_ns for packet in run.log.raw]
     late = [ns - run.sampled[number] for ns, number in zip(read, numbers, strict=True)]
-    whiles = range(len(read) - _WHILE)
-    return any(read[k + _WHILE] - read[k] > 0.1e9 and min(late[k : k + _WHILE]) > 45e6 for k in whiles)
+    ends = np.searchsorted(read, np.array(read) + _WHILE_NS).tolist()
+    return any(end - k >= _FEWEST and min(late[k:end]) > 45e6 for k, end in enumerate(ends) if end < len(read))
 
 
 def looked_at(engine: Engine) -> Snapshot:
@@ -316,10 +394,9 @@ def looked_at(engine: Engine) -> Snapshot:
 
 def recorded(run: Run) -> list[int]:
     """Number among those sent of each packet that was recorded; each was sent, and they are in order."""
-    words = [(*packet.rates, *packet.accels, packet.temperature, packet.ticks) for packet in run.sent]
     numbers, start = [], 0
     for packet in run.log.raw:
-        start = words.index((*packet.counts, packet.temperature, packet.ticks), start) + 1
+        start = run.sent.index((*packet.counts, packet.temperature, packet.ticks), start) + 1
         numbers.append(start - 1)
     return numbers
 

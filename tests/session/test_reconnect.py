@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,16 @@ from helpers.processes import wait_until
 from helpers.terminal_server import TerminalServer
 from helpers.units import Still, served
 
+from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.identity import Identity
-from imutui.instrument.imu400 import handshake
 from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, SetMode, encode
-from imutui.instrument.imu400.host import Imu400Host
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.uut import unit as uut
+from imutui.instrument.uut.packet_makers import MeasuredPackets
+from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
 from imutui.session import client, reconnection
@@ -39,10 +42,20 @@ def unit(**options: Any) -> VirtualUnit:
     return VirtualUnit(Still(), UnitOptions(**({"serial_number": SERIAL} | options)))
 
 
+def imu381(serial_number: int = SERIAL) -> uut.VirtualUnit:
+    """One that has just been given power, and streams by itself."""
+    options = UutOptions(serial_number=serial_number)
+    return uut.VirtualUnit(MeasuredPackets(Still(), options), options, seed=serial_number)
+
+
+UNITS: dict[str, Callable[..., Any]] = {"imu400cd": unit, "imu381": imu381}
+of_both = pytest.mark.parametrize("name", list(UNITS))
+
+
 @contextmanager
-def plugged_in(link: Path, **options: Any) -> Iterator[None]:
+def plugged_in(link: Path, made: Callable[..., Any] = unit, **options: Any) -> Iterator[None]:
     """A unit on a pseudo-terminal that the link leads to; unplugged at the end."""
-    with served(unit(**options)) as device:
+    with served(made(**options)) as device:
         link.symlink_to(device)
         try:
             yield
@@ -63,7 +76,8 @@ class Run:
 
     def __init__(self, plan: Plan, port: Port) -> None:
         self.port = port
-        self.engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud, say=lambda text: None))
+        host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
+        self.engine = Engine(plan, host, host.open(plan.baud))
         self.engine.start()
 
     def seen(self) -> Any:
@@ -112,13 +126,20 @@ def without_timings(document: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in document.items() if key not in TIMINGS}
 
 
-def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Path) -> None:
+def asked_of(name: str) -> dict[str, Any]:
+    """What a plan has for an instrument."""
+    it = INSTRUMENTS[name]
+    return {"instrument": name, "rate_hz": it.most_rate_hz, "accel_sign": it.accel_sign}
+
+
+@of_both
+def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Path, name: str) -> None:
     """Noticed at once, back soon after it is there; the gap is an event; live and replayed results are equal."""
     link = home / "imu"
     with ExitStack() as stack:
-        other = stack.enter_context(served(unit()))  # there already, so that it has a name of its own
-        with plugged_in(link):
-            run = stack.enter_context(acquiring(home, str(link), filter="spkf"))
+        other = stack.enter_context(served(UNITS[name]()))  # there already, so that it has a name of its own
+        with plugged_in(link, UNITS[name]):
+            run = stack.enter_context(acquiring(home, str(link), filter="spkf", **asked_of(name)))
             run.more_packets(100)
             unplugged = time.monotonic()
         run.wait_until_lost()
@@ -134,26 +155,30 @@ def test_the_same_unit_returns_under_another_name_and_one_file_goes_on(home: Pat
     texts = [event.text for event in reader.read(log).events]
     assert str(link) in only(texts, "went away")
     assert f"serial number {SERIAL}" in only(texts, "the unit is back")
+    # one that streams from power-up on says nothing of its power by it
+    assert ("sending" in only(texts, "the unit is back")) == (name == "imu400cd")
     # a busy machine may hold up the unit as well, by less
-    assert len([gap for gap in live["gaps"] if gap["seconds"] > 0.5]) == 1
+    away = {"imu400cd": 0.5, "imu381": 0.25}[name]  # one that streams by itself is back sooner
+    assert len([gap for gap in live["gaps"] if gap["seconds"] > away]) == 1
     assert without_timings(live) == without_timings(json.loads(imutui("replay", str(log), "--json", check=1).stdout))
     assert "finished" in imutui("check", str(log), check=1).stdout
     assert json.loads(imutui("info", str(log), "--json").stdout)["finished"]
 
 
-def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(home: Path) -> None:
+@of_both
+def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(home: Path, name: str) -> None:
     """Not one of its packets is in the file; the words name both serial numbers, once."""
     link = home / "imu"
     with ExitStack() as stack:
-        with plugged_in(link):
-            run = stack.enter_context(acquiring(home, str(link)))
+        with plugged_in(link, UNITS[name]):
+            run = stack.enter_context(acquiring(home, str(link), **asked_of(name)))
             run.more_packets()
         run.wait_until_lost()
         count = run.seen()["packets"]
-        with plugged_in(link, serial_number=17):
+        with plugged_in(link, UNITS[name], serial_number=17):
             wait_until(lambda: "serial number 17" in run.seen()["reconnecting"]["waits_for"])
         assert run.seen()["packets"] == count
-        with plugged_in(link):
+        with plugged_in(link, UNITS[name]):
             run.more_packets()
             texts, _ = run.end()
     refused = only(texts, "refused")
@@ -249,6 +274,16 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
         assert "no packets for" in "".join(texts)
     assert f"serial number {SERIAL}" in only(texts, "the unit is back")
     assert {packet.counts[5] for packet in log.raw} == {log.raw[0].counts[5]}
+
+
+def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_there(home: Path) -> None:
+    """An IMU381's plug was put onto another one in mid-stream: no packet of that one is used once it is known."""
+    line = FaultyLine((LineFault(1.0, "reset", serial_number=17),))
+    with served(imu381(), line=line) as device, acquiring(home, device, **asked_of("imu381")) as run:
+        wait_until(lambda: "serial number 17" in str((run.seen()["reconnecting"] or {}).get("waits_for")))
+        texts, log = run.end()
+    assert "refused" in "".join(texts)
+    assert len(log.raw) < 130
 
 
 def test_a_stream_that_falls_into_volts_is_set_right(home: Path) -> None:

@@ -76,6 +76,7 @@ class Imu400Host:
     """
 
     as_after_power_up = "the unit measures in volts, as after power-up"
+    streams_from_power_up = False
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         del rate_hz
@@ -142,8 +143,9 @@ class Imu400Host:
         """Whether all six words would do as voltages."""
         return measurement_mode.may_be_volts(packet)
 
-    def has_forgotten(self, packet: DataPacket, before: DataPacket) -> bool:
+    def has_forgotten(self, packet: DataPacket, before: DataPacket, elapsed_s: float | None = None) -> bool:
         """Whether the unit measures in volts again."""
+        del elapsed_s
         return measurement_mode.is_volts(packet, before)
 
     def set_up(self) -> bool:

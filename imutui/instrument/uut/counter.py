@@ -1,25 +1,32 @@
-"""What the counter of S1 counts, and how many packets are missing by it; no I/O, reads no clock.
+"""What the counter of S1 counts, and whether a unit began anew by it; no I/O, reads no clock.
 
 The documents of the 440 and the 380 have it count packets. The 381 that was recorded, and the 383, count time, 65536 a
 second, so that the counter wraps each second: whole seconds that are missing can't be seen in it, and at 1 Hz it says
-nothing at all. Its step tells which it is, and arrival tells of what is beyond its wrap, if only as a bound: a line
-that was held up looks the same at first.
+nothing at all. Its step tells which it is. How many packets are missing is told by `clock.Clock`.
 """
 
 import enum
 import math
-from dataclasses import dataclass
 
 SPAN = 1 << 16
 COUNTS_PER_SECOND = 65536
 """Where it counts time. Some drivers have 65535 for it; a unit that was recorded keeps to this exactly."""
 
-# Steps of a time counter are rounded to whole counts, and its loop is its own clock.
-_TOLERANCE_COUNTS = 2
-# So many steps alike tell the meaning.
-_ENOUGH = 2
-# A count of packets that is so much ahead of the time of arrival has begun anew.
-_ANEW_S = 10.0
+# a step of time differs by so much from a packet's, as a part of it, where the loop of another unit is less regular
+_TOLERANCE = 0.1
+# a step over several packets is that of none where it is so far from whole ones; steps are rounded to whole counts
+_IRREGULAR, _COUNTS = 0.02, 2.0
+# so many packets in a row that are as far apart: the unit sends at another rate
+_SLOWER, _SLOWER_IN_A_ROW = 1.5, 8
+# who was silent for so long may be another by now
+_ABSENT_S, _ABSENT_PERIODS = 1.0, 3.5
+# no unit is up again sooner; and a host that was held up makes nobody begin anew
+_LEAST_PAUSE_S, _LEAST_MISMATCH_S, _MOST_AHEAD_S = 0.05, 0.02, 0.1
+_HELD_UP_PERIODS = 2.5
+# a network that was held up may from then on be so much slower
+_LATER_BY_S = 0.2
+# a count of packets that is so much ahead of the time of arrival, or behind it, is another's
+_PACKETS_AHEAD_S, _PACKETS_BEHIND_S = 10.0, 0.5
 
 
 class Meaning(enum.Enum):
@@ -30,16 +37,10 @@ class Meaning(enum.Enum):
     TIME = "time"
 
 
-@dataclass(frozen=True, slots=True)
-class Missing:
-    """Bounds of how many packets are missing before one: equal where the counter decides it."""
+class CounterWatch:
+    """Tells from each packet's counter whether the unit was reset, exchanged, or sends at another rate than asked.
 
-    least: int = 0
-    most: int = 0
-
-
-class StepCounter:
-    """Tells from each packet's counter how many are missing before it.
+    A unit of the family streams by itself from power-up on, at its own rate: nothing but the counter tells.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class StepCounter:
     Attributes
     ----------
     meaning : Meaning
-        What the counter counts, as far as it is known; it stays once it is.
+        What the counter counts, as far as it is known.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -62,73 +63,80 @@ class StepCounter:
             raise ValueError(f"`rate_hz` must be positive, not {rate_hz}")
         self.meaning = Meaning.UNKNOWN
         self._rate_hz = rate_hz
-        self._last: tuple[int, float] | None = None
-        self._seen = {Meaning.PACKETS: 0, Meaning.TIME: 0}
+        self._period = COUNTS_PER_SECOND / rate_hz
+        self._last: int | None = None
+        self._in_time: int | None = None
+        self._was_in_time = False
+        self._step, self._alike = 0, 0
 
-    def take(self, counter: int, arrival_s: float) -> Missing:
-        """Take a packet.
+    def began_anew(self, counter: int, elapsed_s: float | None) -> bool:
+        """Take a packet; whether it does not go on where the last one was.
 
         Parameters
         ----------
         counter : int
             0 to 65535.
-        arrival_s : float
-            When it came, s, on any one scale.
-
-        Returns
-        -------
-        Missing
-            Before this packet; none before the first one.
+        elapsed_s : float or None
+            Since the arrival of the last packet that had it, s; None if an arrival says nothing, since the host reads
+            what came earlier.
         """
-        if self._last is None:
-            self._last = counter, arrival_s
-            return Missing()
-        step, elapsed_s = (counter - self._last[0]) % SPAN, max(arrival_s - self._last[1], 0.0)
-        self._last = counter, arrival_s
-        self._learn(step)
-        if self.meaning is Meaning.PACKETS:
-            return self._by_packets(step, elapsed_s)
-        return self._by_time(step, elapsed_s) if self.meaning is Meaning.TIME else self._by_arrival(elapsed_s)
-
-    def restart(self) -> None:
-        """Take note that the next packet begins a new stretch; the meaning stays known."""
-        self._last = None
+        last, self._last = self._last, counter
+        in_time, follows = self._in_time, self._was_in_time
+        self._was_in_time = elapsed_s is not None
+        if self._was_in_time:
+            self._in_time = counter
+        if last is None or self._period >= SPAN:  # at 1 Hz a counter of time stands still
+            return False
+        step = (counter - last) % SPAN
+        if self.meaning is Meaning.UNKNOWN:
+            self._learn(step)
+            return False
+        if self.meaning is Meaning.TIME and self._is_other_rate(step):
+            return True
+        if elapsed_s is None or in_time is None:
+            return False
+        is_other = self._is_other_time if self.meaning is Meaning.TIME else self._is_other_count
+        return is_other((counter - in_time) % SPAN, elapsed_s, follows=follows)
 
     def _learn(self, step: int) -> None:
-        if self.meaning is not Meaning.UNKNOWN:
-            return
         if step == 1:  # as a time, no packet is so short
-            self._count(Meaning.PACKETS)
-        elif self._is_regular(step) and (round(step / self._period) >= 1 or self._period >= SPAN):
-            self._count(Meaning.TIME)
+            self.meaning = Meaning.PACKETS
+        elif self._is_next(step):
+            self.meaning = Meaning.TIME
 
-    def _count(self, meaning: Meaning) -> None:
-        self._seen[meaning] += 1
-        if self._seen[meaning] >= _ENOUGH:
-            self.meaning = meaning
+    def _is_next(self, step: int) -> bool:
+        return abs(step - self._period) <= _TOLERANCE * self._period
+
+    def _is_other_count(self, step: int, elapsed_s: float, *, follows: bool) -> bool:
+        """As `_is_other_time`, of a counter of packets."""
+        ahead_s = step / self._rate_hz - elapsed_s
+        absent = follows and step > 1 and elapsed_s > self._absent_s
+        return ahead_s > _PACKETS_AHEAD_S or (absent and ahead_s < -_PACKETS_BEHIND_S)
+
+    def _is_other_rate(self, step: int) -> bool:
+        """Whether packets come faster than the unit was told, or slower for long."""
+        is_slower = step > _SLOWER * self._period and abs(step - self._step) <= _TOLERANCE * self._period
+        self._step, self._alike = step, self._alike + 1 if is_slower else 0
+        return 0 < step < (1.0 - _TOLERANCE) * self._period or self._alike >= _SLOWER_IN_A_ROW
+
+    def _is_other_time(self, step: int, elapsed_s: float, *, follows: bool) -> bool:
+        """Whether no unit that goes on could have its counter there.
+
+        `step` and `elapsed_s` are since the last packet that was read in time; `follows` if none was read since.
+        """
+        if elapsed_s <= _LEAST_PAUSE_S or (follows and self._is_next(step)):
+            return False
+        if follows and elapsed_s > self._absent_s:
+            return True
+        late_s = elapsed_s - step / COUNTS_PER_SECOND
+        off_s = abs(math.remainder(late_s, 1.0))
+        irregular = abs(math.remainder(step, self._period)) > max(_IRREGULAR * self._period, _COUNTS)
+        # a line that was held up has the next packets already
+        least_s = 0.0 if irregular else _HELD_UP_PERIODS / self._rate_hz
+        if not (irregular or follows):
+            least_s += _LATER_BY_S
+        return late_s < -(_MOST_AHEAD_S + least_s) or off_s > max(_LEAST_MISMATCH_S, least_s)
 
     @property
-    def _period(self) -> float:
-        return COUNTS_PER_SECOND / self._rate_hz
-
-    def _is_regular(self, step: int) -> bool:
-        """Whether a step of time is that of whole packets."""
-        return abs(math.remainder(step, self._period)) <= _TOLERANCE_COUNTS
-
-    def _by_packets(self, step: int, elapsed_s: float) -> Missing:
-        if step / self._rate_hz > elapsed_s + _ANEW_S:
-            return self._by_arrival(elapsed_s)
-        wraps = max(0, round((elapsed_s * self._rate_hz - step) / SPAN))
-        least = max(step - 1, 0)
-        return Missing(least, least + SPAN * wraps)
-
-    def _by_time(self, step: int, elapsed_s: float) -> Missing:
-        if not self._is_regular(step):
-            return self._by_arrival(elapsed_s)  # the unit began anew
-        seconds = max(0, round(elapsed_s - step / COUNTS_PER_SECOND))
-        least = max(round(step / self._period) - 1, 0)
-        most = max(round((step + COUNTS_PER_SECOND * seconds) / self._period) - 1, 0)
-        return Missing(least, most)
-
-    def _by_arrival(self, elapsed_s: float) -> Missing:
-        return Missing(0, max(round(elapsed_s * self._rate_hz) - 1, 0))
+    def _absent_s(self) -> float:
+        return max(_ABSENT_S, _ABSENT_PERIODS / self._rate_hz)

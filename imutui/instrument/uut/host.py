@@ -11,7 +11,7 @@ from imutui.instrument.host import PATIENCE_S, QUICK_S, DataPacket, InstrumentEr
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.uut import readings
-from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN
+from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
 from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, Orientation, fits_line
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
 from imutui.instrument.uut.messages import Memory, PacketS1, Ping, SetFields
@@ -30,10 +30,10 @@ COUNTER = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1, may_count_packets=True)
 
 _S1 = int.from_bytes(b"S1", "big")
 _PING_S = 0.15
+# other programs wait for about a second
+_SLOW_PING_S = 1.5
 _QUIET_S, _QUIET_LIMIT_S = 0.06, 1.0
 _OWN = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE, Field.LOW_PASS_5, Field.LOW_PASS_6, Field.ORIENTATION)
-# a step that is so much shorter than a packet's time is that of another rate
-_SHORT = 0.9
 
 
 class UutHost:
@@ -48,7 +48,8 @@ class UutHost:
         for.
     """
 
-    as_after_power_up = "the unit sends other packets than it was told to, as after power-up"
+    as_after_power_up = "the unit sends other packets than it was told to, or its counter began anew, as after power-up"
+    streams_from_power_up = True
 
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         self.port = port
@@ -56,7 +57,7 @@ class UutHost:
         self._rate_hz = rate_hz
         self._own: dict[int, int] = {}
         self._divider = QUIET
-        self._counts_time = False
+        self._watch: CounterWatch | None = None
 
     @property
     def orientation(self) -> Orientation | None:
@@ -95,7 +96,8 @@ class UutHost:
     ) -> Identity:
         """Find the unit, identify it, read its fields and set its type of packet; it is quiet afterwards."""
         speeds = SPEEDS if thorough else _QUICK_SPEEDS
-        self._find_speed(dict.fromkeys((self.port.baud, baud or SPEEDS[0], *speeds)), min(patience_s, _PING_S))
+        likely = dict.fromkeys((self.port.baud, baud or SPEEDS[0], *speeds))
+        self._find_speed(likely, min(patience_s, _PING_S), patience_s if thorough else 0.0)
         requests = Requests(self.port, patience_s)
         identity = self._identify(requests)
         accept(identity)
@@ -112,6 +114,7 @@ class UutHost:
 
     def start(self) -> None:
         """Have the unit stream; whether it does is seen by what comes."""
+        self._watch = CounterWatch(RATE_OF_DIVIDER[self._divider])
         self.port.write(encode(SetFields(Memory.RAM, ((Field.RATE_DIVIDER, self._divider),))))
 
     def stop(self) -> None:
@@ -149,17 +152,12 @@ class UutHost:
         """Never: a packet that was asked for is of the type that was asked for."""
         return False
 
-    def has_forgotten(self, packet: DataPacket, before: DataPacket) -> bool:
-        """Whether packets are of another type, or come faster, than the unit was told."""
+    def has_forgotten(self, packet: DataPacket, before: DataPacket, elapsed_s: float | None = None) -> bool:
+        """Whether packets are of another type or rate than the unit was told, or their counter began anew."""
+        del before
         if isinstance(packet, readings.DataPacket) and not isinstance(packet.source, PacketS1):
             return True
-        period = COUNTS_PER_SECOND / RATE_OF_DIVIDER[self._divider]
-        step = (packet.ticks - before.ticks) % SPAN
-        if not self._counts_time:
-            # a counter of packets, which steps by one, says nothing of their rate
-            self._counts_time = abs(step - period) <= (1.0 - _SHORT) * period and step > 1
-            return False
-        return 0 < step < _SHORT * period
+        return self._watch is not None and self._watch.began_anew(packet.ticks, elapsed_s)
 
     def set_up(self) -> bool:
         """Set the type of packet anew; whether the unit has taken it."""
@@ -169,9 +167,12 @@ class UutHost:
         """Do nothing: the unit has no such command, which `instrument.check_zeroing` has said before."""
         return None
 
-    def _find_speed(self, speeds: Iterable[int], patience_s: float, *, bare: bool = False) -> None:
-        """Find the speed at which the unit answers a ping, and leave the port at it."""
-        for speed in speeds:
+    def _find_speed(self, speeds: Iterable[int], wait_s: float, longest_s: float = 0.0, *, bare: bool = False) -> None:
+        """Find the speed at which the unit answers a ping, soon or at last with patience; leave the port at it."""
+        usual = list(speeds)
+        waits = [(speed, wait_s) for speed in usual]
+        slow = [(speed, min(longest_s, _SLOW_PING_S)) for speed in usual if speed in _QUICK_SPEEDS and longest_s]
+        for speed, patience_s in waits + slow:
             self.port.set_baud(speed)
             self.port.discard_input()
             # what a frame that was cut off may have left in the unit ends with this

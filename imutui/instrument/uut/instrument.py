@@ -32,11 +32,14 @@ IMU381 = Instrument(
     packet_bytes=FIXED_LENGTHS[b"S1"] + OVERHEAD_BYTES,
     rates_hz=tuple(map(float, RATE_OF_DIVIDER.values())),
     accel_sign=1,
+    mode="packets S1",
+    mode_words="packets S1: rates, forces, four temperatures, status word",
     count_limits=COUNT_LIMITS,
-    # as the IMU400CD's words reach 1.5 times their range: 630 deg/s and 10 g
-    rate_range_dps=420.0,
-    accel_range_g=20.0 / 3.0,
+    # what the words of all of them hold: the sensors of each are good for less
+    rate_range_dps=630.0,
+    accel_range_g=10.0,
     scaling=_scaling,
+    zeroes_rates=False,
     check_zeroing=check_zeroing,
     zeroing_patience_s=lambda argument: 0.0,
     status_names=names_of_bits,

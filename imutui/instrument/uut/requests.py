@@ -75,13 +75,20 @@ class Requests:
 
     def fields(self, ids: tuple[int, ...]) -> dict[int, int]:
         """Fields in force, as far as there are such."""
-        reply = self.ask(GetFields(Memory.RAM, ids), Fields, lambda reply: reply.memory is Memory.RAM)
+        reply = self.ask(
+            GetFields(Memory.RAM, ids),
+            Fields,
+            lambda reply: reply.memory is Memory.RAM and dict(reply.values).keys() <= set(ids),
+        )
         return {} if reply is None else dict(reply.values)
 
     def put(self, values: dict[int, int]) -> bool:
         """Put fields in force, until the next power-up; whether the unit has taken all of them."""
+        # the reply of a slow unit may be that to an earlier request, of other fields
         reply = self.ask(
-            SetFields(Memory.RAM, tuple(values.items())), FieldsSet, lambda reply: reply.memory is Memory.RAM
+            SetFields(Memory.RAM, tuple(values.items())),
+            FieldsSet,
+            lambda reply: reply.memory is Memory.RAM and set(reply.ids) <= values.keys(),
         )
         return reply is not None and set(values) <= set(reply.ids)
 

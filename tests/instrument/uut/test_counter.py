@@ -1,91 +1,130 @@
-"""The two meanings of the counter, told apart by its step, and packets that are missing, with bounds."""
+"""The two meanings of the counter, told apart by its step, and units that began anew or send at another rate."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from imutui.instrument.uut.counter import SPAN, Meaning, Missing, StepCounter
+from imutui.instrument.uut.counter import SPAN, CounterWatch, Meaning
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import PacketS1
 
-RATES = [1, 2, 4, 5, 10, 20, 25, 50, 100, 200]
+RATES = [2, 4, 5, 10, 20, 25, 50, 100, 200]
 
 
-def time_at(n: int, rate_hz: float) -> int:
+def time_at(n: float, rate_hz: float) -> int:
     """Time counter of packet n."""
     return int(1000 + n * SPAN / rate_hz) % SPAN
 
 
-def packets_at(n: int, _: float) -> int:
+def packets_at(n: float, _: float) -> int:
     """Packet counter of packet n, that wraps soon."""
-    return (SPAN - 3 + n) % SPAN
+    return (SPAN - 3 + int(n)) % SPAN
 
 
-def taken(
-    numbers: Sequence[int], counter: Callable[[int, float], int], rate_hz: float, late_s: float = 0.0
-) -> tuple[StepCounter, list[Missing]]:
-    """What is missing before each of the packets of these numbers, the last one late."""
-    steps = StepCounter(rate_hz)
-    last = numbers[-1]
-    return steps, [steps.take(counter(n, rate_hz), n / rate_hz + late_s * (n == last)) for n in numbers]
+both = pytest.mark.parametrize("counter", [time_at, packets_at])
+Counter = Callable[[float, float], int]
+
+
+def watching(counter: Counter, rate_hz: float) -> CounterWatch:
+    """One that has seen ten packets of a unit that is well, the last of which is number 9."""
+    watch = CounterWatch(rate_hz)
+    assert not any(watch.began_anew(counter(n, rate_hz), 1.0 / rate_hz) for n in range(10))
+    return watch
 
 
 @pytest.mark.parametrize("rate_hz", RATES)
 @pytest.mark.parametrize(("counter", "meaning"), [(time_at, Meaning.TIME), (packets_at, Meaning.PACKETS)])
-def test_the_meaning_is_known_by_the_third_packet(
-    counter: Callable[[int, float], int], meaning: Meaning, rate_hz: float
-) -> None:
-    """At every rate, over a wrap; and nothing is missing."""
-    steps, missing = taken(range(3), counter, rate_hz)
-    assert steps.meaning is meaning
-    steps, missing = taken(range(300), counter, rate_hz)
-    assert set(missing) == {Missing(0, 0)}
+def test_the_meaning_is_known_by_the_second_packet(counter: Counter, meaning: Meaning, rate_hz: float) -> None:
+    """At every rate; and a unit that is well begins nothing anew, over many wraps."""
+    watch = CounterWatch(rate_hz)
+    assert [watch.began_anew(counter(n, rate_hz), 1.0 / rate_hz) for n in range(2)] == [False, False]
+    assert watch.meaning is meaning
+    assert not any(watch.began_anew(counter(n, rate_hz), 1.0 / rate_hz) for n in range(2, 1000))
 
 
-@pytest.mark.parametrize("rate_hz", RATES[2:])
-@pytest.mark.parametrize("counter", [time_at, packets_at])
-def test_packets_that_are_missing_are_counted(counter: Callable[[int, float], int], rate_hz: int) -> None:
-    """One, and as many as fit below a second: the counter decides, however late the packet is."""
-    for lost in (1, rate_hz // 2, rate_hz - 2):
-        _, missing = taken([0, 1, 2, 3 + lost], counter, rate_hz, late_s=0.3)
-        assert missing[-1] == Missing(lost, lost)
+@pytest.mark.parametrize("rate_hz", RATES)
+@both
+@pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.015])
+def test_packets_that_are_lost_are_no_new_beginning(counter: Counter, rate_hz: float, late_s: float) -> None:
+    """Nor a line that was held up, before them or behind them: then the next packets have come already."""
+    for lost in (1, 2, 9):
+        elapsed_s = (1 + lost) / rate_hz + late_s
+        if elapsed_s < max(1.0, 3.5 / rate_hz):
+            assert not watching(counter, rate_hz).began_anew(counter(10 + lost, rate_hz), elapsed_s)
+        assert not watching(counter, rate_hz).began_anew(counter(10 + lost, rate_hz), None)
+    assert not watching(counter, rate_hz).began_anew(counter(10, rate_hz), 0.0)
 
 
-def test_whole_seconds_are_a_bound_where_time_is_counted() -> None:
-    """Arrival says how many there may be: the line may have been held up as well."""
-    _, missing = taken([0, 1, 2, 3 + 2 * 20], time_at, 20)
-    assert missing[-1] == Missing(0, 40)
-    _, missing = taken([0, 1, 2, 3 + 2 * 20], packets_at, 20)
-    assert missing[-1] == Missing(40, 40)
+@pytest.mark.parametrize("rate_hz", RATES)
+@both
+def test_a_unit_that_was_reset_is_known(counter: Counter, rate_hz: float) -> None:
+    """By nearly every value that its counter may begin with; a host that was held up for as long is no reset."""
+    pause_s = 0.1 + 1.0 / rate_hz
+    starts = [(97 + 641 * k) % SPAN for k in range(100)]
+    known = [watching(counter, rate_hz).began_anew((counter(9, rate_hz) + start) % SPAN, pause_s) for start in starts]
+    assert sum(known) >= 80
+    assert not watching(counter, rate_hz).began_anew(counter(10, rate_hz), pause_s)
 
 
-def test_at_one_hertz_a_time_counter_says_nothing() -> None:
-    """Only arrival is left."""
-    steps, missing = taken([0, 1, 2, 6], time_at, 1)
-    assert steps.meaning is Meaning.TIME
-    assert missing[-1] == Missing(0, 3)
+def read_late(counter: Counter, rate_hz: float, behind: int, start: int, late_s: float) -> bool:
+    """Whether one is told, by the first packet in time after some that a host read late; `start` is added to each."""
+    watch = watching(counter, rate_hz)
+    told = [watch.began_anew((counter(10 + n, rate_hz) + start) % SPAN, None) for n in range(behind)]
+    told.append(watch.began_anew((counter(10 + behind, rate_hz) + start) % SPAN, (1 + behind) / rate_hz + late_s))
+    return any(told)
 
 
-@pytest.mark.parametrize(("counter", "anew"), [(time_at, 1234), (packets_at, 40000)])
-def test_a_counter_that_begins_anew_invents_no_loss(counter: Callable[[int, float], int], anew: int) -> None:
-    """A unit that restarted: nothing for sure, at most what the time would hold."""
-    steps, _ = taken([0, 1, 2], counter, 20)
-    assert steps.take(anew, 3.1) == Missing(0, 59)
-    steps.restart()
-    assert steps.take(7, 9.0) == Missing()
+@pytest.mark.parametrize("rate_hz", [5, 20, 50, 100])
+@pytest.mark.parametrize("behind", [1, 10, 300])
+def test_a_host_that_reads_late_knows_a_reset_by_the_first_packet_in_time(behind: int, rate_hz: float) -> None:
+    """It was held up for some packets, or for minutes; where the unit went on, it finds nothing."""
+    resets = [read_late(time_at, rate_hz, behind, 97 + 641 * k, 0.4) for k in range(100)]
+    assert sum(resets) >= 80
+    for late_s in (-1.0 / rate_hz, 0.0, 0.015, 1.0 / rate_hz):
+        assert not read_late(time_at, rate_hz, behind, 0, late_s)
+        assert not read_late(packets_at, rate_hz, behind, 0, late_s)
 
 
-def test_a_recorded_counter_counts_time_and_misses_nothing(recording: Callable[[str], Path]) -> None:
-    """Of a real unit at 20 Hz."""
-    raw = recording("aceinna_imu381_scale1.raw").read_bytes()
-    counters = [event.counter for event in Decoder().feed(raw) if isinstance(event, PacketS1)]
-    steps = StepCounter(20.0)
-    assert {steps.take(counter, n / 20) for n, counter in enumerate(counters)} == {Missing()}
-    assert steps.meaning is Meaning.TIME
+def test_a_packet_lost_after_whole_seconds_read_late_is_no_reset() -> None:
+    """The counter then stands where it stood when the host was last in time: that is no long absence."""
+    watch = watching(time_at, 100.0)
+    assert not any(watch.began_anew(time_at(10 + n, 100.0), None) for n in range(100))
+    assert not watch.began_anew(time_at(111, 100.0), 1.02)
 
 
-def test_a_rate_must_be_positive() -> None:
-    """A quiet unit has no step."""
-    with pytest.raises(ValueError, match="rate_hz"):
-        StepCounter(0.0)
+def test_a_unit_that_was_away_for_long_may_be_another() -> None:
+    """Where it counts time nothing tells; where it counts packets, the count goes on or it does not."""
+    assert watching(time_at, 20.0).began_anew(time_at(9 + 60, 20.0), 3.0)
+    assert not watching(time_at, 20.0).began_anew(time_at(10, 20.0), 3.0)
+    assert not watching(packets_at, 20.0).began_anew(packets_at(9 + 60, 20.0), 3.0)
+    assert watching(packets_at, 20.0).began_anew(packets_at(9 + 7, 20.0), 3.0)
+    assert watching(packets_at, 20.0).began_anew(0, 3.0)
+
+
+@pytest.mark.parametrize(("asked_hz", "sent_hz"), [(20, 100), (100, 20), (50, 25), (4, 50)])
+def test_a_unit_at_another_rate_than_asked_is_known(asked_hz: float, sent_hz: float) -> None:
+    """Faster at once, slower by some packets: so many would not be lost alike."""
+    watch = watching(time_at, asked_hz)
+    first = time_at(9, asked_hz)
+    counters = [(first + round(n * SPAN / sent_hz)) % SPAN for n in range(1, 12)]
+    told = [watch.began_anew(counter, 1.0 / sent_hz) for counter in counters]
+    assert told.index(True) == (0 if sent_hz > asked_hz else 8)
+
+
+def test_a_counter_that_says_nothing_invents_nothing() -> None:
+    """At 1 Hz a counter of time stands still; a rate is positive."""
+    watch = CounterWatch(1.0)
+    assert not any(watch.began_anew(17 + n % 2, 1.0) for n in range(20))
+    with pytest.raises(ValueError, match="`rate_hz` must be positive"):
+        CounterWatch(0.0)
+
+
+def test_what_a_real_unit_sent_never_begins_anew(recording: Callable[[str], Path]) -> None:
+    """1002 frames at 20 Hz, whose counter counts time."""
+    watch = CounterWatch(20.0)
+    events = Decoder().feed(recording("aceinna_imu381_scale1.raw").read_bytes())
+    counters = [event.counter for event in events if isinstance(event, PacketS1)]
+    assert len(counters) == 1002
+    assert not any(watch.began_anew(counter, 0.05) for counter in counters)
+    assert watch.meaning is Meaning.TIME

@@ -1,10 +1,13 @@
 """The host side of an IMU381 against a virtual unit on a pseudo-terminal, and against bytes that a real one sent."""
 
+import binascii
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, TypeGuard
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, TypeGuard
 
 import numpy as np
 import pytest
@@ -18,9 +21,11 @@ from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port
 from imutui.instrument.registry import which_answers
 from imutui.instrument.transmitter import transfer_s
+from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.host import UutHost
 from imutui.instrument.uut.instrument import IMU381
+from imutui.instrument.uut.messages import Fields, GetFields, Memory
 from imutui.instrument.uut.packet_makers import MeasuredPackets, PacketMaker, RecordedStream
 from imutui.instrument.uut.readings import DataPacket
 from imutui.instrument.uut.requests import Requests
@@ -38,7 +43,11 @@ OWN = tuple(int(field) for field, _ in IMU381ZA)
 
 @contextmanager
 def served(
-    packets: PacketMaker, options: UnitOptions, speed: float = 1.0, line: FaultyLine | None = None
+    packets: PacketMaker,
+    options: UnitOptions,
+    speed: float = 1.0,
+    line: FaultyLine | None = None,
+    tap: BinaryIO | None = None,
 ) -> Iterator[str]:
     """Port of a virtual unit on a pseudo-terminal."""
     ready: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -46,7 +55,7 @@ def served(
     unit = VirtualUnit(packets, options)
     arguments: dict[str, Any] = {
         "link": None,
-        "tap": None,
+        "tap": tap,
         "on_ready": ready.put,
         "log": lambda _: None,
         "stop": stop,
@@ -76,11 +85,15 @@ def acquired(host: UutHost, poll_hz: float | None, enough: Callable[[int], bool]
     reader = Reader(host, poll_hz, events.put)
     reader.start()
     found: list[PacketArrival] = []
+    until = time.monotonic() + 60.0
     try:
+        # asked again without an event: what the unit has sent is written down after the host has it
         while not enough(len(found)):
-            event = events.get(timeout=10.0)
-            assert isinstance(event, PacketArrival), event
-            found.append(event)
+            assert time.monotonic() < until, f"{len(found)} packets, and they are not enough"
+            with suppress(queue.Empty):
+                event = events.get(timeout=0.2)
+                assert isinstance(event, PacketArrival), event
+                found.append(event)
     finally:
         reader.stop()
         reader.join(10.0)
@@ -98,7 +111,7 @@ def stamped(clock: Clock, arrivals: list[PacketArrival]) -> list[Stamp]:
 
 @pytest.mark.parametrize("code", [5, 2])
 def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) -> None:
-    """Whatever its speed; it streams by itself before and after, and its fields are its own again."""
+    """Whatever its speed; it streams by itself before and after, with its own fields, and EEPROM is as it was."""
     fields = tuple((field, code if field == Field.BAUD else value) for field, value in IMU381ZA)
     with still(UnitOptions(fields=fields)) as name, Port(name, 38400) as port:
         host = UutHost(port, 50.0)
@@ -108,7 +121,11 @@ def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) ->
         found = acquired(host, None, lambda n: n >= 25)
         steps = np.diff([each.packet.ticks for each in found]) % 65536
         assert set(steps.tolist()) <= {1310, 1311}
-        assert Requests(port).fields(OWN) == {int(field): value for field, value in fields}
+        own = {int(field): value for field, value in fields}
+        assert Requests(port).fields(OWN) == own
+        kept = Requests(port).ask(GetFields(Memory.EEPROM, OWN), Fields)
+        assert kept is not None
+        assert dict(kept.values) == own
 
 
 def test_packets_are_asked_for_one_by_one() -> None:
@@ -136,25 +153,62 @@ def test_a_stream_that_the_line_does_not_carry_is_refused_in_words() -> None:
         UutHost(port, 100.0).open(None)
 
 
+DAMAGE = tuple(
+    LineFault(at, kind, count=count)
+    for at, kind, count in [
+        (1.0, "garbage", 40), (4.0, "drop_bytes", 3), (8.0, "drop_bytes", 28), (12.0, "bit_flips", 5),
+        (20.0, "garbage", 1), (24.0, "garbage", 300), (28.0, "drop_bytes", 100), (33.0, "lose_packets", 2),
+        (39.0, "bit_flips", 1), (46.0, "garbage", 31),
+    ]
+)  # fmt: skip
+
+
+def whole_frames(data: bytes) -> list[bytes]:
+    """Each S1 among bytes whose sum is right, wherever it is: found without the decoder that is judged."""
+    starts = [at for at in range(len(data) - 30) if data[at : at + 5] == b"UUS1\x18"]
+    frames = [data[at : at + 31] for at in starts]
+    return [frame for frame in frames if binascii.crc_hqx(frame[2:29], 0x1D0F) == int.from_bytes(frame[29:])]
+
+
 @pytest.mark.skipif(not STREAM.exists(), reason="the recorded stream is not here: ../shared/data")
-def test_a_recorded_stream_is_acquired_whole() -> None:
-    """All 1002 frames that a real unit sent, in order, counts as decoded; no loss is invented."""
+@pytest.mark.parametrize("damage", [(), DAMAGE], ids=["as it was sent", "damaged on the way"])
+def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFault, ...], tmp_path: Path) -> None:
+    """All 1002 that a real unit sent, or those that the line left whole, in order; counts as decoded, none invented."""
+    sent = whole_frames(STREAM.read_bytes())
+    last = sent[-1]
     stream = RecordedStream(STREAM.read_bytes())
     fields = {**dict(IMU381ZA), **dict(stream.only), Field.RATE_DIVIDER: 0}
     options = UnitOptions(fields=tuple(fields.items()), packet_types=(stream.kind,))
+    tap = tmp_path / "tap"
+
+    def all_came(count: int) -> bool:
+        sent = tap.read_bytes()
+        return sent[-31:] == last and len(whole_frames(sent)) == count
+
     # ten times as fast: the counter's tick is a tenth, and the stamps are the arrivals'
-    with served(stream, options, speed=10.0) as name, Port(name, 115200) as port:
+    with (
+        tap.open("wb", buffering=0) as sink,
+        served(stream, options, 10.0, FaultyLine(damage, seed=5), sink) as name,
+        Port(name, 115200) as port,
+    ):
         host = UutHost(port, 20.0)
         host.open(None)
-        found = acquired(host, None, lambda n: n == 1002)
+        found = acquired(host, None, all_came)
+        came = whole_frames(tap.read_bytes())
     packets = [each.packet for each in found]
-    assert all(isinstance(packet, DataPacket) for packet in packets)
+    assert [packet.source for packet in packets if isinstance(packet, DataPacket)] == Decoder().feed(b"".join(came))
+    if damage:
+        assert 980 <= len(packets) < 990
+        assert found[-1].bad_checksums >= 3
+        assert found[-1].discarded_bytes > 400
+    else:
+        assert (len(packets), found[-1].bad_checksums, found[-1].discarded_bytes) == (1002, 0, 0)
+    numbers = [sent.index(frame) for frame in came]
     decoded = np.load(DECODED)
     scaling = IMU381.scaling(1.0, 1.0)
-    assert np.allclose(scaling.rates_dps([p.rates for p in packets]), decoded["gyro"], atol=1e-4)
-    assert np.allclose(scaling.accels_g([p.accels for p in packets]), decoded["accel"], atol=1e-6)
-    assert np.allclose(scaling.temperature_degc([p.temperature for p in packets]), decoded["temp"], atol=1e-4)
-    assert (found[-1].bad_checksums, found[-1].discarded_bytes) == (0, 0)
+    assert np.allclose(scaling.rates_dps([p.rates for p in packets]), decoded["gyro"][numbers], atol=1e-4)
+    assert np.allclose(scaling.accels_g([p.accels for p in packets]), decoded["accel"][numbers], atol=1e-6)
+    assert np.allclose(scaling.temperature_degc([p.temperature for p in packets]), decoded["temp"][numbers], atol=1e-4)
 
 
 def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.00002) -> list[PacketArrival]:
