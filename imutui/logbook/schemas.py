@@ -135,11 +135,15 @@ class LogEvent:
     text: str
 
 
+Details = tuple[tuple[int, int, int], int, int]
+"""What an S1Packet has more: temperatures of the rate sensors, of the board, and the status word; counts."""
+
+
 @dataclass(frozen=True, slots=True)
 class RawPacket:
     """A packet as it came off the line; see the message definitions RawPacket and, with details, S1Packet.
 
-    `details` are the temperatures of the rate sensors and of the board, and the status word; None of a unit without.
+    `details` is None of a unit without.
     """
 
     sequence: int
@@ -149,7 +153,7 @@ class RawPacket:
     ticks: int
     mode: int = 0
     flags: int = 0
-    details: tuple[tuple[int, int, int], int, int] | None = None
+    details: Details | None = None
 
 
 def encode_raw(packet: RawPacket) -> bytes:

@@ -209,6 +209,17 @@ def test_the_crossbow_brings_its_own_figures(tmp_path: Path) -> None:
     assert np.all(run.latency > 0.0)
 
 
+def test_an_imu381_brings_the_size_of_its_counts(tmp_path: Path) -> None:
+    """Its low-pass filters are set in the unit: what they do is found, and not assumed."""
+    path = recorded(tmp_path / "a.mcap", profile(DWELLS), instrument="IMU381ZA-400")
+    run = read(path).run
+    assert run.lsb is not None
+    assert np.rad2deg(run.lsb[0]) == pytest.approx(1260.0 / 2**16)
+    assert run.lsb[5] / 9.80665 == pytest.approx(20.0 / 2**16)
+    assert run.bandwidth is None
+    assert not run.latency.any()
+
+
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 

@@ -25,14 +25,21 @@ from imutui.logbook.writer import LogWriter
 START = 1_795_257_000_000_000_000
 
 
-def written(path: Path, seconds: int = 4, rate: int = 5, *, finish: bool = True) -> bytes:
+DETAILS = ((-7, 8, 9), 10, 0x0002)
+
+
+def written(
+    path: Path, seconds: int = 4, rate: int = 5, *, finish: bool = True, details: schemas.Details | None = None
+) -> bytes:
     """A small log with a chunk a second and an attachment, in words of bytes."""
-    log = LogWriter(path, SessionInfo(serial_number="42", rate_hz=rate, kind="simulated"), "x = 1\n", START)
+    info = SessionInfo(serial_number="42", rate_hz=rate, kind="simulated")
+    raw_type = schemas.raw_type(details=details is not None)
+    log = LogWriter(path, info, "x = 1\n", START, raw_type=raw_type)
     log.attach("effects.toml", "application/toml", b"version = 1\n", START)
     rng = np.random.default_rng(5)
     for k in range(seconds * rate):
         stamp = START + k * 1_000_000_000 // rate
-        log.raw(schemas.RawPacket(k, k, (1, 2, 3, 4, 5, 6), 1587, 65535 - k), stamp, stamp)
+        log.raw(schemas.RawPacket(k, k, (1, 2, 3, 4, 5, 6), 1587, 65535 - k, details=details), stamp, stamp)
         log.imu(stamp, stamp, rng.normal(size=3), rng.normal(size=3))
         if k % rate == rate - 1:
             log.message(schemas.EVENTS, schemas.event(stamp, "mark", f"mark {k}"), stamp, stamp)
@@ -163,17 +170,19 @@ def test_a_flipped_byte_costs_its_chunk_and_nothing_else(tmp_path: Path) -> None
         assert not document["readable"] or reader.read(output).finished
 
 
-def test_a_lost_first_chunk_takes_no_other_with_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("details", [None, DETAILS], ids=["RawPacket", "S1Packet"])
+def test_a_lost_first_chunk_takes_no_other_with_it(tmp_path: Path, details: schemas.Details | None) -> None:
     """The list of topics is in the first chunk: it comes from the summary, else from what imutui always writes."""
-    data = written(tmp_path / "a.mcap")
+    data = written(tmp_path / "a.mcap", details=details)
     (at, _), (second, _), *_ = chunks(data)
     broken = data[: at + 100] + bytes(50) + data[at + 150 :]
     for end in (None, -600):
         document, output = recovered(made(tmp_path / "b.mcap", broken[:end]))
-        log = reader.read(output)
+        log = reader.read(output, raw=True)
         assert log.stamp_ns.size == 15
         assert [event.text for event in log.events] == ["mark 9", "mark 14", "mark 19"]
         assert document["lost"]["samples"] == 5
+        assert [packet.details for packet in log.raw] == [details] * 15
     assert any("list of topics" in sentence for sentence in document["sentences"])
     assert second > at
 
