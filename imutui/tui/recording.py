@@ -1,5 +1,6 @@
 """What is asked of the acquisition while it runs: recordings, marks, the guide, and whatever a page asks."""
 
+import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
@@ -22,6 +23,7 @@ _NOTE_HINT = (
     "Enter records, with or without a note; it can be changed while the recording runs: n on page 3. Esc: not yet."
 )
 
+_SEEN_S = 2.0
 # Dialogs' callbacks run in the app's own message queue: whatever takes a while must be a worker.
 
 
@@ -38,14 +40,17 @@ class RecordingControl:
         self._context = context
         self._finished: list[tuple[str, str]] = []
         self._under_way = False
+        self._seen: Callable[[], bool] = lambda: True
+        self._seen_by = 0.0
 
     def toggle(self) -> None:
         """Begin a recording, or finish the one that runs."""
         context, client = self._context, self._context.connection.client
-        if client is None or self._under_way:  # a key that came twice is no wish to undo what the first one asked for
+        # a key that came twice is no wish to undo what the first one asked for
+        if client is None or self._under_way or (time.monotonic() < self._seen_by and not self._seen()):
             return
         if context.recording is not None:
-            context.work(self._recorded(lambda: self._finish(client)), "record")
+            self._start(lambda: self._finish(client))
             return
         try:
             wish = self._wish() or RecordingWish()
@@ -53,7 +58,7 @@ class RecordingControl:
             context.say(f"not recorded: {error}", "bad")
             return
         if self._note(wish):
-            context.work(self._recorded(lambda: self._begin(client, wish)), "record")
+            self._start(lambda: self._begin(client, wish))
         else:
             self._ask_for_note(client, wish)
 
@@ -66,18 +71,23 @@ class RecordingControl:
         def entered(answer: tuple[str, str] | None) -> None:
             if answer is not None:
                 noted = replace(wish, note=answer[0])
-                self._context.work(self._recorded(lambda: self._begin(client, noted)), "record")
+                self._start(lambda: self._begin(client, noted))
 
         self._context.app.push_screen(NoteDialog("A note for this recording", _NOTE_HINT), entered)
 
     def begin_guide(self) -> None:
         """Begin to guide through the profile, with a recording if none runs."""
-        context, client = self._context, self._context.connection.client
+        client = self._context.connection.client
         if client is not None:
-            context.work(self._recorded(lambda: self._begin_guide(client)), "record")
+            self._start(lambda: self._begin_guide(client))
+
+    def _start(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Do what was asked for, unless something else is under way."""
+        if not self._under_way:
+            self._under_way = True
+            self._context.work(self._recorded(steps), "record")
 
     async def _recorded(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        self._under_way = True
         try:
             await self._context.guarded(steps)
         except ValueError as error:  # the form asks what cannot be
@@ -89,6 +99,7 @@ class RecordingControl:
         path = await in_thread(lambda: client.record(wish))
         self._begun()
         self._context.say(messages.recording_to(path, self._context.connection.newest), "good")
+        self._shall_see(lambda: self._context.recording is not None)
 
     async def _finish(self, client: Client) -> None:
         context, recording = self._context, self._context.recording
@@ -97,6 +108,12 @@ class RecordingControl:
         self.tell_page(text.finished(recording, result))
         shown = context.front is not None and context.front is context.record_page
         context.say("the file is finished" if shown else messages.finished(recording, result), "good")
+        path = None if recording is None else recording["path"]
+        self._shall_see(lambda: context.recording is None or context.recording["path"] != path)
+
+    def _shall_see(self, seen: Callable[[], bool]) -> None:
+        """Leave out keys until the newest snapshot shows what was done, a little while at most: they meant that."""
+        self._seen, self._seen_by = seen, time.monotonic() + _SEEN_S
 
     async def _begin_guide(self, client: Client) -> None:
         recording = self._context.recording

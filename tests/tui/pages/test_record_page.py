@@ -100,7 +100,11 @@ async def test_a_key_that_comes_twice_finishes_one_recording() -> None:
     client.recording = True
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "● REC")
+        client.changes["recording"] = client.snapshot()["recording"]  # what is on the screen is older than the end
         await pilot.press("3", "r", "r")
+        await shows(pilot, "the file is finished")
+        await pilot.press("r")
+        del client.changes["recording"]
         await shows(pilot, "wrote     ", "15246 samples")
         assert client.asked == ["stop_recording"]
 
