@@ -1,5 +1,6 @@
 """What tests share: where measured recordings lie, and acquisitions that cannot meet each other."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -45,13 +46,24 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return (os.cpu_count() or 1) + 2
 
 
-LONG = ("undeclared", "test_trace_wire.py", "test_tmux.py", "remote", "test_snapshots.py", "test_dialogs.py")
-"""Folders and modules whose tests take longest."""
+LONG = (
+    *("undeclared", "test_trace_wire.py", "test_tmux.py", "remote", "test_snapshots.py", "test_dialogs.py"),
+    *("test_personalities.py", "test_slow_replies.py", "test_bad_devices.py", "test_host.py"),
+)
+"""Folders and modules whose tests take longest, at work or waiting."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest first: at the end one worker would be at them alone."""
     items.sort(key=lambda item: not any(part in LONG for part in item.path.parts))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Tests and modules stay: looking through them for garbage again and again would take a fifth of their time."""
+    del session
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 10, 3)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -4,6 +4,7 @@ What the filter needs (compiler, compiled step, statistics) takes seconds to loa
 longer to compile. It is loaded in a thread after the first packet is on the disk; nothing here imports it before.
 """
 
+import gc
 import importlib
 import threading
 import time
@@ -67,6 +68,8 @@ class Preparation:
         finally:
             # if that failed, the first step will say why
             self.ready.set()
+            # a search through all that was loaded for garbage would make the reader late
+            gc.freeze()
 
 
 PLAIN, WITH_EFFECTS = Preparation(effects=False), Preparation(effects=True)
