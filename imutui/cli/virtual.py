@@ -67,8 +67,8 @@ def command(
     Its port is the first line on stdout.
     It answers like the unit: ping, version, serial number, modes, polled and continuous packets at 133.3 Hz, auto-baud;
     the IMU381 identity, configuration fields and packets S0 and S1 at 100 Hz or slower, 115200 baud at first.
-    Commands received are logged on stderr. Its readings are simulated (Table 1 biases and noise, drawn from the seed)
-    or made by a scenario's file, or played from a recording; time starts with the first request for data.
+    Commands received are logged on stderr. Its readings are simulated (biases and noise of its data sheet, drawn from
+    the seed) or made by a scenario's file, or played from a recording; time starts with the first request for data.
     With a recording and a scenario, the scenario's motion, temperature and effects are added to what was recorded:
     such readings are called simulated. A file *.raw is a stream that an IMU381 sent: it is played byte for byte, from
     its beginning each time that a host asks for its rate. Ctrl+C ends it.

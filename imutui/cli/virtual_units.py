@@ -123,7 +123,11 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     )
     faults, bursts = faults_of(made), made.personality.usb_bursts
     line = FaultyLine(faults, None, made.seed, bursts) if faults or bursts else None
-    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, "")
+    said = (
+        f"plays {path.name} as {_RECORDED_TEXT.split()[0]} #{options.serial_number}, and a host calls that measured:"
+        " only for bytes that a real unit sent"
+    )
+    return VirtualSetting(uut.VirtualUnit(stream, options, made.seed), line, said)
 
 
 def _made(asked: Asked, *unit: Any) -> UnitOnTheLine:

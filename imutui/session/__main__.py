@@ -4,6 +4,7 @@ Its first line on stdout says whether it runs, as JSON; started by `client.start
 """
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -43,6 +44,9 @@ def main() -> int:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
+    # and what is loaded stays: a search through all of it for garbage would hold everything up
+    gc.freeze()
+    gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(sys.stdin.readline())
     try:
         if plan.record:  # before the unit is touched
@@ -69,9 +73,17 @@ def main() -> int:
 
 
 def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
+    is_named = bool(plan.instrument) and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
-    engine = Engine(plan, host, host.open(plan.baud), stream)
+    try:
+        identity = host.open(plan.baud)
+    except InstrumentError as error:
+        if is_named:
+            only = f"Only an {plan.instrument} was looked for; without --instrument the unit is asked which it is."
+            raise InstrumentError(f"{error} {only}") from error
+        raise
+    engine = Engine(plan, host, identity, stream)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()

@@ -116,6 +116,7 @@ class ChannelStatistics:
             "stretches": self._stretches,
             "period_s": period,
             "white": white,
+            "white_of": self._spec.source,
             "bandwidth_hz": bandwidth,
             "allan": None if period is None else self._allan_of(channel, period),
             "spectrum": None if period is None else self._spectrum_of(channel, period),

@@ -218,11 +218,11 @@ def effect_labels(text: str) -> tuple[str, ...]:
     return tuple(f"{'/'.join(effect.channels)} {effect.effect}" for effect in effects_file.parse(text.encode()).effects)
 
 
-def default_path(logs: Path, serial_number: str, note: str) -> Path:
-    """Name of a recording that does not exist yet: unit, UTC, note."""
+def default_path(logs: Path, instrument: str, serial_number: str, note: str) -> Path:
+    """Name of a recording that does not exist yet: kind of unit, as command lines call it, its number, UTC, note."""
     slug = re.sub(r"[^A-Za-z0-9]+", "-", note).strip("-").lower()[:40]
     stem = "_".join(
-        part for part in ("imu400cd", serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
+        part for part in (instrument, serial_number, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime()), slug) if part
     )
     path, number = logs / f"{stem}.mcap", 2
     while path.exists():

@@ -67,9 +67,9 @@ class RecordingWish:
 _TEXTS = {"note": NOTE_LIMIT, "operator": NAME_LIMIT, "place": NAME_LIMIT, "table": NAME_LIMIT}
 
 
-def _not_given(rate_hz: float, instrument: Instrument) -> str:
-    gives = f"the {instrument.model} gives {MIN_RATE_HZ} to {instrument.most_rate_hz:g} Hz"
-    return f"`rate` is {rate_hz:g} Hz; {gives}"
+def _not_given(rate_hz: float, *instruments: Instrument) -> str:
+    gives = [f"the {each.model} gives {MIN_RATE_HZ} to {each.most_rate_hz:g} Hz" for each in instruments]
+    return f"`rate` is {rate_hz:g} Hz; {', '.join(gives)}"
 
 
 def _clean(record: "RecordingWish | Plan") -> None:
@@ -187,10 +187,10 @@ class Plan:
     def __post_init__(self) -> None:
         if self.instrument and self.instrument not in INSTRUMENTS:
             raise ValueError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
-        named = INSTRUMENTS[self.instrument or DEFAULT]
-        most = named.most_rate_hz if "rate_hz" in self.explicit else MAX_RATE_HZ
+        possible = [INSTRUMENTS[self.instrument]] if self.instrument else list(INSTRUMENTS.values())
+        most = max(each.most_rate_hz for each in possible) if "rate_hz" in self.explicit else MAX_RATE_HZ
         if not MIN_RATE_HZ <= self.rate_hz <= most:
-            raise ValueError(_not_given(self.rate_hz, named))
+            raise ValueError(_not_given(self.rate_hz, *possible))
         if self.sampling not in SAMPLINGS:
             raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
         if not self.baud > 0:
@@ -207,6 +207,10 @@ class Plan:
             raise ValueError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
             )
+
+    def asking(self) -> "Plan":
+        """The plan where whatever answers at its port is taken; a virtual instrument of its own is the usual one."""
+        return replace(self, instrument=DEFAULT if self.port == VIRTUAL_PORT else "")
 
     def of_instrument(self, name: str) -> "Plan":
         """The plan for an instrument: what nobody chose is as that one has it.

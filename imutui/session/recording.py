@@ -73,7 +73,7 @@ class Recording:
         path: Path | None,
         stream: LiveStream | None = None,
     ) -> None:
-        path = path or default_path(Path(plan.logs), info.serial_number, note)
+        path = path or default_path(Path(plan.logs), plan.instrument, info.serial_number, note)
         self.guard = DiskGuard(plan.min_free_mb)
         self.guard.refuse(path.parent)
         own = _new_id()

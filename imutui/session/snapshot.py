@@ -260,7 +260,8 @@ class StatisticsSnapshot(TypedDict):
     """Statistics of a channel over all packets of the last `seconds`; None where there are too few of them.
 
     `stretches` are those parts without a gap, in which packets are `period_s` apart. `white` is the white noise of the
-    data sheet, unit·√s, up to `bandwidth_hz`; None of a channel that it does not state.
+    data sheet, unit·√s, up to `bandwidth_hz`; None of a channel that it does not state. `white_of` names that data
+    sheet.
     """
 
     channel: int
@@ -270,6 +271,7 @@ class StatisticsSnapshot(TypedDict):
     stretches: int
     period_s: float | None
     white: float | None
+    white_of: NotRequired[str]
     bandwidth_hz: float | None
     allan: AllanSnapshot | None
     spectrum: SpectrumSnapshot | None

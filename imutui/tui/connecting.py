@@ -76,8 +76,11 @@ class Connector:
 
     def _start_with(self, changes: requests.PlanChanges) -> None:
         """Start an acquisition with some fields of its plan."""
+        # a rate that somebody typed is not lowered to what the unit gives, but refused
+        typed = () if changes["rate_hz"] == self.defaults.rate_hz else ("rate_hz",)
+        explicit = tuple(dict.fromkeys((*self.defaults.explicit, *typed)))
         try:
-            plan = replace(self.defaults, **changes)
+            plan = replace(self.defaults, explicit=explicit, **changes).asking()
         except ValueError as error:
             self._context.connect_page.ready(str(error))
             return

@@ -20,7 +20,9 @@ from imutui.cli import status
 from imutui.instrument.imu400 import handshake
 from imutui.instrument.port import Port, PortError
 from imutui.logbook import reader
-from imutui.session import ipc
+from imutui.session import client, ipc
+from imutui.session.client import SessionError
+from imutui.session.plan import Plan
 
 NMEA = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
 STREAMED = 60
@@ -158,6 +160,16 @@ def test_another_model_of_the_family_is_refused_by_name(model: str) -> None:
         said = refused(device.port)
     assert model in said
     assert "not an IMU400CD-200" in said
+
+
+@pytest.mark.usefixtures("home")
+def test_who_names_the_unit_is_told_that_no_other_was_looked_for() -> None:
+    """The next step where it is one of another kind: to have it asked."""
+    with (
+        Device(Habits(answers("NAV440 VER 2.1"))) as device,
+        pytest.raises(SessionError, match="Only an imu400cd was looked for; without --instrument the unit is asked"),
+    ):
+        client.start(Plan(device.port, instrument="imu400cd"))
 
 
 def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, Outcome]) -> None:

@@ -93,6 +93,7 @@ def test_status_with_nothing_running_is_fine(run: Run) -> None:
 
 RECORD_USAGE = {
     "--instrument imu381 --rate 120": "the IMU381ZA gives 0.1 to 100 Hz",
+    "--rate 200": "the IMU400CD-200 gives 0.1 to 133 Hz, the IMU381ZA gives 0.1 to 100 Hz",
     "--rate 0": "0.1 to 133 Hz",
     "--rate 0.0999": "0.1 to 133 Hz",
     "--rate 133.01": "0.1 to 133 Hz",

@@ -11,8 +11,11 @@ import pytest
 from helpers.commands import imutui
 from helpers.places import own_places
 from helpers.processes import end_owner, wait_until
-from helpers.units import virtual
+from helpers.units import Still, served, virtual
 
+from imutui.instrument.uut.packet_makers import MeasuredPackets
+from imutui.instrument.uut.unit import VirtualUnit
+from imutui.instrument.uut.unit_options import UnitOptions
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionError
@@ -21,13 +24,15 @@ from imutui.session.plan import Plan
 
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Client]]:
-    """Acquisitions "a" and "b", each recording a unit of its own."""
+    """Acquisitions "a" and "b", each recording a unit of its own: an IMU400CD, and an IMU381, found by asking."""
     folder = tmp_path_factory.mktemp("two")
-    with pytest.MonkeyPatch.context() as patch, virtual() as first, virtual() as second:
+    options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM")
+    imu381 = VirtualUnit(MeasuredPackets(Still(), options), options)
+    with pytest.MonkeyPatch.context() as patch, virtual() as first, served(imu381) as second:
         runtime = own_places(patch, folder)
         ports = {"a": first, "b": second}
         asked = {
-            name: Plan(port, name=name, note=name, record=True, filter="none", logs=str(folder))
+            name: Plan(port, instrument="", name=name, note=name, record=True, filter="none", logs=str(folder))
             for name, port in ports.items()
         }
         yield {name: client.start(plan) for name, plan in asked.items()}
@@ -41,7 +46,9 @@ def test_one_status_lists_all(two: dict[str, Client]) -> None:
     lines = imutui("status").stdout.splitlines()
     for name in two:
         (line,) = [line for line in lines if line.startswith(f"{name} (pid {two[name].pid})")]
-        assert all(word in line for word in ("running", "asked 133 Hz measured 1", "lost ", f"_{name}.mcap"))
+        asked = {"a": "asked 133 Hz measured 13", "b": "asked 100 Hz measured "}[name]
+        file = {"a": "imu400cd_9911750_", "b": "imu381_9911750_"}[name]
+        assert all(word in line for word in ("running", asked, "lost ", file, f"_{name}.mcap"))
     document = json.loads(imutui("status", "--json").stdout)
     assert [(state["name"], state["state"]) for state in document] == [("a", "running"), ("b", "running")]
     assert all(state["free_bytes"] and state["recording"]["path"] for state in document)
@@ -93,3 +100,7 @@ def test_each_is_stopped_by_its_name(two: dict[str, Client]) -> None:
     read = {name: reader.read(log) for name, log in logs.items()}
     assert all(log.finished and log.info.acquisition == name for name, log in read.items())
     assert ["at b" in [event.text for event in log.events] for log in read.values()] == [False, True]
+    assert [log.info.instrument for log in read.values()] == ["IMU400CD-200", "IMU381ZA-200"]
+    assert [log.info.accel_sign for log in read.values()] == [-1, 1]
+    # each on its own terms: one stands level, the other, whose readings are +1 g on Z too, upside down
+    assert [round(log.accel[:, 2].mean() / 9.8) for log in read.values()] == [-1, 1]

@@ -235,7 +235,7 @@ def overwritten(folder: Path) -> Overwriting:
         refused = True
     names = []
     for _ in range(2):
-        made = default_path(folder, "9911750", "Cold start")
+        made = default_path(folder, "imu400cd", "9911750", "Cold start")
         writer = LogWriter(made, SessionInfo(), "", _START)
         names.append(made.name)
     told = summary.read(made).state != "finished"

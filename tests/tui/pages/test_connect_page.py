@@ -53,6 +53,7 @@ async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:
         await pilot.press("enter")
         await shows(pilot, "gx, deg/s")
     assert [(p.port, p.rate_hz, p.sampling) for p in machine] == [("/dev/x", 0.5, "polled")]
+    assert [p.instrument for p in machine] == [""], "which unit it is, is asked"
 
 
 async def test_the_configuration_reaches_what_the_form_does_not_ask(machine: list[Plan]) -> None:
@@ -123,6 +124,31 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
     assert machine == []
 
 
+async def test_a_unit_that_answered_is_offered_what_it_gives(
+    machine: list[Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rates and packets of an IMU381: one that it does not give is refused in the form, one that was typed is meant."""
+    answer = {"answers": True, "instrument": "IMU381ZA-200", "serial_number": "17", "firmware": "", "error": ""}
+    monkeypatch.setattr(session, "ports", lambda: [("/dev/ttyUSB0", "FT232R")])
+    monkeypatch.setattr(session, "probe", lambda port: {"port": port, **answer})
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "ttyUSB0, 133 Hz", "0.1 to 133", "voltage mode is not used")
+        await pilot.press("p")
+        await shows(pilot, "IMU381ZA-200 #17", "ttyUSB0, 100 Hz", "0.1 to 100; unaveraged at 2 4 5 10 20 25 50 100")
+        assert "packets S1: rates, forces" in text_of(pilot.app)
+        await pilot.press("down")
+        await shows(pilot, "virtual, 100 Hz", "0.1 to 133", "voltage mode is not used")
+        await pilot.press("up", "tab", "tab", "home", "shift+end", "delete", *"120")
+        await shows(pilot, "outside 0.1 to 100 Hz")
+        await pilot.press("enter")
+        await shows(pilot, "The rate is outside 0.1 to 100 Hz.")
+        assert machine == []
+        await pilot.press("home", "shift+end", "delete", *"7", "enter")
+        await shows(pilot, "gx, deg/s")
+    (plan,) = machine
+    assert (plan.port, plan.rate_hz, plan.explicit) == ("/dev/ttyUSB0", 7.0, ("rate_hz",))
+
+
 async def test_a_look_that_takes_long_comes_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is not begun anew each time that one is due, on a busy machine never to be done."""
     released, asked = threading.Event(), []
@@ -175,6 +201,20 @@ async def test_zeroing_asks_and_enter_does_not_do_it() -> None:
         await pilot.press("z")
         await shows(pilot, "not while recording")
         assert client.asked == ["zero 30"]
+
+
+async def test_a_unit_without_a_command_that_zeroes_is_not_offered_it() -> None:
+    """An IMU381 has none: the key and the button are not there."""
+    client = FakeClient()
+    client.changes["instrument"] = "IMU381ZA-200"
+    async with _app(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("1")
+        await shows(pilot, "stop")
+        assert "zero" not in text_of(pilot.app)
+        await pilot.press("z")
+        assert len(pilot.app.screen_stack) == 1
+        assert client.asked == []
 
 
 async def test_an_impossible_rate_is_said_while_typing_and_not_sent(machine: list[Plan]) -> None:

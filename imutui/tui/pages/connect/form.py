@@ -14,7 +14,9 @@ from textual.widgets import Button, Input, Label, OptionList, Static
 from textual.widgets.option_list import Option
 
 from imutui.session import client as session
-from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT, Plan
+from imutui.session import offers
+from imutui.session.offers import Offer
+from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Plan
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -39,6 +41,7 @@ class ConnectForm(Vertical):
         self._choices: list[text.Choice] = []
         self._looking = False
         self._answers: dict[str, str] = {}
+        self._models: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
         """From the lead to the button."""
@@ -59,7 +62,7 @@ class ConnectForm(Vertical):
                 yield Radio(values, id=name)
         with Horizontal(classes="row"):
             yield Label("mode")
-            yield Static(Content.styled(text.MODE, "dim"), id="mode")
+            yield Static(id="mode")
         with Horizontal(classes="row", id="go"):
             yield Label("")
             yield Button("Connect", id="connect", variant="primary", compact=True)
@@ -84,13 +87,21 @@ class ConnectForm(Vertical):
         self.query_one("#error-text", Static).update(body)
 
     def _say_rate(self) -> None:
+        """What the unit gives that is chosen, and what the Connect button would do."""
+        offer = self._offered()
         try:
-            text.parse_rate(self.query_one("#rate", Input).value)
-            said = Content.styled(f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", "dim")
+            text.parse_rate(self.query_one("#rate", Input).value, offer)
+            said = Content.styled(text.rates(offer), "dim")
         except ValueError as error:
             said = Content.styled(str(error), "bold $text-error")
         self.query_one("#rate-verdict", Static).update(said)
+        self.query_one("#mode", Static).update(Content.styled(offer.mode_words, "dim"))
         self._say_summary()
+
+    def _offered(self) -> Offer:
+        """What the unit gives that answered at the port that is chosen; the usual one's where none was asked."""
+        choice = self._choice()
+        return offers.of_model("" if choice is None else self._models.get(choice.value, ""))
 
     def _say_summary(self) -> None:
         """What the Connect button would do."""
@@ -138,7 +149,7 @@ class ConnectForm(Vertical):
         ports.clear_options()
         ports.add_options([Option(Content(text.label(choice, self._answers))) for choice in self._choices])
         ports.highlighted = highlighted
-        self._say_summary()
+        self._say_rate()
 
     def _highlighted(self) -> text.Choice | None:
         index = self.query_one("#ports", OptionList).highlighted
@@ -179,9 +190,18 @@ class ConnectForm(Vertical):
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
             except (session.SessionError, OSError) as error:
                 found = text.not_answered(port, str(error))
+            self._found(port, str(found.get("instrument") or ""))
             self._heard(port, text.answered(found))
             said = found["error"] or f"{formatting.port_name(port)}: {self._answers[port]}"
             self.post_message(Page.Say(said, "good" if found["answers"] and not found["error"] else "wait"))
+
+    def _found(self, port: str, model: str) -> None:
+        """Which unit answers at a port; a rate that nobody has chosen becomes one that it gives."""
+        before = self._offered()
+        self._models[port] = model
+        rate, after = self.query_one("#rate", Input), self._offered()
+        if rate.value == f"{before.most_rate_hz:g}" and after != before:
+            rate.value = f"{after.most_rate_hz:g}"
 
     def _heard(self, port: str, answer: str) -> None:
         self._answers[port] = answer
@@ -190,8 +210,8 @@ class ConnectForm(Vertical):
     # what the user does
 
     def on_option_list_option_highlighted(self) -> None:
-        """The summary follows the highlight."""
-        self._say_summary()
+        """Rates and the summary follow the highlight."""
+        self._say_rate()
 
     def on_option_list_option_selected(self) -> None:
         """Enter on the list takes that line, whatever is typed below."""
@@ -225,7 +245,7 @@ class ConnectForm(Vertical):
             self.post_message(requests.Resume(choice.value))
             return
         try:
-            rate = text.parse_rate(self.query_one("#rate", Input).value)
+            rate = text.parse_rate(self.query_one("#rate", Input).value, self._offered())
         except ValueError as error:
             self.say_error(f"The rate is {error}.")
             self.query_one("#rate").focus()

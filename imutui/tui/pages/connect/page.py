@@ -10,6 +10,7 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Button, Static
 
+from imutui.session import offers
 from imutui.session.plan import Plan
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
@@ -123,6 +124,7 @@ class ConnectPage(Page):
         elif now is not None and now["state"] in _ALIVE:
             part = "connected"
             self.query_one("#connected-text", Static).update(Content.assemble(*text.connected(now)))
+            self.query_one("#zero").display = self._zeroes_rates
             self.query_one("#next-step", Static).update(Content(text.next_step(now)))
         else:
             part = "form"
@@ -144,7 +146,15 @@ class ConnectPage(Page):
         """Offer what the form does only with the form, and what needs an acquisition only with one."""
         if action in ("connect", "next_field", "probe", "probe_all", "demo"):
             return self._part == "form"
-        return self._part == "connected" if action in ("stop", "zero") else True
+        if action == "zero":
+            return self._part == "connected" and self._zeroes_rates
+        return self._part == "connected" if action == "stop" else True
+
+    @property
+    def _zeroes_rates(self) -> bool:
+        """Whether the unit that is connected has a command for it."""
+        now = self.view.now if self.view is not None else None
+        return now is None or offers.of_model(now["instrument"]).zeroes_rates
 
     # what the user does
 

@@ -3,19 +3,20 @@
 import re
 from dataclasses import dataclass
 
-from imutui.session.plan import MAX_RATE_HZ, MIN_RATE_HZ, VIRTUAL_PORT
+from imutui.session import offers
+from imutui.session.offers import Offer
+from imutui.session.plan import VIRTUAL_PORT
 from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
 
 ABOUT = (
-    "imutui records an IMU400CD on a turn table and estimates its biases while it\n"
-    "records. Then it traces what they do not explain to a physical cause."
+    "imutui records an IMU400CD or IMU381 on a turn table and estimates its biases\n"
+    "while it records. Then it traces what they do not explain to a physical cause."
 )
 SAMPLINGS = {"stream": "every packet, averaged over each period", "polled": "one packet asked for each period"}
 FILTERS = {"spkf": "sigma points", "spkf-paper": "as the paper has it", "ekf": "extended", "none": "record only"}
 REFERENCES = {"level": "still and level, north-east-down", "gravity": "still, tilt not known"}
-MODE = "scaled: deg/s and g from the unit; voltage mode is not used"
 WAITING = """\
 Waiting for {target}: {seconds:.0f} s of at most 30 s.
 
@@ -51,15 +52,24 @@ class Choice:
         return self.kind == "port" and self.value != VIRTUAL_PORT
 
 
-def parse_rate(entered: str) -> float:
+def parse_rate(entered: str, offer: Offer) -> float:
     """Output rate in Hz; ValueError with what is wrong. A decimal comma is fine."""
+    bounds = f"{offer.least_rate_hz:g} to {offer.most_rate_hz:g} Hz"
     try:
         rate = float(entered.strip().replace(",", "."))
     except ValueError:
-        raise ValueError(f"not a number; {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz") from None
-    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
-        raise ValueError(f"outside {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz")
+        raise ValueError(f"not a number; {bounds}") from None
+    if not offer.least_rate_hz <= rate <= offer.most_rate_hz:
+        raise ValueError(f"outside {bounds}")
     return rate
+
+
+def rates(offer: Offer) -> str:
+    """Which rates a unit gives, and at which of them samples are no means of packets, where there are several."""
+    bounds = f"{offer.least_rate_hz:g} to {offer.most_rate_hz:g}"
+    if len(offer.rates_hz) == 1:
+        return bounds
+    return f"{bounds}; unaveraged at {' '.join(f'{rate:g}' for rate in offer.rates_hz)}"
 
 
 def choices(running: list[str], ports: list[tuple[str, str]]) -> list[Choice]:
@@ -132,7 +142,8 @@ def _demo(before: str) -> StyledText:
 def connected(now: Snapshot) -> StyledText:
     """What is connected, and how it is read."""
     reference, filter_ = now["reference"], now["filter"]
-    how = f"{now['rate_hz']:g} Hz, {now['sampling']}, scaled mode, {now['baud']} baud"
+    mode = offers.of_model(now["instrument"]).mode
+    how = f"{now['rate_hz']:g} Hz, {now['sampling']}, {mode}, {now['baud']} baud"
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:
         estimates += f" from {reference['file']}"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imutui.plain_text import in_line
+from imutui.session import offers
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
 
@@ -22,7 +23,6 @@ _TOLD = 6
 """Files that a question lists by name."""
 _LEAST_NAME = 21
 _STATES = {WRITING: "writing"}
-_MAKE = "imu400cd_"  # every name that we make up begins so
 _NOTE_FROM = 112
 _NOTE = 28
 _NOTE_IN_DETAIL = 60
@@ -74,7 +74,9 @@ def order(chosen: "Sequence[Brief]") -> list[Path]:
 
 def short(path: Path) -> str:
     """A recording's name as rows have it: without what every name has."""
-    return in_line(path.name).removesuffix(".mcap").removeprefix(_MAKE)
+    name = in_line(path.name).removesuffix(".mcap")
+    kind, _, rest = name.partition("_")
+    return rest if rest and kind in offers.NAMES else name
 
 
 def takes(chosen: Sequence[Path], here: Path | None, width: int) -> str:

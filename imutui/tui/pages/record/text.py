@@ -2,6 +2,7 @@
 
 from pathlib import PurePath
 
+from imutui.session import offers
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
@@ -166,8 +167,8 @@ def _number(name: str, entered: str) -> float:
 
 def will_write(now: Snapshot) -> str:
     """Where a file would go."""
-    number = now["serial_number"] or "serial"
-    return str(PurePath(now["logs"] or "the logs folder") / f"imu400cd_{number}_UTC_note.mcap")
+    name, number = offers.of_model(now["instrument"]).name, now["serial_number"] or "serial"
+    return str(PurePath(now["logs"] or "the logs folder") / f"{name}_{number}_UTC_note.mcap")
 
 
 def finished(recording: RecordingSnapshot | None, result: RecordingResult | None) -> list[tuple[str, str]]:
