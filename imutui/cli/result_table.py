@@ -75,7 +75,8 @@ def _lines(d: "ResultDocument") -> list[str]:
     if sure is None:
         out.append(f"noise of this log: {numbers.TOO_SHORT}")
     else:
-        both = f"gyro {_triple(arw)} deg/√h (Table 1: 4.5), accel {_triple(vrw)} m/s/√h (Table 1: 1)"
+        gyro_says, accel_says = sources.noise_stated(d)
+        both = f"gyro {_triple(arw)} deg/√h ({gyro_says}), accel {_triple(vrw)} m/s/√h ({accel_says})"
         out.append(f"noise of this log: {both}, each {sure}")
     used = d["noise"]["used"]
     if used["source"] == "log":

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CAPTION = (
-    "The grey line is white noise of the specification (Table 1, IMU400CD-200): 4.5 deg/√h of a gyro, 1 m/s/√h of an"
-    " accelerometer."
+    "The grey line is white noise of the specification, 4.5 deg/√h of a gyro and 1 m/s/√h of an accelerometer: the"
+    " paper's Table 1 has it of the IMU400CD-200, its data sheet of the IMU440CA-200."
 )
 _WHITE = {"deg/s": float(np.rad2deg(IMU400CD_200.gyro_arw)), "mg": IMU400CD_200.accel_vrw / STANDARD_GRAVITY * 1e3}
 
@@ -50,7 +50,7 @@ def finish(ax: "Axes", tau: Array, unit: str, *curves: Array) -> None:
     if tau.size:
         ends = np.array([tau.min(), tau.max()])
         white = specification(ends, unit)
-        ax.plot(ends, white, color=FLOOR, lw=1.0, label="Table 1")
+        ax.plot(ends, white, color=FLOOR, lw=1.0, label="specification")
         axes.logarithmic(ax, "x", tau)
         axes.logarithmic(ax, "y", white, *curves)
     axes.name(ax, "averaging time, s", unit, legend=True)

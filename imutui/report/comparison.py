@@ -221,7 +221,9 @@ def _noise_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared
         rows.append(
             (f"{name.letter} {name.mark}".strip(), *(" ".join(map(_or_dash, triple)) for triple in triples), ratio)
         )
-    return Table(columns, tuple(rows), "White noise measured on each log. Table 1 has 4.5 deg/√h and 1 m/s/√h.")
+    return Table(
+        columns, tuple(rows), "White noise measured on each log. The specification has 4.5 deg/√h and 1 m/s/√h."
+    )
 
 
 def _or_dash(value: float | None) -> str:

@@ -69,6 +69,13 @@ def specification_of(d: "ResultDocument") -> ImuSpec:
     return IMU400CD_200 if identity is None else specification.of_model(identity["instrument"])
 
 
+def noise_stated(d: "ResultDocument") -> tuple[str, str]:
+    """White noise that the data sheet of a result's unit states, of gyros, deg/√h, and accelerometers, m/s/√h."""
+    spec = specification_of(d)
+    of = spec.source.removesuffix(" data sheet")
+    return f"{of}: {spec.gyro_arw / DPS * 60.0:.3g}", f"{of}: {spec.accel_vrw * 60.0:.3g}"
+
+
 def bias_limits(spec: ImuSpec) -> dict[str, float]:
     """Limits of biases by their unit, deg/s and mg."""
     return {"deg/s": round(spec.gyro_bias_limit / DPS, 9), "mg": round(spec.accel_bias_limit / MG, 9)}

@@ -98,6 +98,18 @@ def test_a_unit_is_judged_by_the_limits_of_its_kind(model: str, word: str, sourc
     assert any(f"{source}'s" in check.said for check in seen.checks if check.name == "limit")
 
 
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        ("IMU400CD-200", ("Table 1: 4.5", "Table 1: 1")),
+        ("IMU381ZA-400", ("IMU440: 4.5", "IMU440: 1")),
+    ],
+)
+def test_noise_is_beside_that_of_the_unit_s_own_sheet(model: str, said: tuple[str, str]) -> None:
+    """Its name and its figures, deg/√h and m/s/√h."""
+    assert sources.noise_stated(document(snapshot(), identity={"instrument": model, "serial_number": ""})) == said
+
+
 @pytest.mark.parametrize(("of", "word", "passes"), CASES)
 def test_converged_is_said_above_nothing_that_is_red(of: Any, word: str, passes: bool) -> None:
     """Nor without the word that says how far it may be believed."""

@@ -11,7 +11,7 @@ from imutui.tui.widgets import raster
 from imutui.tui.widgets.raster import Bits, Envelope
 
 Limits = tuple[float, float]
-SCALES = ("auto", "whole run", "Table 1")
+SCALES = ("auto", "whole run", "limits")
 """What the scale shows: the settled part, everything, or the data sheet's limits."""
 _SHORTEST_S = 60.0
 _STEPS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
@@ -99,8 +99,8 @@ def _column(t: float, history: EstimateHistory, width: float) -> int:
 
 
 def extent(envelope: BiasEnvelope, scale: str, limit: float | None) -> Limits | None:
-    """What the axis has to contain; None without an estimate. Without a limit there is no scale of Table 1."""
-    if scale == "Table 1" and limit is not None:
+    """What the axis has to contain; None without an estimate. Without a limit there is no scale of it."""
+    if scale == "limits" and limit is not None:
         return -_ROOM * limit, _ROOM * limit
     filled = np.flatnonzero(~np.isnan(envelope.estimate.low))
     if not filled.size:

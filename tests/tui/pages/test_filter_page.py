@@ -85,7 +85,7 @@ async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
         assert "velocity" not in screen
         assert "y gyro" not in screen
         await pilot.press("a", "a")
-        await shows(pilot, "scale: Table 1", "+12 ┤", "-12 ┤")
+        await shows(pilot, "scale: limits", "+12 ┤", "-12 ┤")
         await pilot.press("up", "k", "k", "k")
         await shows(pilot, "─> z accel, mg")
         await pilot.press("escape")

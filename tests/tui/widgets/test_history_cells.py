@@ -68,7 +68,7 @@ def test_a_settled_scale_shows_what_came_later() -> None:
     assert whole is not None
     assert settled[1] - settled[0] < 0.5
     assert whole[1] > 2.0
-    table = history_cells.extent(curve, "Table 1", 12.0)
+    table = history_cells.extent(curve, "limits", 12.0)
     assert table is not None
     assert table[0] < -12.0 < 12.0 < table[1]
 

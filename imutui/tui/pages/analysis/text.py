@@ -11,11 +11,11 @@ from imutui.tui.pages.analysis import figures
 TITLES = ("Allan deviation", "spectrum", "histogram")
 OLDER = "an older version of imutui started this acquisition: it keeps no statistics"
 _MEANINGS = (
-    "Dotted: Table 1's white noise. Slope -1/2 white, 0 instability, +1/2 walk",
-    "Dotted: Table 1's white noise up to its bandwidth. Spikes stand out of noise",
+    "Dotted: {}'s white noise. Slope -1/2 white, 0 instability, +1/2 walk",
+    "Dotted: {}'s white noise up to its bandwidth. Spikes stand out of noise",
     "Line: the Gaussian of the same mean and sd. Bins are whole counts wide",
 )
-_WITHOUT_TABLE_1 = (
+_WITHOUT_DATA_SHEET = (
     "Slope -1/2 is white noise, 0 instability, +1/2 a random walk",
     "Spikes stand out of noise",
     _MEANINGS[2],
@@ -35,7 +35,12 @@ def made_of(seen: StatisticsSnapshot) -> str:
 
 def meaning(view: int, seen: StatisticsSnapshot) -> str:
     """How to read the figure."""
-    return (_WITHOUT_TABLE_1 if seen["white"] is None else _MEANINGS)[view]
+    return (_WITHOUT_DATA_SHEET if seen["white"] is None else _MEANINGS)[view].format(_data_sheet(seen))
+
+
+def _data_sheet(seen: StatisticsSnapshot) -> str:
+    """Whose white noise is drawn, in a word or two."""
+    return seen.get("white_of", "Table 1").removesuffix(" data sheet")
 
 
 def nothing(view: int, seen: StatisticsSnapshot) -> str:
@@ -66,7 +71,7 @@ def _allan(allan: AllanSnapshot, seen: StatisticsSnapshot, stop: int) -> tuple[s
     if seen["white"] is None:
         return said, ""
     line = seen["white"] / math.sqrt(tau)
-    return said, f"Table 1's white noise there: {line:.4g}; this is {deviation / line:.3g} of it"
+    return said, f"{_data_sheet(seen)}'s white noise there: {line:.4g}; this is {deviation / line:.3g} of it"
 
 
 def _spectrum(spectrum: SpectrumSnapshot, seen: StatisticsSnapshot, stop: int) -> tuple[str, str]:
@@ -76,7 +81,7 @@ def _spectrum(spectrum: SpectrumSnapshot, seen: StatisticsSnapshot, stop: int) -
     parts = []
     if seen["white"] is not None:
         level = math.sqrt(2.0) * seen["white"]
-        parts.append(f"{density / level:.3g} of Table 1's {level:.4g}")
+        parts.append(f"{density / level:.3g} of {_data_sheet(seen)}'s {level:.4g}")
     if figures.stands_out(spectrum)[stop]:
         parts.append(f"a line: {spectrum['peak'][stop]:.4g} at {spectrum['peak_hz'][stop]:.5g} Hz")
     length = 1.0 / spectrum["resolution_hz"]

@@ -55,7 +55,7 @@ ON THE CONNECT PAGE
 
 ON THE LIVE PAGE
   w        Allan deviation, spectrum, histogram of the chosen channel with
-           Table 1's noise; left and right read values, b begins anew
+           the data sheet's noise; left and right read values, b begins anew
   space    freeze the view; data go on being taken and recorded
   + -      longer or shorter plots;  a lock their scales;  g which plots
   s        scroll, sweep (cheap on a slow link), or numbers only

@@ -177,7 +177,7 @@ class BiasPlot(Widget):
             else f"{history_cells.duration(history.begin)} to {history_cells.duration(history.begin + span)}"
         )
         since = "since attached" if history.attached_late else ""
-        scale = {"auto": "", "whole run": "scale: whole run", "Table 1": "scale: Table 1"}[settings.scale]
+        scale = {"auto": "", "whole run": "scale: whole run", "limits": "scale: limits"}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
         rights = (
             (settings.hint, self._band_name(settings), scale, since, axis),

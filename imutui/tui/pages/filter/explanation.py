@@ -23,7 +23,7 @@ RULES
   AMBER  a bias not converged; 10 s means {NOTICED:g} to {TOO_MUCH:g} times what noise allows;
          temperature beyond ±{STEADY_K_PER_MIN:g} K/min; NIS just outside its band; no data
   RED    an alarm; the filter stopped; 10 s means above {TOO_MUCH:g} times what
-         noise allows; a bias outside Table 1; NIS far outside its band
+         noise allows; a bias outside its limit; NIS far outside its band
   A word stands for 2 s at least.
   Converged: for 10 s sd below {GYRO_TOLERANCE_DPS:g} deg/s or {ACCEL_TOLERANCE_MG:g} mg, the estimate within that
   of its 10 s mean, and the readings in agreement with it."""

@@ -60,7 +60,7 @@ class FilterPage(Page):
         Binding("e", "effects", "effects", tooltip="Load found effects into the filter"),
         Binding("space", "app.freeze", "freeze", tooltip="Freeze the view, or follow again"),
         Binding("w", "why", "why", tooltip="Why the badge is what it is: every rule, alarm and number"),
-        Binding("a", "scale", "scale", show=False, tooltip="Plot scale: settled part, whole run, Table 1"),
+        Binding("a", "scale", "scale", show=False, tooltip="Plot scale: settled part, whole run, limits"),
         Binding("escape", "back", "back", show=False),
     ]
 

@@ -143,8 +143,9 @@ def _filtered(d: "ResultDocument") -> list[str]:
     if sure is None:
         lines.append(f"  noise of this log: {numbers.TOO_SHORT}")
     else:
-        lines.append(f"  noise of this log: gyro  {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h (Table 1: 4.5)")
-        lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h (Table 1: 1)")
+        gyro_says, accel_says = sources.noise_stated(d)
+        lines.append(f"  noise of this log: gyro  {_triple(noise['gyro_arw_deg_sqrt_h'])} deg/√h ({gyro_says})")
+        lines.append(f"                     accel {_triple(noise['accel_vrw_mps_sqrt_h'])} m/s/√h ({accel_says})")
         lines.append(f"                     each {sure}")
     for e in d.get("effects", []):
         unit = e["name"].removesuffix(")").partition(" (")[2]
