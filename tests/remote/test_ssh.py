@@ -40,11 +40,15 @@ Login = Callable[..., Terminal]
 
 @pytest.fixture
 def login(home: Path, server: SshServer) -> Iterator[Login]:
-    """Run imutui over SSH, with the test's own cache and configuration, and without XDG_RUNTIME_DIR."""
+    """Run imutui over SSH, with the test's own cache and configuration, and without XDG_RUNTIME_DIR.
+
+    What is compiled is that of all tests: to compile it takes longer than such a recording.
+    """
     opened: list[Terminal] = []
 
     def run(*arguments: str, **environ: str) -> Terminal:
-        variables = {name: os.environ[name] for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME")} | environ
+        own = {name: os.environ[name] for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR")}
+        variables = own | environ
         opened.append(Terminal(server.client(), command_line(*arguments), home, variables))
         return opened[-1]
 

@@ -18,6 +18,9 @@ from imutui.logbook import reader
 from imutui.session import client, plan
 from imutui.session.plan import Plan
 
+_LOOK_S = 0.15
+"""Each look at the terminal is a process."""
+
 
 class Terminal:
     """A tmux server of our own with one window of 80×24.
@@ -61,7 +64,7 @@ class Terminal:
             return all(word in shown or word in shown.replace("\n", "") for word in words)
 
         try:
-            wait_until(all_there)
+            wait_until(all_there, pause=_LOOK_S)
         except AssertionError:
             pytest.fail(f"the screen never showed {words}:\n{shown}")
         return shown
@@ -120,7 +123,7 @@ def test_connect_record_mark_detach_attach_and_stop(home: Path, terminal: Termin
     terminal.wait_for("ON THE", "PAGE")
     terminal.press("Escape")
     # a key right behind Escape would be Alt and that key
-    wait_until(lambda: "ON THE" not in terminal.screen())
+    wait_until(lambda: "ON THE" not in terminal.screen(), pause=_LOOK_S)
     terminal.press("q")
     terminal.wait_for("leave it", "finish the file, stop", "cancel")
     terminal.press("s")
@@ -153,13 +156,13 @@ def chosen(terminal: Terminal) -> str:
 
 def choose(terminal: Terminal, wanted: str) -> None:
     """On the Connect screen: go down the list until this is what Enter would take."""
-    wait_until(lambda: chosen(terminal).strip() not in ("", "Connect"))
+    wait_until(lambda: chosen(terminal).strip() not in ("", "Connect"), pause=_LOOK_S)
     for _ in range(10):
         before = chosen(terminal)
         if wanted in before:
             return
         terminal.press("Down")
-        wait_until(lambda before=before: chosen(terminal) not in ("", before))  # type: ignore[misc]
+        wait_until(lambda before=before: chosen(terminal) not in ("", before), pause=_LOOK_S)  # type: ignore[misc]
     pytest.fail(f"{wanted} is not in the list:\n{terminal.screen()}")
 
 

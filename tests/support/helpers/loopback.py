@@ -150,7 +150,7 @@ class Terminal:
     ) -> None:
         self._screen = pyte.Screen(*size)
         self._stream = pyte.ByteStream(self._screen)
-        self._lock = threading.Lock()
+        self._changed = threading.Condition()
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
         variables = [f"{name}={value}" for name, value in environ.items()]
@@ -172,21 +172,23 @@ class Terminal:
                 return  # the client has gone
             if _ASKS_FOR_SYNCHRONISED in data:
                 os.write(self._master, _IT_IS_SYNCHRONISED)
-            with self._lock:
+            with self._changed:
                 self._stream.feed(data)
+                self._changed.notify_all()
 
     def screen(self) -> str:
         """What is shown."""
-        with self._lock:
+        with self._changed:
             return "\n".join(self._screen.display)
 
     def wait_for(self, *texts: str) -> str:
         """Wait until all these texts are shown at once; returns the screen."""
         deadline = time.monotonic() + PATIENCE_S
-        while not all(text in (shown := self.screen()) for text in texts):
-            if time.monotonic() > deadline:
-                raise AssertionError(f"the screen never showed {texts}:\n{shown}")
-            time.sleep(0.02)
+        with self._changed:
+            while not all(text in (shown := self.screen()) for text in texts):
+                if time.monotonic() > deadline:
+                    raise AssertionError(f"the screen never showed {texts}:\n{shown}")
+                self._changed.wait(1.0)
         return shown
 
     def press(self, keys: str) -> None:

@@ -143,13 +143,15 @@ def interrupted(folder: Path) -> Ended:
     path, name = folder / "out.mcap", "ended-by-hand"  # others of the same user may run beside it
     line = command_line("record", "--port", "virtual", "--rate", "20", "--filter", "none", "--json", "-o", str(path))
     line += ["--name", name]
-    with started(line, cwd=folder) as run:
-        wait_until(lambda: path.exists() and name in client.running())
+    said = folder / "said.txt"
+    with said.open("w") as stream, started(line, cwd=folder, stderr=stream) as run:
+        # an interrupt before it says so ends an acquisition that it does not follow yet, and has no result
+        wait_until(lambda: f"acquisition {name}," in said.read_text())
         connection = _attached(name)
         wait_until(lambda: connection.snapshot(NOTHING_NEW)["packets"] > 50)
         ended = _timed(path, run.pid, lambda: run.send_signal(signal.SIGINT), lambda: run.wait(LIMIT_S))
-        out, err = run.communicate(timeout=LIMIT_S)
-    assert "Traceback" not in err
+        out, _ = run.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in said.read_text()
     assert json.loads(out)["samples"] == reader.read(path).stamp_ns.size
     return ended
 
