@@ -23,7 +23,7 @@ from imutui.instrument.pseudo_terminal import PseudoTerminal
 # nothing is due for longer than any message takes: the unit waits for a command
 _IDLE_S = 0.05
 # a host that does not read (it flushes its queue, or is gone) is not waited for
-_PATIENCE_S = 0.25
+_PATIENCE_S = 1.0
 # after a command the host has other things to do than to read, and deadlines of its own
 _AFTER_COMMAND_S = 1.5
 # while the host reads one packet the next may be on its way
@@ -70,7 +70,8 @@ class UnitTime:
             ready = select.select([*r, self._read], w, x, 0.0 if self._unread <= _ON_THE_WAY else 0.01)
             if self._read in ready[0]:
                 data = os.read(self._read, 4096)
-                self._unread -= sum(n for (n,) in struct.iter_unpack("i", data))
+                # never below none: what was given up is read later, and would let the unit run ahead for good
+                self._unread = max(0, self._unread - sum(n for (n,) in struct.iter_unpack("i", data)))
             commands = [item for item in ready[0] if item != self._read]
             if commands:
                 self._as_on_the_wall_until = time.monotonic() + _AFTER_COMMAND_S
