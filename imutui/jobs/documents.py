@@ -26,6 +26,8 @@ class SessionFields(TypedDict):
     reference: str
     filter: str
     firmware: str
+    configuration: str
+    own_mount: str
     sampling: str
     mode: str
     mount: str

@@ -343,6 +343,8 @@ def _quality(content: "Audit") -> QualityFields:
 
 _MORE_TEXTS = (
     "firmware",
+    "configuration",
+    "own_mount",
     "sampling",
     "mode",
     "mount",

@@ -42,6 +42,9 @@ class SessionInfo:
     ----------
     instrument, serial_number, firmware : str
         What the unit said of itself, or what the recording's maker says.
+    configuration, own_mount : str
+        How the unit was configured when it was found, in words, and how its case's axes lie in its packets'; "" of
+        units that do not say.
     kind : str
         "measured", "simulated" or "unknown": whether a sensor made the readings.
     accel_sign, mount, gyro_sign : int, str, str
@@ -96,6 +99,8 @@ class SessionInfo:
     instrument: str = "IMU400CD-200"
     serial_number: str = ""
     firmware: str = ""
+    configuration: str = ""
+    own_mount: str = ""
     kind: str = UNKNOWN
     accel_sign: int = -1
     mount: str = "x,y,z"

@@ -89,6 +89,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     serial = f" #{d['serial_number']}" if d["serial_number"] else ""
     firmware = f", says {d['firmware']}" if d["firmware"] else ""
     yield "instrument", f"{d['instrument']}{serial}{firmware}" if d["instrument"] else ""
+    yield "found with", d["configuration"]
     yield "readings", f"{_KINDS[d['kind']]}{': ' if d['source'] else ''}{d['source']}"
     yield "operator", d["operator"]
     yield "place", d["place"]

@@ -17,7 +17,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe, operator_guide, zeroing
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
-from imutui.session.gravity_check import upside_down
+from imutui.session.gravity_check import unexpected_gravity
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.line_watch import LineState, LineWatch
@@ -229,7 +229,7 @@ class Acquisition:
         if accels_g is None or self._gravity_seen or self._instrument.name == DEFAULT or info.reference != "level":
             return
         self._gravity_seen = True
-        said = upside_down(accels_g, info.axes())
+        said = unexpected_gravity(accels_g, info.axes(), info.own_mount)
         if said is not None:
             self.event("acquisition", said, WARNING)
 

@@ -1,28 +1,58 @@
 """Whether gravity reads where it should, of a unit whose axes its own configuration may turn."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
-from filters.imu import AxisMap
+from filters.imu import AxisMap, format_mount, parse_mount
 
-# cos 37 degrees: whoever is further off does not lie level at all
+# cos 37 degrees: whoever is further off does not lie along that axis at all
 _ALONG = 0.8
+_TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
 
-def upside_down(accels_g: npt.NDArray[np.float64], axes: AxisMap) -> str | None:
-    """What to say of a unit that should lie level and reads as if upside down; None of one that does not.
+def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mount: str = "") -> str | None:
+    """What to say of a unit that should lie level and reads as if it did not; None of one that reads as it should.
+
+    Of one that lies on a side, and whose own configuration does not explain it, nothing is said: it may be a tilt that
+    is meant.
 
     Parameters
     ----------
     accels_g : np.ndarray
         What the accelerometers read at rest, g, instrument axes and sign, shape (3,).
     axes : AxisMap
-        To body axes, of which Z points down.
+        To body axes, of which Z points down, as the operator says that the unit is mounted.
+    own_mount : str
+        Axes of its case in those of its packets, as its own configuration has them; "" if it does not say.
     """
     z = float(axes.accel_to_body(accels_g)[2])
-    if z < _ALONG:
+    if z < -_ALONG:
         return None
-    return (
-        f"level, the body's Z should read -1 g of specific force, and it reads {z:+.2f} g: the unit lies upside down,"
-        " or its own configuration turns its axes. Turn it, or name how it lies: --mount x,-y,-z"
-    )
+    reads = f"level, the body's Z should read -1 g of specific force, and it reads {z:+.2f} g"
+    as_configured = _turned_by_itself(accels_g, axes, own_mount)
+    if z < _ALONG:
+        if as_configured is None:
+            return None
+        return (
+            f"{reads}: the unit's own configuration turns its axes so that they read like this when it is level. Name"
+            f" how they lie: --mount {as_configured}"
+        )
+    turned_over = format_mount(_TURNED_OVER @ axes.mount)
+    if as_configured is not None and as_configured != turned_over:
+        return (
+            f"{reads}: the unit lies upside down (--mount {turned_over}), or its own configuration turns its axes"
+            f" (--mount {as_configured}). Turn it, or name which of them it is"
+        )
+    known = own_mount and as_configured is None
+    why = "its own configuration does not explain it" if known else "or its own configuration turns its axes"
+    return f"{reads}: the unit lies upside down, {why}. Turn it, or name how it lies: --mount {turned_over}"
+
+
+def _turned_by_itself(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mount: str) -> str | None:
+    """Mounting with what the unit's own configuration turns, if the unit reads level with it."""
+    if not own_mount:
+        return None
+    with_its_own = replace(axes, mount=axes.mount @ parse_mount(own_mount))
+    return format_mount(with_its_own.mount) if with_its_own.accel_to_body(accels_g)[2] < -_ALONG else None

@@ -45,6 +45,8 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
         instrument=_model(plan, identity),
         serial_number=identity.serial_number,
         firmware=identity.version,
+        configuration=identity.configuration,
+        own_mount=identity.own_mount,
         kind=kind,
         accel_sign=plan.accel_sign,
         mount=plan.mount,

@@ -5,6 +5,7 @@ Fields that a plain inertial unit does not have are left out: user switches, mag
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imutui.instrument.transmitter import BITS_PER_BYTE
@@ -130,11 +131,55 @@ class Orientation:
         )
 
     @property
+    def mount(self) -> str:
+        """Axes of the case in those of the packets, as `filters.imu.parse_mount` reads it: "x,-y,-z"."""
+        packet_axes = (self.axes.index(axis) for axis in range(3))
+        return ",".join(f"{'' if self.signs[k] > 0 else '-'}{'xyz'[k]}" for k in packet_axes)
+
+    @property
     def text(self) -> str:
         """As the manuals write it: "+Ux +Uy +Uz"."""
         return " ".join(
             f"{'+' if sign > 0 else '-'}U{'xyz'[axis]}" for axis, sign in zip(self.axes, self.signs, strict=True)
         )
+
+
+def in_words(values: Mapping[int, int]) -> str:
+    """What fields in force say, for a reader; those that a unit did not say are left out.
+
+    Parameters
+    ----------
+    values : Mapping
+        Value by number of the field; 16 bits each.
+    """
+    said = []
+    for field, value in values.items():
+        match field:
+            case Field.RATE_DIVIDER:
+                rate = {QUIET: " (quiet)"} | {n: f" ({hz} Hz)" for n, hz in RATE_OF_DIVIDER_LATER.items()}
+                said.append(f"rate divider {value}{rate.get(value, '')}")
+            case Field.BAUD:
+                said.append(f"{BAUD_OF_CODE[value]} baud" if value in BAUD_OF_CODE else f"baud rate field {value}")
+            case Field.PACKET_TYPE:
+                letters = value.to_bytes(2, "big")
+                kind = letters.decode() if letters.isalnum() else f"{value:#06x}"
+                said.append(f"packets {kind}")
+            case Field.ORIENTATION:
+                orientation = orientation_of(value)
+                words = "which is none of the 24" if orientation is None else orientation.text
+                said.append(f"orientation {value:#06x} ({words})")
+            case _:
+                # which filter it is, and what its steps are, documents disagree about
+                said.append(f"field {field} {value}")
+    return ", ".join(said)
+
+
+def orientation_of(value: int) -> Orientation | None:
+    """Orientation that the field's value says; None if it is none of the 24."""
+    try:
+        return Orientation.of_field(value)
+    except ValueError:
+        return None
 
 
 def _cyclic(axes: tuple[int, int, int]) -> set[tuple[int, int, int]]:

@@ -5,6 +5,7 @@ The unit keeps its own speed. What is set is set in RAM only, and put back on le
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.host import PATIENCE_S, QUICK_S, DataPacket, InstrumentError
@@ -12,7 +13,7 @@ from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.uut import readings
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, CounterWatch
-from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, Orientation, fits_line
+from imutui.instrument.uut.fields import QUIET, RATE_OF_DIVIDER, Field, fits_line, in_words, orientation_of
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
 from imutui.instrument.uut.messages import Memory, PacketS1, Ping, SetFields
 from imutui.instrument.uut.payloads import encode
@@ -29,6 +30,7 @@ COUNTER = CounterSpec(1e9 / COUNTS_PER_SECOND, 1e-3, +1, may_count_packets=True)
 """Time, 65536 counts a second, so that it wraps each second; a count of packets on some."""
 
 _S1 = int.from_bytes(b"S1", "big")
+_UNKNOWN = 0xFFFF
 _PING_S = 0.15
 # other programs wait for about a second
 _SLOW_PING_S = 1.5
@@ -58,12 +60,6 @@ class UutHost:
         self._own: dict[int, int] = {}
         self._divider = QUIET
         self._watch: CounterWatch | None = None
-
-    @property
-    def orientation(self) -> Orientation | None:
-        """How the packets' axes lie in the case, as the unit says; None if it does not."""
-        value = self._own.get(Field.ORIENTATION)
-        return None if value is None else Orientation.of_field(value)
 
     @property
     def stream_hz(self) -> float:
@@ -110,7 +106,7 @@ class UutHost:
         if not requests.put({Field.PACKET_TYPE: _S1}) or requests.fields((Field.PACKET_TYPE,)).get(3) != _S1:
             raise InstrumentError(f"{self.port.name}: the unit refuses packets of type S1, so it gives no readings.")
         self._divider = self._divider_for(self._rate_hz)
-        return identity
+        return self._as_configured(identity)
 
     def start(self) -> None:
         """Have the unit stream; whether it does is seen by what comes."""
@@ -197,6 +193,12 @@ class UutHost:
             one_line(source, NOTE_LIMIT),
             requests.slowest_s,
         )
+
+    def _as_configured(self, identity: Identity) -> Identity:
+        """The same unit with what it said of its own fields."""
+        orientation = orientation_of(self._own.get(Field.ORIENTATION, _UNKNOWN))
+        own_mount = "" if orientation is None else orientation.mount
+        return replace(identity, configuration=one_line(in_words(self._own), NOTE_LIMIT), own_mount=own_mount)
 
     def _divider_for(self, rate_hz: float | None) -> int:
         """Divider of the asked rate; of the fastest one that the line carries where the unit has no such rate."""

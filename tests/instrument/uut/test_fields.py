@@ -9,8 +9,10 @@ from imutui.instrument.uut.fields import (
     RATE_OF_DIVIDER_LATER,
     Orientation,
     fits_line,
+    in_words,
     low_pass_hz,
 )
+from imutui.instrument.uut.unit_options import IMU380ZA_200, FieldValues
 
 
 def legal(value: int) -> Orientation | None:
@@ -40,6 +42,23 @@ def test_24_of_512_orientations_are_legal() -> None:
 def test_orientations_read_as_in_the_guides(value: int, text: str) -> None:
     """By bits: a sign and two for the axis, of X, Y and Z."""
     assert Orientation.of_field(value).text == text
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        (
+            IMU380ZA_200,
+            "divider 1 (100 Hz), 38400 baud, packets S1, field 5 5000, field 6 5000, orientation 0x006b (",
+        ),
+        (((1, 0), (2, 9), (3, 0x5330)), "rate divider 0 (quiet), baud rate field 9, packets S0"),
+        (((1, 3), (3, 0), (7, 0xFFFF)), "divider 3, packets 0x0000, orientation 0xffff (which is none of the 24)"),
+        ((), ""),
+    ],
+)
+def test_fields_are_told_in_words(values: FieldValues, text: str) -> None:
+    """Those that the unit said, whatever they hold."""
+    assert text in in_words(dict(values))
 
 
 @pytest.mark.parametrize(("axes", "signs"), [((0, 1, 1), (1, 1, 1)), ((0, 1, 2), (1, 1, -1)), ((0, 1, 2), (1, 2, 1))])

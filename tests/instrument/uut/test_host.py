@@ -14,7 +14,6 @@ import pytest
 from helpers.paths import ROOT
 from helpers.units import Still
 
-from filters.imu import AxisMap
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import InstrumentError
@@ -32,7 +31,6 @@ from imutui.instrument.uut.requests import Requests
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual import serve
-from imutui.session.gravity_check import upside_down
 from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned
 
@@ -117,6 +115,8 @@ def test_a_unit_is_found_read_at_the_asked_rate_and_left_as_it_was(code: int) ->
         host = UutHost(port, 50.0)
         identity = host.open(None)
         assert (identity.serial_number, identity.version[:12]) == ("9911750", "IMU381ZA-200")
+        assert f"{'115200' if code == 5 else '38400'} baud, packets S1" in identity.configuration
+        assert identity.own_mount == "x,y,z"
         assert host.stream_hz == 50.0
         found = acquired(host, None, lambda n: n >= 25)
         steps = np.diff([each.packet.ticks for each in found]) % 65536
@@ -242,13 +242,6 @@ def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -
     assert sum(stamp.by_host for stamp in stamps) <= 2
     t = np.array([stamp.monotonic_ns for stamp in stamps], float)
     assert abs(np.median(np.diff(t)) - 50e6) < 0.05e6
-
-
-def test_a_unit_that_reads_gravity_upside_down_is_told() -> None:
-    """The recorded unit reads +1 g on Z, where the documents have -1 g for a level one."""
-    axes = AxisMap(accel_sign=IMU381.accel_sign)
-    assert upside_down(np.array([0.0, 0.0, -1.0]), axes) is None
-    assert "--mount x,-y,-z" in str(upside_down(np.array([-0.01, 0.006, 0.9986]), axes))
 
 
 def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:

@@ -1,0 +1,85 @@
+"""Gravity of a unit that may turn its own axes: what its configuration says, and whether it explains what is read."""
+
+import itertools
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.commands import imutui
+from helpers.units import Still, served
+
+from filters.imu import AxisMap, format_mount, parse_mount
+from imutui.instrument.uut.fields import Field, Orientation
+from imutui.instrument.uut.packet_makers import MeasuredPackets
+from imutui.instrument.uut.unit import VirtualUnit
+from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
+from imutui.logbook import reader
+from imutui.session.gravity_check import unexpected_gravity
+
+OVER = Orientation(signs=(1, -1, -1))
+
+
+def orientations() -> list[Orientation]:
+    """All that a unit takes."""
+    found = []
+    for axes, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3)):
+        try:
+            found.append(Orientation(axes, signs))  # type: ignore[arg-type]
+        except ValueError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("orientation", orientations(), ids=lambda o: o.text.replace(" ", ""))
+def test_a_level_case_with_turned_axes_is_told_how_to_name_them(orientation: Orientation) -> None:
+    """What packets read when the case is level: the mounting that is named reads -1 g on the body's Z."""
+    packets = np.zeros((3, 3))
+    packets[range(3), orientation.axes] = orientation.signs
+    assert np.array_equal(parse_mount(orientation.mount) @ packets, np.eye(3))
+    accels_g = packets @ np.array([0.0, 0.0, -1.0])
+    said = unexpected_gravity(accels_g, AxisMap(accel_sign=1), orientation.mount)
+    if packets[2, 2] == 1.0:
+        assert said is None
+        return
+    assert said is not None
+    assert f"--mount {orientation.mount}" in said
+    named = AxisMap(parse_mount(orientation.mount), accel_sign=1)
+    assert named.accel_to_body(accels_g)[2] == -1.0
+    assert unexpected_gravity(accels_g, named, orientation.mount) is None
+
+
+@pytest.mark.parametrize("mount", ["x,y,z", "-y,x,z", "x,z,-y"])
+def test_a_unit_that_lies_upside_down_is_told_whatever_its_mounting(mount: str) -> None:
+    """The mounting that is named is the one asked for, turned over; of a tilt that may be meant nothing is said."""
+    axes = AxisMap(parse_mount(mount), accel_sign=1)
+    accels_g = axes.mount.T @ np.array([-0.01, 0.006, 0.9986])
+    for own_mount, said in (
+        ("", "or its own configuration turns"),
+        ("x,y,z", "its own configuration does not explain"),
+    ):
+        told = str(unexpected_gravity(accels_g, axes, own_mount))
+        assert said in told
+        turned_over = told.rpartition("--mount ")[2]
+        assert AxisMap(parse_mount(turned_over), accel_sign=1).accel_to_body(accels_g)[2] == pytest.approx(-0.9986)
+    assert unexpected_gravity(axes.mount.T @ np.array([0.8, 0.0, -0.6]), axes, "x,y,z") is None
+
+
+def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
+    """As it was found, before anything was set; with it the reason for gravity the other way up, and what to say."""
+    fields = tuple((f, OVER.field if f == Field.ORIENTATION else 4 if f == 1 else v) for f, v in IMU381ZA)
+    options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM", fields=fields)
+    log = tmp_path / "over.mcap"
+    with served(VirtualUnit(MeasuredPackets(Still(), options), options)) as port:
+        # the filter, which takes the mounting for what was said, finds the same
+        imutui("record", "--port", port, "--duration", "4", "-o", str(log), check=1)
+    told = json.loads(imutui("info", str(log), "--json").stdout)
+    assert told["own_mount"] == format_mount(np.diag([1.0, -1.0, -1.0])) == "x,-y,-z"
+    assert told["configuration"] == (
+        "rate divider 4 (25 Hz), 115200 baud, packets S1, field 5 2142, field 6 2142, orientation 0x0048 (+Ux -Uy -Uz)"
+    )
+    assert re.search(r"found with +rate divider 4 \(25 Hz\), 115200 baud", imutui("info", str(log)).stdout)
+    (said,) = [event.text for event in reader.read(log).events if "the unit lies upside down" in event.text]
+    assert "+1.00 g: the unit lies upside down, or its own configuration turns its axes" in said
+    assert said.endswith("--mount x,-y,-z")
