@@ -27,6 +27,7 @@ from imutui.cli.options import (
     parse_site,
     reference_of,
 )
+from imutui.instrument.names import DEFAULT, NAMES
 
 
 def command(
@@ -42,7 +43,7 @@ def command(
     ] = None,
     instrument: Annotated[
         str | None,
-        typer.Option("--instrument", metavar="imu400cd|imu381", help="Which unit it is; unless given, it is asked."),
+        typer.Option("--instrument", metavar="|".join(NAMES), help="Which unit it is; unless given, it is asked."),
     ] = None,
     baud: Annotated[Optional[int], typer.Option("--baud", help="Line speed.")] = None,  # noqa: UP045
     duration: Annotated[
@@ -102,7 +103,6 @@ def command(
     from imutui.cli.exit_codes import check_output
     from imutui.cli.follow_acquisition import follow
     from imutui.cli.session_options import check_stream, plan_from
-    from imutui.instrument.registry import DEFAULT
     from imutui.session.plan import VIRTUAL_PORT
 
     if output is not None:

@@ -11,14 +11,13 @@ from typing import Annotated, Optional
 import typer
 
 from imutui.cli.options import Force
-
-INSTRUMENTS = ("imu400cd", "imu381")
+from imutui.instrument import names
 
 
 def command(
     instrument: Annotated[
         Optional[str],  # noqa: UP045
-        typer.Option("--instrument", metavar="|".join(INSTRUMENTS), help="Which unit to be (imu400cd)."),
+        typer.Option("--instrument", metavar="|".join(names.NAMES), help=f"Which unit to be ({names.DEFAULT})."),
     ] = None,
     link: Annotated[Optional[Path], typer.Option("--link", help="Also make this symbolic link to the port.")] = None,  # noqa: UP045
     from_: Annotated[
@@ -77,15 +76,15 @@ def command(
     """
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
     from imutui.cli.spoil import SpoilError, load
-    from imutui.cli.virtual_units import Asked, imu381_unit, imu400cd_unit, recorded_unit
+    from imutui.cli.virtual_units import UNITS, Asked, recorded_unit
     from imutui.instrument.sent_packets import SentPackets
     from imutui.instrument.virtual import serve
     from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:
         raise fail(USAGE, f"--speed is {speed:g}; it must be positive.")
-    if instrument is not None and instrument not in INSTRUMENTS:
-        raise fail(USAGE, f"--instrument is {instrument}; it must be one of: {', '.join(INSTRUMENTS)}.")
+    if instrument is not None and instrument not in names.NAMES:
+        raise fail(USAGE, f"--instrument is {instrument}; it must be one of: {', '.join(names.NAMES)}.")
     if serial_number is not None and not 0 <= serial_number < 2**32:
         raise fail(USAGE, f"--serial-number is {serial_number}; it travels as 32 bits, 0 to 4294967295.")
     if seed is not None and seed < 0:
@@ -99,7 +98,7 @@ def command(
     if from_start is not None and not 0.0 <= from_start < math.inf:
         raise fail(USAGE, f"--from-start is {from_start:g}; it must be a number of seconds from 0 on.")
     plays_bytes = from_ is not None and from_.suffix.lower() == ".raw"
-    if plays_bytes and instrument == "imu400cd":
+    if plays_bytes and instrument not in (None, names.IMU381):
         raise fail(USAGE, f"{from_} is a stream of an IMU381: leave --instrument away.")
     if plays_bytes and (spoil is not None or power_on is not None or from_start is not None):
         raise fail(USAGE, f"{from_} is played byte for byte: leave --spoil, --power-on and --from-start away.")
@@ -109,7 +108,7 @@ def command(
         else:
             added = None if spoil is None else load(spoil)
             asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
-            made = (imu381_unit if instrument == "imu381" else imu400cd_unit)(asked, serial_number)
+            made = UNITS[instrument or names.DEFAULT](asked, serial_number)
     except ScenarioError as error:
         raise fail(UNREADABLE, str(error)) from error
     except SpoilError as error:
@@ -128,7 +127,7 @@ def command(
 
     with ExitStack() as files:
         sink = None if tap is None else files.enter_context(open(tap, "wb", buffering=0))
-        truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")))
+        truth = None if sent is None else SentPackets(files.enter_context(open(sent, "w", encoding="ascii")), made.unit)
         try:
             serve(
                 made.unit,

@@ -1,5 +1,6 @@
 """Which virtual unit `imutui virtual` runs: an IMU400CD, an IMU381, or a recorded stream of one, byte for byte."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from filters.simulation import Scenario
 from imutui import outside_file
 from imutui.cli.spoil import ErrorFunction
 from imutui.cli.virtual_readings import UnitOnTheLine, faults_of, on_the_line, scenario_of
+from imutui.instrument import names
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
@@ -75,6 +77,13 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     )
     unit = uut.VirtualUnit(MeasuredPackets(made.readings, options), options, made.seed)
     return VirtualSetting(unit, made.line, made.source)
+
+
+UNITS: dict[str, Callable[[Asked, int | None], VirtualSetting]] = {
+    names.IMU400CD: imu400cd_unit,
+    names.IMU381: imu381_unit,
+}
+"""What makes the virtual unit of each instrument: from what is asked, and a serial number other than the usual one."""
 
 
 def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
-from imutui.instrument.counter_spec import CROSSBOW, SPAN, CounterSpec
+from imutui.instrument.counter_spec import SPAN, CounterSpec
 from imutui.instrument.host_time import HostTime
 from imutui.instrument.packet_count import PacketGrid
 
@@ -77,7 +77,7 @@ class Stamp:
     gap: Gap | None = None
 
 
-def arrival_before(host_ns: int, ticks: int, last_ticks: int, counter: CounterSpec = CROSSBOW) -> int:
+def arrival_before(host_ns: int, ticks: int, last_ticks: int, counter: CounterSpec) -> int:
     """When a packet arrived that was only recognised together with a later one.
 
     Parameters
@@ -116,17 +116,15 @@ class Clock:
     ----------
     line_ns : float
         Time that a packet spends on the line, subtracted from its arrival.
-    polled : bool
-        Whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
     counter : CounterSpec
         What the packets' counter counts.
+    polled : bool
+        Whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
     period_ns : float
         From packet to packet of the stream, as far as the unit was told; 0 if it was not.
     """
 
-    def __init__(
-        self, line_ns: float, *, polled: bool = False, counter: CounterSpec = CROSSBOW, period_ns: float = 0.0
-    ) -> None:
+    def __init__(self, line_ns: float, counter: CounterSpec, *, polled: bool = False, period_ns: float = 0.0) -> None:
         self._line_ns = line_ns
         self._polled = polled
         self._period_ns = period_ns

@@ -24,9 +24,9 @@ class CounterSpec:
         Whether it does: then it tells how many are missing even where the unit may have paused.
     """
 
-    tick_ns: float = 790.0
-    tick_tolerance: float = 0.006
-    direction: int = -1
+    tick_ns: float
+    tick_tolerance: float
+    direction: int
     may_count_packets: bool = False
     counts_packets: bool = False
 
@@ -37,7 +37,3 @@ class CounterSpec:
     def of_packets(self, period_ns: float) -> "CounterSpec":
         """The same where each packet counts one, a period apart."""
         return replace(self, tick_ns=period_ns, may_count_packets=False, counts_packets=True)
-
-
-CROSSBOW = CounterSpec()
-""""The time counter counts down from 65535 to 0, and wraps"; "one tick is 0.79 microseconds": known to 0.6 %."""

@@ -5,7 +5,7 @@ but late by whatever the operating system, an adapter or a network felt like, an
 least late arrival of many, and one that is later than expected says little.
 """
 
-from imutui.instrument.counter_spec import CROSSBOW, CounterSpec
+from imutui.instrument.counter_spec import CounterSpec
 
 # of the tick's length, a step of the counter
 _TICK_WALK = 1e-8
@@ -66,7 +66,7 @@ class HostTime:
         Length of a tick of the counter.
     """
 
-    def __init__(self, counter: CounterSpec = CROSSBOW) -> None:
+    def __init__(self, counter: CounterSpec) -> None:
         self.tick_ns = counter.tick_ns
         self._tick_sd = counter.tick_tolerance * counter.tick_ns
         self._tick_walk = _TICK_WALK * counter.tick_ns

@@ -35,16 +35,25 @@ class Instrument:
     ----------
     name : str
         How a command line calls it.
+    models : tuple of str
+        What the models of such units begin with, in capitals.
     model : str
         What a unit is that does not say its model.
+    is_one_model : bool
+        Whether every unit that its host accepts is of `model`, whatever it says of itself.
     power_up_bauds : tuple of int
         Speeds of a line to a unit that was just switched on; the first is where to begin.
     packet_bytes : int
         Of a data packet on the line.
     rates_hz : tuple of float
         Rates of a stream; at each of them every packet is a sample.
+    low_pass_loop_hz : float or None
+        Rate of the loop that runs its low-pass filters, first order, at the limits of its specification, Hz; None where
+        the filters are others, or can be set.
     accel_sign : int
         +1 if it reads specific force, -1 if its sign is the other.
+    turns_axes : bool
+        Whether its own configuration can turn the axes of its packets.
     mode, mode_words : str
         What its packets are, in two words and in a line.
     count_limits : tuple of int
@@ -67,11 +76,15 @@ class Instrument:
     """
 
     name: str
+    models: tuple[str, ...]
     model: str
+    is_one_model: bool
     power_up_bauds: tuple[int, ...]
     packet_bytes: int
     rates_hz: tuple[float, ...]
+    low_pass_loop_hz: float | None
     accel_sign: int
+    turns_axes: bool
     mode: str
     mode_words: str
     count_limits: tuple[int, int]
@@ -92,3 +105,7 @@ class Instrument:
     def gives(self, rate_hz: float) -> bool:
         """Whether a stream has such a rate, so that each packet is a sample; else samples are means of packets."""
         return rate_hz in self.rates_hz or rate_hz >= self.most_rate_hz
+
+    def packets_hz(self, rate_hz: float) -> float:
+        """Packets a second of a stream for samples at such a rate; nominal."""
+        return min(rate_hz, self.most_rate_hz) if self.gives(rate_hz) else self.most_rate_hz

@@ -2,13 +2,11 @@
 
 from imutui.instrument.imu400.instrument import IMU400CD
 from imutui.instrument.instrument import Instrument
+from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port
 from imutui.instrument.uut.instrument import IMU381
 
 INSTRUMENTS: dict[str, Instrument] = {each.name: each for each in (IMU400CD, IMU381)}
-
-DEFAULT = IMU400CD.name
-"""The one that is meant unless another is named."""
 
 
 def which_answers(port: Port) -> Instrument:
@@ -24,10 +22,12 @@ def which_answers(port: Port) -> Instrument:
     return INSTRUMENTS[DEFAULT]
 
 
-_MODELS = {"imu381": ("IMU381", "IMU380", "DMU380", "DMU381", "IMU440")}
+def is_known(model: str) -> bool:
+    """Whether a unit of some model is one of them."""
+    return any(model.upper().startswith(each.models) for each in INSTRUMENTS.values())
 
 
 def of_model(model: str) -> Instrument:
     """The instrument that a unit of some model is; the usual one where it is none of those known."""
-    upper = model.upper()
-    return INSTRUMENTS[next((name for name, known in _MODELS.items() if upper.startswith(known)), DEFAULT)]
+    known = (each for each in INSTRUMENTS.values() if model.upper().startswith(each.models))
+    return next(known, INSTRUMENTS[DEFAULT])

@@ -78,3 +78,7 @@ class VirtualInstrument(Protocol[PacketT, CommandT]):
     def in_words(self, command: CommandT) -> str:
         """Say what a command asks for, for a log."""
         ...
+
+    def in_columns(self, packet: PacketT) -> tuple[str, int, bytes]:
+        """Mode of measurement or type of a packet, its counter, and its bytes on the line, for a table."""
+        ...

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.imu import LOOP_HZ
 from filters.kalman.settings import GAP_PERIODS
+from imutui.instrument.registry import of_model
 from imutui.jobs.check_context import CheckContext, Finding, integer
 from imutui.jobs.quantities import plural, that_many
 from imutui.jobs.step_counts import StepCounts
@@ -171,7 +171,7 @@ class Gaps:
         if log.polled:
             yield from self._polled_rate(log, info.rate_hz)
         elif not count:
-            yield from _rate(log, info.rate_hz)
+            yield from _rate(log, min(info.rate_hz, of_model(info.instrument).most_rate_hz))
 
     def _polled_rate(self, log: CheckContext, rate_hz: float) -> Iterator[Finding]:
         """Whether so many packets a second were asked for as should be, while the unit answered."""
@@ -193,6 +193,6 @@ def _rate(log: CheckContext, rate_hz: float) -> Iterator[Finding]:
     """Whether samples came as often as was asked for."""
     with np.errstate(divide="ignore", invalid="ignore"):
         measured = np.float64(log.audit.samples - 1) / log.seconds_at(log.audit.last_ns)
-    if abs(measured / min(rate_hz, LOOP_HZ) - 1.0) > _RATE_OFF:
+    if abs(measured / rate_hz - 1.0) > _RATE_OFF:
         what = f"{rate_hz:g} Hz were asked for, {measured:.3f} Hz came."
         yield Finding("rate", what, "over the whole log", "Ask for a rate that the unit and its line speed can give.")

@@ -8,18 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.imu import IMU400CD_200, LOOP_HZ, AxisMap
-from filters.specification import is_known
+from filters import specification
+from filters.imu import AxisMap
 from filters.tracing.run import Run
 from filters.types import Array
-from imutui.instrument.registry import of_model
+from imutui.instrument import registry
 from imutui.jobs import replay
 from imutui.jobs.log_motion import motion_of
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo
 
-CROSSBOW = "IMU400CD"
 _SHORTEST_S = 60.0
 _AT_ONCE = 1 << 18
 
@@ -163,14 +162,15 @@ def _temperature(log: Log, t: Array) -> Array | None:
 
 def _figures(info: SessionInfo) -> tuple[Array | None, Array | None, Array]:
     """Size of a count (SI), band limits (Hz) and latencies (s) of the six channels, as far as the unit is known."""
-    if info.sampling == "imported" or not is_known(info.instrument):
+    if info.sampling == "imported" or not registry.is_known(info.instrument):
         return None, None, np.zeros(6)
-    scaling = of_model(info.instrument).scaling(info.rate_range_dps, info.accel_range_g)
+    instrument, spec = registry.of_model(info.instrument), specification.of_model(info.instrument)
+    scaling = instrument.scaling(info.rate_range_dps, info.accel_range_g)
     lsb = np.repeat([np.deg2rad(float(scaling.rates_dps(1))), float(scaling.accels_g(1)) * info.g_unit], 3)
-    if not info.instrument.startswith(CROSSBOW):
-        return lsb, None, np.zeros(6)  # their low-pass filters are set in the unit, and documents differ on how
-    bandwidth = np.repeat([IMU400CD_200.gyro_bandwidth, IMU400CD_200.accel_bandwidth], 3)
-    # Table 1's limits as the first-order filter that the unit runs once a loop, y += (1 - p) (x - y): a ramp comes out
-    # p/(1 - p) loops late
-    p = np.exp(-2.0 * np.pi * bandwidth / LOOP_HZ)
-    return lsb, bandwidth, p / (1.0 - p) / LOOP_HZ
+    loop_hz = instrument.low_pass_loop_hz
+    if loop_hz is None:
+        return lsb, None, np.zeros(6)
+    bandwidth = np.repeat([spec.gyro_bandwidth, spec.accel_bandwidth], 3)
+    # the first-order filter that the unit runs once a loop, y += (1 - p) (x - y): a ramp comes out p/(1 - p) loops late
+    p = np.exp(-2.0 * np.pi * bandwidth / loop_hz)
+    return lsb, bandwidth, p / (1.0 - p) / loop_hz

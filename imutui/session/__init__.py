@@ -1,9 +1,9 @@
 """The acquisition process: it owns the port and the file, and lives on without any terminal.
 
 What is asked: `plan` · `metadata` of its logs, their names, and changes of what the filter takes.
-With the instrument: `handshake` the opening dialogue, `replies` one answer, `identity` what the unit says of itself ·
-`reader_thread` reads the port, `polling` asks for packets · `zeroing` the rate sensors · `port_probe` what answers at a
-port · `reconnection` finds the same unit again, `absence` says how long it was away · `measurement_mode` tells volts.
+With the instrument, by its host side: `offers` what can be asked of it · `identity` what the unit says of itself ·
+`reader_thread` reads the port or asks for packets · `zeroing` the rate sensors · `port_probe` what answers at a port ·
+`reconnection` finds the same unit again, `absence` says how long it was away · `gravity_check` how it lies.
 Its threads: `engine` starts and ends them and takes requests · `acquisition` what happens with packets and requests ·
 `lifecycle` where it stands · `duration` when it is over · `line_watch` what is to be said of the line, with `silence`.
 From packets to a file: `packet_stamps` when each was sampled · `sample_pipeline` a run of samples ·

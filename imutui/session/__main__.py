@@ -16,8 +16,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from imutui.instrument.host import InstrumentError
+from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS, which_answers
+from imutui.instrument.registry import INSTRUMENTS, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, exit_codes, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message

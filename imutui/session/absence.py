@@ -4,7 +4,6 @@ import math
 import time
 from dataclasses import replace
 
-from filters.imu import LOOP_HZ
 from imutui.instrument.clock import Gap, Stamp
 from imutui.session.packet_stamps import gap_text
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
@@ -87,11 +86,6 @@ class Absence:
             f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
             f" {self._waits_for}. What came is recorded and the file is finished."
         )
-
-
-def line_rate_hz(sampling: str, rate_hz: float) -> float:
-    """Packets a second that the unit sends, or is asked for."""
-    return rate_hz if sampling == "polled" else LOOP_HZ
 
 
 def _utc(timebase: Timebase, monotonic_ns: int) -> str:

@@ -11,7 +11,7 @@ from filters import specification
 from filters.motion.profile import Profile
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import observe, operator_guide, zeroing
@@ -89,7 +89,7 @@ class Acquisition:
         self._line_errors = (0, 0)
         self._gravity_seen = False
         self._last_stamp_ns = self._started_ns
-        self._line = LineWatch(info, self._timebase)
+        self._line = LineWatch(info, self._timebase, self._instrument.packets_hz(plan.rate_hz))
         self._loss_advice = LossAdvice(info.port, info.firmware)
 
     @property
@@ -226,7 +226,7 @@ class Acquisition:
         """Say once of a unit that turns its own axes that gravity reads where it should not."""
         accels_g = self._recent.accels_g()
         info = self._recorder.info
-        if accels_g is None or self._gravity_seen or self._instrument.name == DEFAULT or info.reference != "level":
+        if accels_g is None or self._gravity_seen or not self._instrument.turns_axes or info.reference != "level":
             return
         self._gravity_seen = True
         said = unexpected_gravity(accels_g, info.axes(), info.own_mount)

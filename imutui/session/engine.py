@@ -84,8 +84,8 @@ class Engine:
         self._reader = Reader(host, plan.rate_hz if polled else None, self._queue.put, known)
         clock = Clock(
             transfer_s(instrument.packet_bytes, port.baud) * 1e9,
+            host.counter,
             polled=polled,
-            counter=host.counter,
             period_ns=1e9 / host.stream_hz if host.stream_hz else 0.0,
         )
         info = session_info(plan, port, identity)

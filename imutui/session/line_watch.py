@@ -8,7 +8,7 @@ from imutui.logbook import line_advice
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import exit_codes, reconnection, silence
-from imutui.session.absence import Absence, line_rate_hz
+from imutui.session.absence import Absence
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
 from imutui.session.silence import SilenceMonitor
@@ -41,12 +41,14 @@ class LineWatch:
         Port, unit, sampling and rate.
     timebase : Timebase
         Monotonic to UTC.
+    stream_hz : float
+        Packets a second that the unit sends where it streams, at most.
     """
 
-    def __init__(self, info: SessionInfo, timebase: Timebase) -> None:
+    def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
         self._info = info
         polled_hz = info.rate_hz if info.sampling == "polled" else None
-        self._absence = Absence(timebase, line_rate_hz(info.sampling, info.rate_hz))
+        self._absence = Absence(timebase, polled_hz or stream_hz)
         self._silence = SilenceMonitor(1.0 / polled_hz if polled_hz else 0.0)
         self._ask_again_s = reconnection.ask_again_after_s(polled_hz)
         self._rate = PolledRate(info.rate_hz)

@@ -19,7 +19,7 @@ from filters.motion.reference import Trajectory
 from filters.state import Site
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reference_file
 from imutui.logbook.session_info import FROM_LOG, MEASURED, SIMULATED, UNKNOWN, SessionInfo
 from imutui.logbook.writer import LogWriter
@@ -83,9 +83,8 @@ def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
 
 
 def _model(plan: Plan, identity: Identity) -> str:
-    usual = INSTRUMENTS[plan.instrument].model
-    # every IMU400CD that is not refused is the one model
-    return usual if plan.instrument == DEFAULT else model_of(identity.version) or usual
+    instrument = INSTRUMENTS[plan.instrument]
+    return instrument.model if instrument.is_one_model else model_of(identity.version) or instrument.model
 
 
 def _reference_sha256(plan: Plan) -> str:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.instrument import Instrument
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS
+from imutui.instrument.names import DEFAULT
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 
 MIN_RATE_HZ = 0.1

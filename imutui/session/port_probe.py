@@ -3,8 +3,9 @@
 import os
 
 from imutui.instrument.host import InstrumentError
+from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError, resolve
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS, which_answers
+from imutui.instrument.registry import INSTRUMENTS, which_answers
 from imutui.session.identity import model_of
 from imutui.session.snapshot import ProbeAnswer
 

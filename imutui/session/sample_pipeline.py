@@ -16,7 +16,8 @@ from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
 from imutui.instrument.host import DataPacket
 from imutui.instrument.instrument import Instrument
-from imutui.instrument.registry import DEFAULT, INSTRUMENTS
+from imutui.instrument.names import DEFAULT
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import polled_rate, schemas
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter

@@ -12,13 +12,14 @@ import pytest
 from helpers.packet_stream import LOOP_S, Heard, Stream, hear, stream
 
 from imutui.instrument.clock import Clock, Gap, arrival_before
+from imutui.instrument.imu400.host import COUNTER
 
 HOLDS_S = [0.1, 0.3, 0.7, 1.0, 3.0, 8.0]
 
 
 def heard(made: Stream, baud: int = 38400) -> Heard:
     """What a fresh clock makes of a stream; stamps in order, none later than its packet, none off by more than said."""
-    found = hear(made, Clock(180 / baud * 1e9))
+    found = hear(made, Clock(180 / baud * 1e9, COUNTER))
     assert len(found.stamps) == found.error_s.size
     assert all(b.monotonic_ns > a.monotonic_ns for a, b in pairwise(found.stamps))
     assert all(s.monotonic_ns <= at * 1e9 for s, at in zip(found.stamps, found.arrival_s, strict=True))
@@ -195,7 +196,7 @@ def test_whole_packets_dropped_without_a_trace_are_found_by_time() -> None:
 
 def test_a_counter_that_stands_still_leaves_the_arrival() -> None:
     """Nothing is invented from it: packets are stamped when they came, and say so."""
-    clock = Clock(4.6875e6)
+    clock = Clock(4.6875e6, COUNTER)
     stamps = [s for k in range(200) for s in clock.take(77, 10**12 + k * 7_500_000, contiguous=k > 0)]
     stamps += clock.release()
     assert len(stamps) == 200
@@ -205,7 +206,9 @@ def test_a_counter_that_stands_still_leaves_the_arrival() -> None:
 
 def test_polled_packets_are_stamped_by_arrival() -> None:
     """Above 52 ms the counter is ambiguous: arrival less the time on the line, at worst when it was asked for."""
-    (stamp,) = Clock(4.6875e6, polled=True).take(100, 10**12, contiguous=False, requested_ns=10**12 - 500_000_000)
+    (stamp,) = Clock(4.6875e6, COUNTER, polled=True).take(
+        100, 10**12, contiguous=False, requested_ns=10**12 - 500_000_000
+    )
     assert stamp.monotonic_ns == 10**12 - 4_687_500
     assert stamp.by_host
     assert stamp.monotonic_ns - stamp.uncertainty_ns <= 10**12 - 500_000_000 - 7_500_000 + 1
@@ -213,9 +216,9 @@ def test_polled_packets_are_stamped_by_arrival() -> None:
 
 def test_a_packet_that_waited_for_the_next_gets_its_own_arrival() -> None:
     """Recognised together with its successor, it still arrived a period earlier."""
-    assert arrival_before(10**9, 9494, 0) == 10**9 - 7500260
-    assert arrival_before(10**9, 5, 65531 + 0) == 10**9 - 10 * 790
-    assert arrival_before(10**9, 77, 77) == 10**9
+    assert arrival_before(10**9, 9494, 0, COUNTER) == 10**9 - 7500260
+    assert arrival_before(10**9, 5, 65531 + 0, COUNTER) == 10**9 - 10 * 790
+    assert arrival_before(10**9, 77, 77, COUNTER) == 10**9
 
 
 @pytest.mark.parametrize("lossy", [False, True])
@@ -225,7 +228,7 @@ def test_a_stretch_after_an_interruption_keeps_the_tick(lossy: bool) -> None:
         made = stream(20.0, skew_ppm=100.0)
         half = at(made, 10.0)
         made.pause(half, seconds)
-        clock = Clock(4.6875e6)
+        clock = Clock(4.6875e6, COUNTER)
         stamps = []
         for k in range(made.sampled.size):
             if k == half:

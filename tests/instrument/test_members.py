@@ -12,12 +12,15 @@ from helpers.units import Still, served
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from filters import specification
+from imutui.cli import virtual_units
+from imutui.instrument import names
 from imutui.instrument.discarded import Discarded
 from imutui.instrument.host import DataPacket, Host
 from imutui.instrument.imu400 import unit as imu400_unit
 from imutui.instrument.imu400.unit_options import UnitOptions as Imu400Options
 from imutui.instrument.port import Port
-from imutui.instrument.registry import INSTRUMENTS, which_answers
+from imutui.instrument.registry import INSTRUMENTS, is_known, of_model, which_answers
 from imutui.instrument.uut import unit as uut_unit
 from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
@@ -83,8 +86,30 @@ def whole(events: list[DataPacket | Discarded]) -> list[DataPacket]:
 
 
 def test_every_member_has_a_virtual_unit() -> None:
-    """What follows is of all of them."""
-    assert set(UNITS) == set(INSTRUMENTS)
+    """What follows is of all of them; command lines name them, and `imutui virtual` makes them."""
+    assert set(UNITS) == set(INSTRUMENTS) == set(virtual_units.UNITS)
+    assert tuple(INSTRUMENTS) == names.NAMES
+
+
+@every
+def test_a_model_is_of_one_instrument_and_has_a_specification(name: str) -> None:
+    """What begins with its models' names, in whatever case, is of it, with limits and noise of their own."""
+    instrument = INSTRUMENTS[name]
+    for model in (instrument.model, *instrument.models):
+        assert of_model(f"{model.lower()}-200") is instrument
+        assert is_known(model)
+        assert specification.is_known(model)
+    assert not is_known("MTi-30")
+
+
+@every
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.37, 1.0])
+def test_samples_are_packets_or_means_of_more(name: str, share: float) -> None:
+    """A stream has at least as many packets as samples, and as many at the rates that it has itself."""
+    instrument = INSTRUMENTS[name]
+    rate_hz = share * instrument.most_rate_hz
+    assert rate_hz <= instrument.packets_hz(rate_hz) <= instrument.most_rate_hz
+    assert all(instrument.packets_hz(own) == own for own in instrument.rates_hz)
 
 
 @every

@@ -10,7 +10,7 @@ from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.imu400 import handshake, zeroing
-from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.host import COUNTER, Imu400Host
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
@@ -72,7 +72,7 @@ def test_after_zeroing_the_rates_are_zero_and_no_packet_is_missed(poll_hz: float
     assert done.seconds > 1.3
     assert np.all(np.abs([a.packet.rates for a in after]) <= 1)
     assert (after[-1].bad_checksums, after[-1].discarded_bytes) == (0, 0)
-    clock = Clock(4.7e6, polled=poll_hz is not None)
+    clock = Clock(4.7e6, COUNTER, polled=poll_hz is not None)
     stamps: list[Stamp] = []
     for arrivals in (first + rest, after):
         for a in arrivals:

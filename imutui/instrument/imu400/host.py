@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 
-from imutui.instrument.counter_spec import CROSSBOW
+from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.discarded import Discarded
 from imutui.instrument.host import PATIENCE_S, DataPacket, InstrumentError
 from imutui.instrument.identity import Identity
 from imutui.instrument.imu400 import handshake, measurement_mode, zeroing
 from imutui.instrument.imu400.crossbow import (
     POWER_UP_BAUD,
+    TICK_S,
     Decoder,
     Event,
     Mode,
@@ -23,6 +24,9 @@ from imutui.instrument.port import Port
 
 # A unit comes back at the speed it had, or at that of power-up.
 _QUICK_SPEEDS = (POWER_UP_BAUD,)
+
+COUNTER = CounterSpec(TICK_S * 1e9, 0.006, -1)
+""""The time counter counts down from 65535 to 0, and wraps"; "one tick is 0.79 microseconds": known to 0.6 %."""
 
 
 class Packets:
@@ -81,7 +85,7 @@ class Imu400Host:
     def __init__(self, port: Port, rate_hz: float | None = None) -> None:
         del rate_hz
         self.port = port
-        self.counter = CROSSBOW
+        self.counter = COUNTER
         self.stream_hz = 0.0
 
     def find(self) -> Identity:

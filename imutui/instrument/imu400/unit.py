@@ -120,6 +120,10 @@ class VirtualUnit:
     packet_bytes = PACKET_BYTES
     in_words = staticmethod(in_words)
 
+    def in_columns(self, packet: Packet) -> tuple[str, int, bytes]:
+        """Mode, counter and bytes of a packet."""
+        return packet.mode.value, packet.ticks, encode(packet)
+
     @property
     def data_asked_for(self) -> bool:
         """Whether a host has ever asked for data."""

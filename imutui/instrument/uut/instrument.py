@@ -1,5 +1,6 @@
 """The IMU381 and its relatives as a member of the registry."""
 
+from imutui.instrument import names
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
@@ -26,12 +27,17 @@ def _scaling(rate_range_dps: float, accel_range_g: float) -> Scaling:
 
 
 IMU381 = Instrument(
-    name="imu381",
+    name=names.IMU381,
+    models=("IMU381", "IMU380", "DMU380", "DMU381", "IMU440"),
     model="IMU381ZA",
+    is_one_model=False,
     power_up_bauds=SPEEDS[:4],
     packet_bytes=FIXED_LENGTHS[b"S1"] + OVERHEAD_BYTES,
     rates_hz=tuple(map(float, RATE_OF_DIVIDER.values())),
+    # set in the unit; documents disagree which field is the rate sensors'
+    low_pass_loop_hz=None,
     accel_sign=1,
+    turns_axes=True,
     mode="packets S1",
     mode_words="packets S1: rates, forces, four temperatures, status word",
     count_limits=COUNT_LIMITS,

@@ -176,12 +176,22 @@ def _packets_of(raw: bytes) -> list[MadePacket]:
 
 def _divider_of(packets: list[Measurement]) -> int:
     """Divider by which the counter steps as it does."""
-    counters = [packet.time if isinstance(packet, PacketS0) else packet.counter for packet in packets]
+    counters = [_counter_of(packet) for packet in packets]
     steps = [(after - before) % SPAN for before, after in pairwise(counters)]
     if not steps:
         return 1
     period = median_low(steps) / COUNTS_PER_SECOND
     return next((divider for divider, hz in RATE_OF_DIVIDER.items() if math.isclose(period * hz, 1.0, rel_tol=0.02)), 1)
+
+
+def in_columns(packet: Measurement) -> tuple[str, int, bytes]:
+    """Type, counter and bytes of a packet, for a table."""
+    data = encode(packet)
+    return data[2:4].decode("ascii"), _counter_of(packet), data
+
+
+def _counter_of(packet: Measurement) -> int:
+    return packet.time if isinstance(packet, PacketS0) else packet.counter
 
 
 def counter_at(meaning: Meaning, instant: float, packets: int) -> int:

@@ -40,7 +40,7 @@ from imutui.instrument.uut.messages import (
     SetFields,
     StatusWords,
 )
-from imutui.instrument.uut.packet_makers import MadePacket, PacketMaker, RecordedStream, counter_at
+from imutui.instrument.uut.packet_makers import MadePacket, PacketMaker, RecordedStream, counter_at, in_columns
 from imutui.instrument.uut.payloads import GET, GET_PACKET, SET, encode, frame_of
 from imutui.instrument.uut.request_text import in_words
 from imutui.instrument.uut.schedule import Schedule
@@ -78,6 +78,7 @@ class VirtualUnit:
     """
 
     in_words = staticmethod(in_words)
+    in_columns = staticmethod(in_columns)
 
     def __init__(self, packets: PacketMaker, options: UnitOptions | None = None, seed: int | None = None) -> None:
         self.options = options or UnitOptions()

@@ -233,7 +233,7 @@ def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.
 @pytest.mark.parametrize("losing", [range(0), range(200, 203), range(200, 240), range(200, 221)])
 def test_losses_are_told_whatever_the_counter_counts(step: int, losing: range) -> None:
     """Packets or time, whole seconds among the latter: none is invented, and those missing are within the bounds."""
-    clock = Clock(transfer_s(31, 115200) * 1e9, counter=UutHost(None).counter, period_ns=50e6)  # type: ignore[arg-type]
+    clock = Clock(transfer_s(31, 115200) * 1e9, UutHost(None).counter, period_ns=50e6)  # type: ignore[arg-type]
     stamps = stamped(clock, stream_of(step, losing))
     gaps = [stamp.gap for stamp in stamps if stamp.gap is not None]
     assert len(stamps) == 400 - len(losing)

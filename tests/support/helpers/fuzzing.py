@@ -37,6 +37,7 @@ from imutui.instrument.imu400.crossbow import (
     SetMode,
     encode,
 )
+from imutui.instrument.imu400.host import COUNTER
 from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
 from imutui.logbook import effects_file, import_reference, importer, reference_file
 from imutui.logbook.importer import ImportDataError
@@ -437,7 +438,7 @@ class _Engine:
         self.lifecycle.first_packet()
         plan = Plan("virtual", rate_hz=20.0, logs=str(folder))
         session = SessionInfo(rate_hz=20.0, kind="simulated", serial_number="7")
-        self.acquisition = Acquisition(plan, session, Clock(1.0), _Unit(), self.lifecycle)  # type: ignore[arg-type]
+        self.acquisition = Acquisition(plan, session, Clock(1.0, COUNTER), _Unit(), self.lifecycle)  # type: ignore[arg-type]
         # nobody is waited for
         self.lifecycle.ended.set()
 

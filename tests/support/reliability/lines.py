@@ -116,14 +116,15 @@ def silent(folder: Path, seconds: float) -> Silence:
     line = FaultyLine([LineFault(1.0, "silence", seconds=seconds)])
     with acquiring(folder, line, rate_hz=20.0) as it:
         wait_until(lambda: messages.silence(it.state()) is not None)
-        last = it.sent.packets()[-1, 0]
-        told = (time.monotonic_ns() - last) / 1e9
+        told = time.monotonic_ns()
         wait_until(lambda: messages.silence(it.state()) is None)
-        now = time.monotonic_ns()
-        later = it.sent.packets()
-        back = later[later[:, 0] > last][0, 0]
-        assert it.client.stop() is not None
-    return Silence(told, (now - back) / 1e9)
+        over = time.monotonic_ns()
+        log = it.client.stop()
+    assert log is not None
+    # as the acquisition read them: whoever writes to the wire may be held up before it looks at a clock
+    arrived = np.array([packet.host_monotonic_ns for packet in reader.read(Path(log["log"]), raw=True).raw])
+    last, back = arrived[arrived < told][-1], arrived[arrived > told][0]
+    return Silence((told - last) / 1e9, (over - back) / 1e9)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 from filters.kalman import runner
 from imutui.instrument.clock import Clock
 from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Mode, Packet
+from imutui.instrument.imu400.host import COUNTER
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.logbook.session_info import SessionInfo
 from imutui.session import live_filter
@@ -98,7 +99,7 @@ def soak(folder: Path, plan: Plan, seconds: float, every_s: float) -> Iterator[T
         acquisition = Acquisition(
             plan,
             SessionInfo(rate_hz=plan.rate_hz, sampling=plan.sampling, filter=plan.filter, kind="simulated"),
-            Clock(float(_TRANSFER_NS), polled=False),
+            Clock(float(_TRANSFER_NS), COUNTER, polled=False),
             reader,  # type: ignore[arg-type]
             Lifecycle(),
         )

@@ -1,0 +1,10 @@
+"""Names of the instruments, as command lines and plans have them. Loads nothing, so that help is there at once."""
+
+IMU400CD = "imu400cd"
+IMU381 = "imu381"
+
+NAMES = (IMU400CD, IMU381)
+"""Of every member of the registry, in its order."""
+
+DEFAULT = IMU400CD
+"""Of the one that is meant unless another is named."""
