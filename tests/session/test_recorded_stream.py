@@ -1,5 +1,6 @@
-"""Packets with details in a log: temperatures of each sensor and the status word of an IMU381, as it sent them."""
+"""The stream that a real IMU381 sent, played over a pseudo-terminal and recorded live: what its log has of it."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,13 +10,16 @@ import unit_time
 from helpers.commands import imutui
 from rosbags.highlevel import AnyReader
 
+from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import PacketS1
 from imutui.logbook import reader, schemas
 from imutui.session import client
 from imutui.session.plan import Plan
 
-SECONDS = 12.0
+PACKETS = 1002
+SECONDS = PACKETS / 20.0
+"""Just before the packet that would follow the last."""
 
 
 @pytest.fixture
@@ -27,7 +31,7 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
             monkeypatch.setenv(name, environment[name])
         asked = Plan(
             port, 20.0, instrument="imu381", logs=str(home / "logs"), record=True, filter="none", duration_s=SECONDS,
-            accel_sign=1,
+            accel_sign=1, mount="x,-y,-z", reference="gravity",
         )  # fmt: skip
         live = client.start(asked).wait(240.0)
     assert live is not None
@@ -35,14 +39,16 @@ def recorded(home: Path, recording: Callable[[str], Path], monkeypatch: pytest.M
     return Path(live["log"])
 
 
-def test_every_field_that_a_real_unit_sent_is_in_the_log(recorded: Path, recording: Callable[[str], Path]) -> None:
-    """Frame for frame, by our reader and by rosbags; check, info, export and replay take the log."""
+def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callable[[str], Path]) -> None:
+    """All fields of all frames, by our reader and by rosbags; readings, biases and noise as others decoded them."""
     sent = Decoder().feed(recording("aceinna_imu381_scale1.raw").read_bytes())
     log = reader.read(recorded, raw=True)
-    assert len(log.raw) >= SECONDS * 20
+    assert len(log.raw) == len(sent) == log.stamp_ns.size == PACKETS
+    assert log.events[-1].text == f"ended by its duration of {SECONDS:g} s"
+    assert not [event for event in log.events if event.name == "gap"]
     with AnyReader([recorded]) as bag:
         by_rosbags = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.RAW]
-    for packet, told, event in zip(log.raw, by_rosbags, sent[: len(log.raw)], strict=True):
+    for packet, told, event in zip(log.raw, by_rosbags, sent, strict=True):
         assert isinstance(event, PacketS1)
         assert packet.counts == (*event.rates, *event.accels) == tuple(told.counts)
         assert packet.ticks == event.counter == told.ticks
@@ -50,11 +56,28 @@ def test_every_field_that_a_real_unit_sent_is_in_the_log(recorded: Path, recordi
         assert packet.details == details == (event.rate_temperatures, event.board_temperature, event.bit)
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
     said = " ".join(imutui("check", str(recorded)).stdout.split())
-    assert f"(BIT) was 0x0002 (hardware error) in {len(log.raw)} of {len(log.raw)} packets" in said
+    assert f"(BIT) was 0x0002 (hardware error) in {PACKETS:,} of {PACKETS:,} packets" in said
     assert "imutui_msgs/msg/S1Packet" in imutui("info", str(recorded)).stdout
     imutui("export", str(recorded), "--topic", schemas.RAW, "-o", "raw.npz")
     with np.load("raw.npz") as columns:
         assert columns["status"].tolist() == [2] * len(log.raw)
         assert columns["board_temperature"].tolist() == [p.details[1] for p in log.raw if p.details]
-    replayed = imutui("replay", str(recorded), "--reference", "gravity", "--json", check=None)
-    assert '"samples": ' + str(log.stamp_ns.size) in replayed.stdout
+    # biases, noise and temperature are those of the stream that somebody else decoded
+    source = recording("aceinna_imu381_s1_static.npz")
+    flags = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
+    imutui("import", str(source), "-o", "decoded.mcap", *flags)
+    of_stream, of_arrays = (
+        json.loads(imutui("replay", path, "--json").stdout) for path in (str(recorded), "decoded.mcap")
+    )
+    for kind in ("gyro_bias_dps", "accel_bias_mg"):
+        for ours, theirs, sd in zip(
+            *(of[kind] for of in (of_stream["final"], of_arrays["final"], of_arrays["sd"])), strict=True
+        ):
+            assert (ours is None) is (theirs is None)
+            assert ours is None or abs(ours - theirs) < 0.01 * sd
+    with np.load(source) as decoded:
+        # the mounting leaves each axis where it is
+        for ours, theirs, unit in ((log.gyro, "gyro", np.pi / 180.0), (log.accel, "accel", STANDARD_GRAVITY)):
+            noise = np.diff(decoded[theirs] * unit, axis=0).std(axis=0)
+            assert np.allclose(np.diff(ours, axis=0).std(axis=0), noise, rtol=1e-3)
+        assert np.allclose(log.temperature_degc, decoded["temp"], atol=1e-4)
