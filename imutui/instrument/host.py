@@ -168,8 +168,12 @@ class Host(Protocol):
         """Find the unit's speed and ask who it is, and no more; raises InstrumentError if it is not there."""
         ...
 
-    def answers(self) -> bool:
-        """Whether such a unit answers, asked briefly; another kind of unit makes nothing of the question."""
+    def answers(self, baud: int | None = None) -> bool:
+        """Whether such a unit answers, asked briefly: at one speed, or at its usual ones.
+
+        Another kind of unit at that speed makes nothing of the question. One at another speed hears other bytes than
+        were sent, and may take them for commands.
+        """
         ...
 
     def check_model(self, identity: Identity) -> None:

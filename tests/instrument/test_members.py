@@ -137,6 +137,18 @@ def test_each_tells_itself_from_the_others(name: str) -> None:
     assert identity.version.upper().startswith(INSTRUMENTS[name].model[:6])
 
 
+def test_the_usual_unit_hears_no_question_at_another_speed() -> None:
+    """What others are asked at their speeds it could take for commands: it is known before, while it streams too."""
+    heard: list[str] = []
+    unit = UNITS[names.DEFAULT]()
+    with served(unit, log=heard.append) as path, Port(path, unit.baud) as port:
+        for begin in (b"", b"cC"):
+            port.write(begin)
+            assert which_answers(port).name == names.DEFAULT
+    assert "R: ping" in heard
+    assert not [line for line in heard if "line noise" in line]
+
+
 @every
 def test_polled_packets_are_those_of_a_stream(name: str) -> None:
     """An answer follows its request and has the same readings; one that is late on a busy machine is not waited for."""

@@ -36,6 +36,7 @@ from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
 _QUIET_S = 0.06
 _QUIET_LIMIT_S = 1.0
+_STOPS_WITHIN_S = 0.25
 _PONG_S = 0.2
 _TRIES = 3
 _PONG = encode(Pong())
@@ -137,10 +138,10 @@ def set_scaled(port: Port, patience_s: float = QUICK_S) -> bool:
     return any(asker.ask(SetMode(Mode.SCALED), ModeSet, wait) is not None for wait in waits)
 
 
-def stop_stream(port: Port) -> bytes:
-    """Send `P`, wait until the line is quiet, flush; returns what came meanwhile."""
+def stop_stream(port: Port, limit_s: float = _QUIET_LIMIT_S) -> bytes:
+    """Send `P`, wait until the line is quiet, for so long at most, flush; returns what came meanwhile."""
     port.write(encode(StopStream()))
-    heard = _await_quiet(port, _QUIET_S, _QUIET_LIMIT_S)
+    heard = _await_quiet(port, _QUIET_S, limit_s)
     port.discard_input()
     return heard
 
@@ -155,6 +156,14 @@ def _await_quiet(port: Port, quiet_s: float, limit_s: float) -> bytes:
             heard += data
             quiet_since = time.monotonic()
     return heard
+
+
+def answers_at(port: Port, baud: int) -> bool:
+    """Whether a quick unit is at a speed, asked once; the port is left at it."""
+    port.set_baud(baud)
+    # one that streams stops within a packet: whatever goes on sending is another
+    stop_stream(port, _STOPS_WITHIN_S)
+    return _ping(port, _PONG_S)[0]
 
 
 def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS, patience_s: float = PATIENCE_S) -> None:

@@ -93,8 +93,10 @@ class Imu400Host:
         handshake.find_speed(self.port, POWER_UP_BAUD)
         return handshake.identify(self.port)
 
-    def answers(self) -> bool:
-        """Whether such a unit answers."""
+    def answers(self, baud: int | None = None) -> bool:
+        """Whether such a unit answers at a speed, or at any."""
+        if baud is not None:
+            return handshake.answers_at(self.port, baud)
         try:
             handshake.find_speed(self.port, POWER_UP_BAUD)
         except InstrumentError:

@@ -71,10 +71,10 @@ class UutHost:
         self._find_speed(_QUICK_SPEEDS, _PING_S)
         return self._identify(Requests(self.port))
 
-    def answers(self) -> bool:
-        """Whether such a unit answers at its usual speeds."""
+    def answers(self, baud: int | None = None) -> bool:
+        """Whether such a unit answers at a speed, or at its usual ones."""
         try:
-            self._find_speed(_QUICK_SPEEDS, _PING_S, bare=True)
+            self._find_speed(_QUICK_SPEEDS if baud is None else (baud,), _PING_S, bare=True)
         except InstrumentError:
             return False
         return True
