@@ -26,6 +26,8 @@ _SLACK_NS = 4e6
 # a line that has caught up no further for so long is in time
 _CAUGHT_UP_NS = 120e6
 _GAIN_NS = 2e6
+# one that is later by so much than the one before was held up again
+_AGAIN_NS = 40e6
 _LONGEST_HOLD_NS = 0.8e9
 _MOST_HELD = 4096
 # how well the tick must be known to tell wraps apart after a pause, as a part of one
@@ -140,6 +142,7 @@ class Clock:
         self._held_ticks = 0
         self._least_late = 0.0
         self._least_late_at = 0.0
+        self._newest_late = 0.0
         self._emptied = False
         self._gap_from_ns: int | None = None
         self._last = 0
@@ -195,7 +198,7 @@ class Clock:
         if not self._opened:
             return self._take_opening(packet)
         if self._held and not soon:
-            return self._resume(caught_up=quiet or self._in_step()) + self._take(packet)
+            return self._resume(caught_up=self._in_step() or (quiet and not self._in_a_burst())) + self._take(packet)
         return self._take(packet)
 
     def due(self, now_ns: int) -> list[Stamp]:
@@ -289,6 +292,7 @@ class Clock:
         if packet.follows or late < wrap_ns - _SLACK_NS:
             return [self._advance(packet, 0)]
         self._held_ticks, self._least_late, self._least_late_at = 0, late, packet.arrival_ns
+        self._newest_late = late
         self._emptied = False
         return self._hold(packet)
 
@@ -300,9 +304,11 @@ class Clock:
         if late < self._least_late - _GAIN_NS:
             self._least_late, self._least_late_at = late, packet.arrival_ns
         self._emptied = self._emptied or not packet.behind
-        if packet.behind and not self._emptied:
-            # a busy host takes its time over a backlog; once that is read, several at once are an adapter's burst
+        if (packet.behind and not self._emptied) or late > self._newest_late + _AGAIN_NS:
+            # a busy host takes its time over a backlog; once that is read, several at once are an adapter's burst; and
+            # while a line is held up again it catches up nothing
             self._least_late_at = packet.arrival_ns
+        self._newest_late = late
         in_time = late < WRAP * self.tick_ns - _SLACK_NS
         if in_time or packet.arrival_ns - self._least_late_at > self._caught_up_ns:
             return self._resume(caught_up=True)
@@ -315,6 +321,12 @@ class Clock:
         last = self._held[-1]
         in_step = last.arrival_ns - self._held[0].arrival_ns > 0.5 * ticks * self.tick_ns > 0.0
         return in_step and not last.behind
+
+    def _in_a_burst(self) -> bool:
+        """Whether the packets held came faster than the unit sends: then the line may be held up again."""
+        ticks = sum(packet.step for packet in self._held[1:])
+        took_ns = self._held[-1].arrival_ns - self._held[0].arrival_ns
+        return len(self._held) > _FEWEST and took_ns < 0.5 * ticks * self.tick_ns
 
     def _resume(self, *, caught_up: bool) -> list[Stamp]:
         """Stamps of the packets held: how late the least late of them is tells how many wraps went by unseen."""
@@ -364,7 +376,8 @@ class Clock:
         elif moved > WRAP * self.tick_ns - _SLACK_NS:
             gap = Gap(seconds + moved / 1e9, 0, math.ceil(moved / (self._grid.spacing * self.tick_ns)))
         elif missing:
-            gap = Gap(seconds, missing, missing)
+            # what leads off the grid is no number of whole packets
+            gap = Gap(seconds, missing if regular else 0, missing + (not regular))
         return self._emit(self._time.instant_ns, packet, step, gap, doubt_ns=doubt_ns)
 
     def _by_arrival(self, arrival_ns: float, requested_ns: int | None) -> Stamp:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from helpers.packet_stream import LOOP_S, Heard, Stream, hear, stream
 
-from imutui.instrument.clock import Clock, Gap, arrival_before
+from imutui.instrument.clock import WRAP, Clock, Gap, arrival_before
+from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.imu400.host import COUNTER
 
 HOLDS_S = [0.1, 0.3, 0.7, 1.0, 3.0, 8.0]
@@ -83,6 +84,50 @@ def test_packets_lost_within_a_wrap_are_counted(count: int, baud: int) -> None:
         found = heard(made, baud)
         assert [(gap.lost_min, gap.lost_max) for gap in found.gaps] == [(count, count)]
         assert found.gaps[0].seconds == pytest.approx((count + 1) * 7.5e-3, abs=1e-4)
+
+
+OF_TIME = CounterSpec(1e9 / WRAP, 1e-3, +1)
+"""Of an IMU381, which wraps each second."""
+
+
+@pytest.mark.parametrize("again_s", [0.02, 0.13, 0.153, 0.2, 0.24])
+@pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
+def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
+    again_s: float, counter: CounterSpec
+) -> None:
+    """What was sent within the first half second comes after 2.47 s, the rest so much later: no gap, no stamp off."""
+    made = stream(20.0, 3)
+    if counter is OF_TIME:
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+    sent = made.due - made.due[0] - 5.0
+    for since_s, until_s, back_s in ((0.0, 0.5, 2.47), (0.5, 2.47 + again_s, 2.47 + again_s)):
+        held = (sent >= since_s) & (sent < until_s)
+        made.arrives[held] = made.due[0] + 5.0 + back_s
+    made.arrives = np.maximum.accumulate(made.arrives)
+    found = hear(made, Clock(180 / 38400 * 1e9, counter))
+    assert found.gaps == []
+    assert np.abs(found.error_s).max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
+def test_holds_that_overlap_with_losses_between_put_no_stamp_off(counter: CounterSpec, seed: int) -> None:
+    """Twelve of up to 2.5 s within a minute, and eight losses: each stamp within what it says, none lost invented."""
+    rng = np.random.default_rng(seed)
+    made = stream(60.0, seed)
+    if counter is OF_TIME:
+        made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+    sent = made.due - made.due[0]
+    for start in rng.uniform(3.0, 55.0, 12):
+        end = start + rng.uniform(0.05, 2.5)
+        held = (sent >= start) & (sent < end)
+        made.arrives[held] = np.maximum(made.arrives[held], made.due[0] + end)
+    made.arrives = np.maximum.accumulate(made.arrives)
+    for first in rng.integers(400, 7000, 8):
+        made.lose(int(first), int(rng.integers(1, 4)), cut=bool(rng.integers(2)))
+    found = hear(made, Clock(180 / 38400 * 1e9, counter))
+    assert np.all(np.abs(found.error_s) <= found.uncertainty_s)
+    assert found.lost <= found.lost_between.sum() <= sum(gap.lost_max for gap in found.gaps)
 
 
 @pytest.mark.parametrize("seconds", [0.06, 0.3, 1.0, 3.0, 8.0])

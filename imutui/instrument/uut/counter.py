@@ -22,9 +22,8 @@ _SLOWER, _SLOWER_IN_A_ROW = 1.5, 8
 _ABSENT_S, _ABSENT_PERIODS = 1.0, 3.5
 # no unit is up again sooner; and a host that was held up makes nobody begin anew
 _LEAST_PAUSE_S, _LEAST_MISMATCH_S, _MOST_AHEAD_S = 0.05, 0.02, 0.1
-_HELD_UP_PERIODS = 2.5
-# a network that was held up may from then on be so much slower
-_LATER_BY_S = 0.2
+# so much later than usual for so long: a line that was held up has caught up by then
+_LATE_S, _LATE_FOR_S, _MOST_SKEW = 0.1, 3.0, 1e-3
 # a count of packets that is so much ahead of the time of arrival, or behind it, is another's
 _PACKETS_AHEAD_S, _PACKETS_BEHIND_S = 10.0, 0.5
 
@@ -68,6 +67,7 @@ class CounterWatch:
         self._in_time: int | None = None
         self._was_in_time = False
         self._step, self._alike = 0, 0
+        self._late_s = self._late_for_s = 0.0
 
     def began_anew(self, counter: int, elapsed_s: float | None) -> bool:
         """Take a packet; whether it does not go on where the last one was.
@@ -95,8 +95,12 @@ class CounterWatch:
             return True
         if elapsed_s is None or in_time is None:
             return False
-        is_other = self._is_other_time if self.meaning is Meaning.TIME else self._is_other_count
-        return is_other((counter - in_time) % SPAN, elapsed_s, follows=follows)
+        step = (counter - in_time) % SPAN
+        if self.meaning is Meaning.PACKETS:
+            return self._is_other_count(step, elapsed_s, follows=follows)
+        return self._is_other_time(step, elapsed_s, follows=follows) or self._stays_late(
+            step, elapsed_s, follows=follows
+        )
 
     def _learn(self, step: int) -> None:
         if step == 1:  # as a time, no packet is so short
@@ -122,20 +126,31 @@ class CounterWatch:
     def _is_other_time(self, step: int, elapsed_s: float, *, follows: bool) -> bool:
         """Whether no unit that goes on could have its counter there.
 
-        `step` and `elapsed_s` are since the last packet that was read in time; `follows` if none was read since.
+        `step` and `elapsed_s` are since the last packet that was read in time; `follows` if none was read since. One
+        that began anew has its counter among those of whole packets in one case of twenty-five.
         """
         if elapsed_s <= _LEAST_PAUSE_S or (follows and self._is_next(step)):
             return False
         if follows and elapsed_s > self._absent_s:
             return True
+        if abs(math.remainder(step, self._period)) <= max(_IRREGULAR * self._period, _COUNTS):
+            # whole packets: a line that was held up, perhaps again and again, delivers them whenever it does
+            return False
         late_s = elapsed_s - step / COUNTS_PER_SECOND
-        off_s = abs(math.remainder(late_s, 1.0))
-        irregular = abs(math.remainder(step, self._period)) > max(_IRREGULAR * self._period, _COUNTS)
-        # a line that was held up has the next packets already
-        least_s = 0.0 if irregular else _HELD_UP_PERIODS / self._rate_hz
-        if not (irregular or follows):
-            least_s += _LATER_BY_S
-        return late_s < -(_MOST_AHEAD_S + least_s) or off_s > max(_LEAST_MISMATCH_S, least_s)
+        return late_s < -_MOST_AHEAD_S or abs(math.remainder(late_s, 1.0)) > _LEAST_MISMATCH_S
+
+    def _stays_late(self, step: int, elapsed_s: float, *, follows: bool) -> bool:
+        """Whether packets that come one by one are late for long: once a line is not held up any more, none is.
+
+        Arguments as for `_is_other_time`.
+        """
+        # more than the least so far, which follows what the two clocks differ by; whole seconds do not show
+        late_s = self._late_s + elapsed_s - step / COUNTS_PER_SECOND
+        self._late_s = (late_s + _MOST_AHEAD_S) % 1.0 - _MOST_AHEAD_S
+        self._late_s = max(0.0, self._late_s - _MOST_SKEW * elapsed_s)
+        one_by_one = follows and abs(elapsed_s - step / COUNTS_PER_SECOND) < _LATE_S
+        self._late_for_s = self._late_for_s + elapsed_s if one_by_one and self._late_s > _LATE_S else 0.0
+        return self._late_for_s > max(_LATE_FOR_S, _SLOWER_IN_A_ROW / self._rate_hz)
 
     @property
     def _absent_s(self) -> float:

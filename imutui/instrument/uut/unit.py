@@ -2,7 +2,7 @@
 
 `VirtualUnit` is told what arrived and when, and tells which bytes have left the line by then. It streams by itself from
 power-up on, unless its divider is 0. Time of its source begins when a host first asks for data: sets a divider other
-than 0, or a type of packet, or asks for a single measurement; until then it reads the same all the time. What nobody
+than 0, or the type of what streams, or asks for a single measurement; until then it reads the same all the time. What nobody
 documents and is made up here: a packet starts at the instant it was sampled; packets that have to wait for a reply on
 the line are late and not lost, up to half a second of them.
 """
@@ -290,7 +290,8 @@ class VirtualUnit:
             self._schedule.begin(now)
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET:
             self._packets.restart()
-        if values.get(Field.RATE_DIVIDER, QUIET) != QUIET or Field.PACKET_TYPE in values:
+        # a quiet unit that is told a type is not asked for data yet
+        if self.rate_hz and (Field.RATE_DIVIDER in values or Field.PACKET_TYPE in values):
             self._begin_source(self._schedule.newest(now) + 1)
 
     def _begin_source(self, number: int) -> None:

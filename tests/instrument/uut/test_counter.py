@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imutui.instrument.uut.counter import SPAN, CounterWatch, Meaning
@@ -84,6 +85,47 @@ def test_a_host_that_reads_late_knows_a_reset_by_the_first_packet_in_time(behind
     for late_s in (-1.0 / rate_hz, 0.0, 0.015, 1.0 / rate_hz):
         assert not read_late(time_at, rate_hz, behind, 0, late_s)
         assert not read_late(packets_at, rate_hz, behind, 0, late_s)
+
+
+@pytest.mark.parametrize("rate_hz", [10, 20, 50, 100])
+@both
+@pytest.mark.parametrize("seed", range(6))
+def test_a_line_that_is_held_up_again_and_again_is_no_reset(counter: Counter, rate_hz: float, seed: int) -> None:
+    """Holds of up to 2.5 s that overlap, packets lost between them: what arrives last of a burst may be late still."""
+    rng = np.random.default_rng(seed)
+    number = np.arange(int(120 * rate_hz))
+    sent, arrives = number / rate_hz, number / rate_hz + 0.003
+    for start in rng.uniform(1.0, 118.0, 60):
+        end = start + rng.uniform(0.02, 2.5)
+        held = (sent >= start) & (sent < end)
+        arrives[held] = np.maximum(arrives[held], end)
+    arrives = np.maximum.accumulate(arrives)
+    got = rng.random(number.size) > 0.02
+    number, arrives = number[got], arrives[got]
+    watch, in_time = CounterWatch(rate_hz), 0.0
+    for n, at, following in zip(number, arrives, [*arrives[1:], np.inf], strict=True):
+        behind = following <= at
+        assert not watch.began_anew(counter(int(n), rate_hz), None if behind else at - in_time), (n, at)
+        in_time = in_time if behind else at
+
+
+@pytest.mark.parametrize("rate_hz", [5, 20, 100])
+@pytest.mark.parametrize("away_s", [0.15, 0.3, 0.6, 0.85])
+def test_a_unit_that_began_anew_where_its_counter_would_go_on_is_known_soon(rate_hz: float, away_s: float) -> None:
+    """Its packets stay late; a line that is held up by less than a second, even for long, is in time again."""
+    watch = watching(time_at, rate_hz)
+    told = [watch.began_anew(time_at(10, rate_hz), away_s + 1.0 / rate_hz)]
+    told += [watch.began_anew(time_at(11 + n, rate_hz), 1.0 / rate_hz) for n in range(int(5.0 * rate_hz))]
+    assert any(told)
+    assert not told[0] or away_s + 1.0 / rate_hz > 1.0
+    held = watching(time_at, rate_hz)
+    assert not held.began_anew(time_at(10, rate_hz), away_s + 1.0 / rate_hz)
+    late = [held.began_anew(time_at(11 + n, rate_hz), 1.0 / rate_hz) for n in range(int(2.0 * rate_hz))]
+    back = round(away_s * rate_hz)
+    late += [held.began_anew(time_at(11 + len(late) + n, rate_hz), None) for n in range(back)]
+    late.append(held.began_anew(time_at(11 + len(late), rate_hz), (1.0 + back) / rate_hz - away_s))
+    late += [held.began_anew(time_at(11 + len(late) + n, rate_hz), 1.0 / rate_hz) for n in range(int(9.0 * rate_hz))]
+    assert not any(late)
 
 
 def test_a_packet_lost_after_whole_seconds_read_late_is_no_reset() -> None:
