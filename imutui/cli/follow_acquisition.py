@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
 
 _REFRESH_S = 0.25
+_ENDED_EARLY = "ended before the first packet came: nothing was recorded"
 
 
 class TerminatedError(Exception):
@@ -96,7 +97,11 @@ def _started(plan: Plan) -> Client:
     try:
         return client.start(plan)
     except TerminatedError:
+        say(_ENDED_EARLY)
         raise typer.Exit(FINE) from None
+    except KeyboardInterrupt:
+        say(_ENDED_EARLY)
+        raise
     finally:
         signal.signal(signal.SIGTERM, before)
 

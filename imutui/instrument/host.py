@@ -216,8 +216,14 @@ class Host(Protocol):
         """Have it send nothing by itself."""
         ...
 
-    def leave(self) -> None:
-        """Stop, and leave the unit as its next host expects it."""
+    def leave(self) -> str:
+        """Stop, and leave the unit as it was found; nothing if that was done, or nothing was changed.
+
+        Returns
+        -------
+        str
+            What the unit does not take back, in words; "" if it is as it was.
+        """
         ...
 
     def packets(self) -> PacketStream:

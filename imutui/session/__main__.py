@@ -14,8 +14,9 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
-from imutui.instrument.host import InstrumentError
+from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, which_answers
@@ -43,6 +44,8 @@ _NOBODY_SAID = "a viewer that did not say who it is"
 def main() -> int:
     """Run one acquisition; returns the exit code."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    for number in _SIGNALS:
+        signal.signal(number, _end_early)
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
     # and what is loaded stays: a search through all of it for garbage would hold everything up
@@ -65,6 +68,8 @@ def main() -> int:
         )
     except (PortError, InstrumentError, StreamError) as error:
         return _refuse(exit_codes.INSTRUMENT, str(error))
+    except EndedEarlyError as error:
+        return _refuse(exit_codes.INSTRUMENT, f"ended by {error} before the first packet came: nothing was recorded.")
     except FileExistsError as error:
         return _refuse(exit_codes.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
     except ValueError as error:
@@ -73,18 +78,42 @@ def main() -> int:
         return _refuse(exit_codes.DISK, disk_message(None, error))
 
 
+class EndedEarlyError(Exception):
+    """A signal asks for the end while there is no acquisition yet that could end; says which."""
+
+
+def _end_early(number: int, _: object) -> NoReturn:
+    # once is enough: the unit has to be left as it was found
+    for each in _SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+    raise EndedEarlyError(_SIGNALS[signal.Signals(number)])
+
+
+@contextlib.contextmanager
+def _left_as_found(host: Host) -> Iterator[None]:
+    """Put back what was changed of a unit if it comes to no acquisition that would."""
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(PortError):
+            if said := host.leave():
+                print(visible(said), file=sys.stderr)
+        raise
+
+
 def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
     is_named = bool(plan.instrument) and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
-    try:
-        identity = host.open(plan.baud)
-    except InstrumentError as error:
-        if is_named:
-            only = f"Only an {plan.instrument} was looked for; without --instrument the unit is asked which it is."
-            raise InstrumentError(f"{error} {only}") from error
-        raise
-    engine = Engine(plan, host, identity, stream)
+    with _left_as_found(host):
+        try:
+            identity = host.open(plan.baud)
+        except InstrumentError as error:
+            if is_named:
+                only = f"Only an {plan.instrument} was looked for; without --instrument the unit is asked which it is."
+                raise InstrumentError(f"{error} {only}") from error
+            raise
+        engine = Engine(plan, host, identity, stream)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()

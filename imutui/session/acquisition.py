@@ -14,7 +14,7 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import observe, operator_guide, zeroing
+from imutui.session import exit_codes, observe, operator_guide, zeroing
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
 from imutui.session.gravity_check import unexpected_gravity
@@ -26,7 +26,7 @@ from imutui.session.metadata import reconfigured
 from imutui.session.observe import AcquisitionView
 from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
+from imutui.session.reader_thread import LeftOtherwise, PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
@@ -199,6 +199,10 @@ class Acquisition:
                 self._statistics.interrupt()
         if said is not None:
             self.event("acquisition", said, WARNING)
+
+    def left_otherwise(self, event: LeftOtherwise) -> None:
+        """Say that the unit is not as it was found: the next host will see."""
+        self._recorder.find(exit_codes.FINDINGS, event.message, is_said=False)
 
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""

@@ -26,7 +26,14 @@ from imutui.session.lifecycle import Lifecycle
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import session_info
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader, ReaderEvent, ZeroingFinished
+from imutui.session.reader_thread import (
+    LeftOtherwise,
+    PacketArrival,
+    PollUnanswered,
+    Reader,
+    ReaderEvent,
+    ZeroingFinished,
+)
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
 
 if TYPE_CHECKING:
@@ -250,6 +257,8 @@ class Engine:
                 self._acquisition.event("acquisition", item.message, ERROR)
             case LineLost() | StillAway() | LineReturned():
                 self._acquisition.line_changed(item)
+            case LeftOtherwise():
+                self._acquisition.left_otherwise(item)
             case QueuedCall():
                 self._carry_out(item)
 

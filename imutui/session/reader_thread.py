@@ -8,6 +8,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from imutui.instrument.clock import arrival_before
@@ -69,7 +70,14 @@ class ZeroingFinished:
     seconds: float | None
 
 
-ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | StillAway | LineReturned
+@dataclass(frozen=True, slots=True)
+class LeftOtherwise:
+    """The unit was not left as it was found; `message` says how."""
+
+    message: str
+
+
+ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | StillAway | LineReturned | LeftOtherwise
 
 
 class Reader:
@@ -158,6 +166,14 @@ class Reader:
                     return
         finally:
             self.stopping.set()
+            # where it came to no packet, or was stopped while the unit was looked for
+            with suppress(PortError):
+                self._leave()
+
+    def _leave(self) -> None:
+        said = self._host.leave()
+        if said:
+            self._emit(LeftOtherwise(said))
 
     def _acquire(self) -> None:
         """Take packets until it is stopped, or until the line was lost and the unit found again."""
@@ -167,7 +183,7 @@ class Reader:
             while not self.stopping.is_set():
                 self._stream()
                 self._do_as_asked()
-            self._host.leave()
+            self._leave()
         except PortError as error:
             # what the decoder still held was cut off; what it had counted with its last packet stays
             self._bad_checksums, self._discarded_bytes = self._counted

@@ -129,9 +129,10 @@ class Imu400Host:
         """Have it send nothing by itself."""
         handshake.stop_stream(self.port)
 
-    def leave(self) -> None:
-        """Leave the unit quiet."""
+    def leave(self) -> str:
+        """Leave the unit quiet, as it is from power-up on."""
         self.stop()
+        return ""
 
     def packets(self) -> Packets:
         """What makes packets of the stream's bytes."""

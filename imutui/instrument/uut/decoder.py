@@ -96,9 +96,20 @@ class RequestDecoder:
         """
         return [read_request(found) for found in self._search.feed(data) if isinstance(found, Frame)]
 
-    def quiet(self) -> None:
-        """Forget the beginning of a frame: the rest has not come in time."""
-        self._search.quiet()
+    def quiet(self) -> list[Request]:
+        """Give up the beginning of a frame, whose rest has not come in time.
+
+        Returns
+        -------
+        list of Request
+            What was whole behind that beginning.
+        """
+        return [read_request(found) for found in self._search.quiet() if isinstance(found, Frame)]
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the beginning of a frame is there."""
+        return self._search.holds
 
 
 def _events(found: list[Frame | Discarded]) -> list[Event]:

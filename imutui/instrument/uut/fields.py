@@ -13,10 +13,7 @@ from imutui.instrument.uut.frames import OVERHEAD_BYTES
 
 
 class Field(enum.IntEnum):
-    """Numbers of fields.
-
-    Documents disagree which of the two low-pass filters is the rate sensors', so both are set alike.
-    """
+    """Numbers of fields; documents disagree which of the two low-pass filters is the rate sensors'."""
 
     RATE_DIVIDER = 0x0001
     BAUD = 0x0002

@@ -85,6 +85,11 @@ class FrameSearch:
         return _joined(found)
 
     @property
+    def holds(self) -> bool:
+        """Whether bytes are held that may begin a frame."""
+        return bool(self._held)
+
+    @property
     def missing(self) -> int:
         """Bytes still needed to complete the next frame, at least one.
 

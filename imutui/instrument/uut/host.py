@@ -58,6 +58,8 @@ class UutHost:
         self.counter = COUNTER
         self._rate_hz = rate_hz
         self._own: dict[int, int] = {}
+        self._changed = False
+        self._patience_s = PATIENCE_S
         self._divider = QUIET
         self._watch: CounterWatch | None = None
 
@@ -102,10 +104,12 @@ class UutHost:
             raise InstrumentError(f"{self.port.name}: the unit does not say its configuration. Power it off and on.")
         # found again, it may have what was set here still
         self._own = self._own or own
+        self._divider = self._divider_for(self._rate_hz)
+        self._changed = True
         self.stop()
         if not requests.put({Field.PACKET_TYPE: _S1}) or requests.fields((Field.PACKET_TYPE,)).get(3) != _S1:
             raise InstrumentError(f"{self.port.name}: the unit refuses packets of type S1, so it gives no readings.")
-        self._divider = self._divider_for(self._rate_hz)
+        self._patience_s = max(QUICK_S, 3.0 * requests.slowest_s)
         return self._as_configured(identity)
 
     def start(self) -> None:
@@ -121,13 +125,27 @@ class UutHost:
             last = time.monotonic() if self.port.read(64) else last
         self.port.discard_input()
 
-    def leave(self) -> None:
-        """Put its own type and rate of packets back."""
+    def leave(self) -> str:
+        """Put its own type and rate of packets back, if they were changed."""
+        if not self._changed:
+            return ""
         self.stop()
-        requests = Requests(self.port, QUICK_S)
-        for field in (Field.PACKET_TYPE, Field.RATE_DIVIDER):
-            if field in self._own:
-                requests.put({field: self._own[field]})
+        requests = Requests(self.port, self._patience_s)
+        fields = [int(field) for field in (Field.PACKET_TYPE, Field.RATE_DIVIDER) if field in self._own]
+        own = {field: self._own[field] for field in fields}
+        # both at once: one of them may not go with what the other is now
+        if not requests.put(own):
+            for field in fields:
+                requests.put({field: own[field]})
+        left = requests.fields(tuple(fields))
+        if left != own and requests.fields(tuple(fields), Memory.EEPROM) == own:
+            # some do not take in mid-work what they come with: with a restart they do
+            left = own if requests.reset() else left
+        self._changed = False
+        if left == own:
+            return ""
+        has = f"it has {in_words(left)}" if left else "it does not say what it has"
+        return f"the unit was found with {in_words(own)} and does not take that back: {has} until its power goes"
 
     def packets(self) -> readings.Packets:
         """What makes packets of the stream's bytes."""
@@ -171,7 +189,7 @@ class UutHost:
         for speed, patience_s in waits + slow:
             self.port.set_baud(speed)
             self.port.discard_input()
-            # what a frame that was cut off may have left in the unit ends with this
+            # before the whole one: the unit may have only that
             self.port.write(BARE_PING)
             requests = Requests(self.port)
             if requests.hear_ping(patience_s) if bare else requests.ping(patience_s):

@@ -23,6 +23,7 @@ from imutui.instrument.uut.messages import (
     Refused,
     Reply,
     Request,
+    Reset,
     SetFields,
     Version,
 )
@@ -73,12 +74,12 @@ class Requests:
         """Version of the firmware."""
         return self.ask(GetPacket(VERSION), Version)
 
-    def fields(self, ids: tuple[int, ...]) -> dict[int, int]:
-        """Fields in force, as far as there are such."""
+    def fields(self, ids: tuple[int, ...], memory: Memory = Memory.RAM) -> dict[int, int]:
+        """Fields in force, or those of the next power-up, as far as there are such."""
         reply = self.ask(
-            GetFields(Memory.RAM, ids),
+            GetFields(memory, ids),
             Fields,
-            lambda reply: reply.memory is Memory.RAM and dict(reply.values).keys() <= set(ids),
+            lambda reply: reply.memory is memory and dict(reply.values).keys() <= set(ids),
         )
         return {} if reply is None else dict(reply.values)
 
@@ -91,6 +92,10 @@ class Requests:
             lambda reply: reply.memory is Memory.RAM and set(reply.ids) <= values.keys(),
         )
         return reply is not None and set(values) <= set(reply.ids)
+
+    def reset(self) -> bool:
+        """Have the unit restart as after power-up; whether it says that it does."""
+        return self._ask(Reset(), Reset, lambda reply: True, self.patience_s, 1) is not None
 
     def ask(
         self, request: Request, kind: type[ReplyT], fits: Callable[[ReplyT], bool] = lambda reply: True

@@ -2,9 +2,9 @@
 
 `VirtualUnit` is told what arrived and when, and tells which bytes have left the line by then. It streams by itself from
 power-up on, unless its divider is 0. Time of its source begins when a host first asks for data: sets a divider other
-than 0, or the type of what streams, or asks for a single measurement; until then it reads the same all the time. What nobody
-documents and is made up here: a packet starts at the instant it was sampled; packets that have to wait for a reply on
-the line are late and not lost, up to half a second of them.
+than 0, or the type of what streams, or asks for a single measurement; until then it reads the same all the time. What
+nobody documents and is made up here: a packet starts at the instant it was sampled; packets that have to wait for a
+reply on the line are late and not lost, up to half a second of them.
 """
 
 import math
@@ -19,7 +19,7 @@ from imutui.instrument.uut.counter import SPAN
 from imutui.instrument.uut.decoder import RequestDecoder
 from imutui.instrument.uut.fields import QUIET, Field, Orientation
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
-from imutui.instrument.uut.frames import OVERHEAD_BYTES, Frame, framed
+from imutui.instrument.uut.frames import MOST_PAYLOAD_BYTES, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
     Echo,
     FactoryWords,
@@ -48,6 +48,7 @@ from imutui.instrument.uut.unit_options import UnitOptions
 
 # "A frame must arrive within 4 s."
 _FRAME_PATIENCE_S = 4.0
+_MOST_FIELDS = (MOST_PAYLOAD_BYTES - 1) // 4
 _LONGEST_BACKLOG_S = 0.5
 _STATUS_WORDS = 14
 
@@ -97,7 +98,7 @@ class VirtualUnit:
         """Be as after power-up, from an instant on."""
         self._requests = RequestDecoder()
         self._ready = ready
-        self._last_byte = ready
+        self._frame_since = ready
         self._sent = 0
         self._fields.power_up()
         self._schedule.begin(ready)
@@ -168,11 +169,11 @@ class VirtualUnit:
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
             return []
-        if now - self._last_byte > _FRAME_PATIENCE_S:
-            self._requests.quiet()
-        self._last_byte = now
+        if not self._requests.has_begun:
+            self._frame_since = now
         understood: list[Request] = []
         for request in self._requests.feed(data):
+            self._frame_since = now
             understood.append(request)
             self._obey(request, now)
             if isinstance(request, Reset):
@@ -230,7 +231,8 @@ class VirtualUnit:
             case GetPacket(kind):
                 self._answer_packet(kind, now)
             case GetFields(memory, ids):
-                values = self._fields.get(memory, ids)
+                # a reply has room for so many
+                values = self._fields.get(memory, ids) if len(ids) <= _MOST_FIELDS else ()
                 self._answer_in_part(Fields(memory, values), len(values), len(ids), GET[memory], now)
             case SetFields(memory, values):
                 self._set(memory, values, now)
@@ -305,7 +307,11 @@ class VirtualUnit:
         return max(self._schedule.instant(self._schedule.next), self._line.free_at)
 
     def _advance(self, now: float) -> None:
-        """Begin all packets that fall due by `now`."""
+        """Give up a frame that has not come in time, and begin all packets that fall due by `now`."""
+        while self._requests.has_begun and now - self._frame_since > _FRAME_PATIENCE_S:
+            self._frame_since += _FRAME_PATIENCE_S
+            for request in self._requests.quiet():
+                self._obey(request, self._frame_since)
         while self.rate_hz and self._packets.length(self._fields.packet_type):
             if math.isfinite(self._line.free_at):
                 self._schedule.skip_to(self._line.free_at - _LONGEST_BACKLOG_S, self.rate_hz)

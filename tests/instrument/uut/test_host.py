@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, TypeGuard
 import numpy as np
 import pytest
 from helpers.paths import ROOT
+from helpers.processes import wait_until
 from helpers.units import Still
 
 from imutui.instrument.clock import Clock, Stamp
@@ -24,8 +25,9 @@ from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.host import UutHost
 from imutui.instrument.uut.instrument import IMU381
-from imutui.instrument.uut.messages import Fields, GetFields, Memory
+from imutui.instrument.uut.messages import Fields, GetFields, Memory, PacketS1
 from imutui.instrument.uut.packet_makers import MeasuredPackets, PacketMaker, RecordedStream
+from imutui.instrument.uut.payloads import encode
 from imutui.instrument.uut.readings import DataPacket
 from imutui.instrument.uut.requests import Requests
 from imutui.instrument.uut.unit import VirtualUnit
@@ -151,6 +153,94 @@ def test_a_stream_that_the_line_does_not_carry_is_refused_in_words() -> None:
     unit = still(UnitOptions(fields=slow, baud_codes=(0, 5)))
     with unit as name, Port(name, 9600) as port, pytest.raises(InstrumentError, match="25 Hz"):
         UutHost(port, 100.0).open(None)
+
+
+OTHER = {Field.PACKET_TYPE: int.from_bytes(b"S0", "big"), Field.RATE_DIVIDER: 4}
+
+
+def configured(**changes: Any) -> UnitOptions:
+    """A unit that was found with other fields than the usual ones: packets S0 at 25 Hz unless changes say otherwise."""
+    own = dict(IMU381ZA) | OTHER | {Field[name]: value for name, value in changes.items()}
+    return UnitOptions(fields=tuple(own.items()), baud_codes=(0, 1, 2, 3, 5, 6))
+
+
+def own_of(options: UnitOptions) -> dict[int, int]:
+    return {int(field): value for field, value in options.fields}
+
+
+def test_type_and_rate_that_were_changed_are_put_back() -> None:
+    """A unit that sent S0 at 25 Hz does so afterwards; what is done twice is done once."""
+    options = configured()
+    with still(options) as name, Port(name, 115200) as port:
+        host = UutHost(port, 30.0)
+        host.open(None)
+        # a rate that it has not: means of as many packets as the line carries
+        assert host.stream_hz == 100.0
+        acquired(host, None, lambda n: n >= 5)
+        assert Requests(port).fields(OWN) == own_of(options)
+        Requests(port).put({Field.RATE_DIVIDER: 2})
+        assert host.leave() == ""
+        assert Requests(port).fields((Field.RATE_DIVIDER,)) == {1: 2}
+
+
+def test_a_unit_that_takes_its_own_fields_only_at_power_up_is_restarted() -> None:
+    """S0 at 100 Hz and 38400 baud, as some come: too much for the line by their own rule, when it is set."""
+    options = configured(RATE_DIVIDER=1, BAUD=2)
+    with still(options) as name, Port(name, 38400) as port:
+        host = UutHost(port, 20.0)
+        host.open(None)
+        assert host.leave() == ""
+        wait_until(lambda: Requests(port, 0.5).fields(OWN) == own_of(options))
+
+
+def test_what_a_unit_does_not_take_back_is_said() -> None:
+    """Fields that somebody had set until the next power-up, and that go together no more."""
+    options = configured(RATE_DIVIDER=1, BAUD=2, PACKET_TYPE=int.from_bytes(b"S1", "big"))
+    with still(options) as name, Port(name, 38400) as port:
+        host = UutHost(port, 20.0)
+        host.open(None)
+        host._own = host._own | {Field.PACKET_TYPE: OTHER[Field.PACKET_TYPE]}
+        said = host.leave()
+    assert "was found with packets S0, rate divider 1 (100 Hz) and does not take that back: it has packets S0" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "rate_hz", "message"),
+    [
+        (configured(BAUD=1, RATE_DIVIDER=2), 100.0, "does not carry 100 Hz"),
+        (
+            UnitOptions(fields=tuple((dict(IMU381ZA) | OTHER).items()), packet_types=(b"S0",)),
+            20.0,
+            "packets of type S1",
+        ),
+    ],
+    ids=["rate", "type"],
+)
+def test_a_unit_that_cannot_be_used_is_left_as_it_was(options: UnitOptions, rate_hz: float, message: str) -> None:
+    """Also when that is known only after its stream was stopped."""
+    with still(options) as name, Port(name, 19200 if "carry" in message else 115200) as port:
+        host = UutHost(port, rate_hz)
+        with pytest.raises(InstrumentError, match=message):
+            host.open(None)
+        host.leave()
+        assert Requests(port).fields(OWN) == own_of(options)
+
+
+def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() -> None:
+    """By a unit that has one rate only: nothing comes, and its own type of packet is in force again."""
+    stream = RecordedStream(encode(PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, 0)))
+    fields = tuple((dict(IMU381ZA) | dict(stream.only) | {Field.RATE_DIVIDER: 0}).items())
+    options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
+    with served(stream, options) as name, Port(name, 115200) as port:
+        host = UutHost(port, 20.0)
+        reader = Reader(host, None, events.put, KnownUnit(host.open(None), port.baud))
+        reader.start()
+        reader.join(20.0)
+        lost = events.get(timeout=1.0)
+        assert isinstance(lost, LineLost)
+        assert lost.final
+        assert "the unit refuses a stream of 20 Hz" in lost.message
+        assert Requests(port).fields(OWN) == own_of(options)
 
 
 DAMAGE = tuple(

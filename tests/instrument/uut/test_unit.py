@@ -182,6 +182,8 @@ ANSWERS: list[tuple[Request | bytes, list[Event]]] = [
     (GetFields(EEPROM, (1,)), [Fields(EEPROM, ((1, 1),))]),
     (GetFields(RAM, (99, 1, 98)), [Fields(RAM, ((1, 0),)), Refused(b"GF")]),
     (GetFields(EEPROM, (99,)), [Refused(b"RF")]),
+    (GetFields(RAM, (RATE,) * 63), [Fields(RAM, ((RATE, 0),) * 63)]),
+    (GetFields(RAM, (RATE,) * 64), [Refused(b"GF")]),
     (SetFields(RAM, ((5, 1), (99, 1))), [FieldsSet(RAM, (5,)), Refused(b"SF")]),
     (SetFields(EEPROM, ((6, 1), (1, 3))), [FieldsSet(EEPROM, (6,)), Refused(b"WF")]),
     (SetFields(RAM, ((1, 3),)), [Refused(b"SF")]),
@@ -218,6 +220,29 @@ def test_readings_begin_when_a_host_asks_for_data() -> None:
     assert {packet.rates[0] for packet in packets_of(host.listen(1.0))} == {0}
     host.send(SetFields(RAM, ((RATE, 2),)))
     assert [packet.rates[0] for packet in packets_of(host.listen(0.21))[-9:]] == list(range(2, 20, 2))
+
+
+def test_a_quiet_unit_that_is_told_a_type_is_not_asked_for_data() -> None:
+    """Its readings, and what happens on its line, begin with the stream, or with a packet that is asked for."""
+    host = quiet_host()
+    assert host.ask(SetFields(RAM, ((TYPE, S0),))) == [FieldsSet(RAM, (TYPE,))]
+    assert not host.unit.data_asked_for
+    host.listen(1.0)
+    host.send(SetFields(RAM, ((RATE, 1),)))
+    assert [event.rates[0] for event in host.listen(0.055) if isinstance(event, PacketS0)] == list(range(5))
+
+
+@pytest.mark.parametrize("cut", [encode(Echo(b"A" * 250))[:10], b"U"], ids=["an echo", "a byte"])
+def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: bytes) -> None:
+    """However much follows it; what follows whole is answered then at last."""
+    host = quiet_host()
+    host.send(cut)
+    answered = []
+    for _ in range(11):
+        host.send(b"UUPK" if cut == b"U" else encode(GetPacket(b"VR")))
+        answered.append(bool(host.listen(0.5)))
+    assert not any(answered[:7])
+    assert all(answered[9:])
 
 
 def test_it_is_silent_when_there_are_no_more_readings() -> None:
