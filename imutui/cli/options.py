@@ -57,7 +57,10 @@ Gravity = Annotated[
     Optional[float],  # noqa: UP045
     typer.Option("--gravity", metavar="M_S2", help="Local gravity; WGS-84 normal gravity at the site unless given."),
 ]
-Rate = Annotated[Optional[float], typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to what the unit gives.")]  # noqa: UP045
+Rate = Annotated[
+    Optional[float],  # noqa: UP045
+    typer.Option("--rate", metavar="HZ", help="Output rate, 0.1 to 133 Hz. An IMU381 gives 100 Hz at most."),
+]
 Operator = Annotated[Optional[str], typer.Option("--operator", help="Who; goes into the file.")]  # noqa: UP045
 Place = Annotated[Optional[str], typer.Option("--place", help="Where, in words; goes into the file.")]  # noqa: UP045
 Table = Annotated[Optional[str], typer.Option("--table", help="Which turn table; goes into the file.")]  # noqa: UP045

@@ -169,7 +169,7 @@ class Host(Protocol):
         ...
 
     def answers(self, baud: int | None = None) -> bool:
-        """Whether such a unit answers, asked briefly: at one speed, or at its usual ones.
+        """Whether such a unit answers, asked briefly: at one speed, or at any that it may have.
 
         Another kind of unit at that speed makes nothing of the question. One at another speed hears other bytes than
         were sent, and may take them for commands.

@@ -27,6 +27,15 @@ def which_answers(port: Port) -> Instrument:
     return usual
 
 
+def nor_the_others() -> str:
+    """What to say where the usual instrument, and none of the others, has answered."""
+    others = [name for name in INSTRUMENTS if name != DEFAULT]
+    return (
+        f"Nor did any of the others: {', '.join(others)}. One that is quiet and slow to answer has to be named:"
+        f" --instrument {others[0]}."
+    )
+
+
 def is_known(model: str) -> bool:
     """Whether a unit of some model is one of them."""
     return any(model.upper().startswith(each.models) for each in INSTRUMENTS.values())

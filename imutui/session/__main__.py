@@ -19,7 +19,7 @@ from typing import NoReturn
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
-from imutui.instrument.registry import INSTRUMENTS, which_answers
+from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
 from imutui.session import end_report, exit_codes, ipc, request_fields
 from imutui.session.disk_space import DiskGuard, disk_message
@@ -102,7 +102,8 @@ def _left_as_found(host: Host) -> Iterator[None]:
 
 
 def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
-    is_named = bool(plan.instrument) and plan.port != VIRTUAL_PORT
+    was_asked = not plan.instrument
+    is_named = not was_asked and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
     host = INSTRUMENTS[plan.instrument].host(port, plan.rate_hz if plan.sampling == "stream" else None)
     with _left_as_found(host):
@@ -112,6 +113,8 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
             if is_named:
                 only = f"Only an {plan.instrument} was looked for; without --instrument the unit is asked which it is."
                 raise InstrumentError(f"{error} {only}") from error
+            if plan.port != VIRTUAL_PORT and was_asked:
+                raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
         engine = Engine(plan, host, identity, stream)
     for number in (signal.SIGTERM, signal.SIGINT):

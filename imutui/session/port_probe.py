@@ -5,7 +5,7 @@ import os
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError, resolve
-from imutui.instrument.registry import INSTRUMENTS, which_answers
+from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.session.identity import model_of
 from imutui.session.snapshot import ProbeAnswer
 
@@ -16,7 +16,10 @@ def probe(port: str) -> ProbeAnswer:
         with Port(port, INSTRUMENTS[DEFAULT].power_up_bauds[0]) as line:
             instrument = which_answers(line)
             host = instrument.host(line, None)
-            identity = host.find()
+            try:
+                identity = host.find()
+            except InstrumentError as error:
+                raise InstrumentError(f"{error} {nor_the_others()}") from error
             found: ProbeAnswer = {
                 "port": port,
                 "answers": True,

@@ -394,9 +394,12 @@ def looked_at(engine: Engine) -> Snapshot:
 
 def recorded(run: Run) -> list[int]:
     """Number among those sent of each packet that was recorded; each was sent, and they are in order."""
-    numbers, start = [], 0
-    for packet in run.log.raw:
-        start = run.sent.index((*packet.counts, packet.temperature, packet.ticks), start) + 1
+    words = [(*packet.counts, packet.temperature, packet.ticks) for packet in run.log.raw]
+    # before it is asked for data a unit reads the same all the time, and its counter wraps: the last like it is the one
+    start = len(run.sent) - 1 - run.sent[::-1].index(words[0])
+    numbers = []
+    for each in words:
+        start = run.sent.index(each, start) + 1
         numbers.append(start - 1)
     return numbers
 

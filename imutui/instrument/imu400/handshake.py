@@ -258,8 +258,8 @@ def _no_answer(port: Port, heard: bytes) -> str:
             f" ({tried}). Is it another device, or another cable? Name the unit's own port."
         )
     return (
-        f"{port.name} is silent: no answer to a ping ({tried}). Check that the unit has power (9 to 30 V), that"
-        " transmit and receive are not swapped, and that this is its port."
+        f"{port.name} is silent: no answer to a ping ({tried}). Check that the unit has power (an IMU400CD takes 9 to"
+        " 30 V), that transmit and receive are not swapped, and that this is its port."
     )
 
 

@@ -74,9 +74,9 @@ class UutHost:
         return self._identify(Requests(self.port))
 
     def answers(self, baud: int | None = None) -> bool:
-        """Whether such a unit answers at a speed, or at its usual ones."""
+        """Whether such a unit streams or answers at a speed, or at any that it may have."""
         try:
-            self._find_speed(_QUICK_SPEEDS if baud is None else (baud,), _PING_S, bare=True)
+            self._find_speed(SPEEDS if baud is None else (baud,), _PING_S, bare=True)
         except InstrumentError:
             return False
         return True
@@ -192,7 +192,7 @@ class UutHost:
             # before the whole one: the unit may have only that
             self.port.write(BARE_PING)
             requests = Requests(self.port)
-            if requests.hear_ping(patience_s) if bare else requests.ping(patience_s):
+            if requests.hear_frame(patience_s) if bare else requests.ping(patience_s):
                 return
         raise InstrumentError(
             f"{self.port.name}: no answer to a ping as an IMU381 gives it (tried"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from imutui.instrument.discarded import Discarded
 from imutui.instrument.host import PATIENCE_S
 from imutui.instrument.port import Port
 from imutui.instrument.uut.decoder import Decoder
@@ -57,12 +58,12 @@ class Requests:
         """Whether the unit answers a ping."""
         return self._ask(Ping(), Ping, lambda reply: True, patience_s, 1) is not None
 
-    def hear_ping(self, patience_s: float) -> bool:
-        """Whether the answer to a ping comes, which was asked for already."""
+    def hear_frame(self, patience_s: float) -> bool:
+        """Whether a whole frame comes: of a stream, or the answer to a ping that was sent already."""
         decoder, began = Decoder(), time.monotonic()
         while time.monotonic() - began < patience_s:
             data = self.port.read(decoder.missing)
-            if Ping() in (decoder.feed(data) if data else decoder.pause()):
+            if any(not isinstance(event, Discarded) for event in (decoder.feed(data) if data else decoder.pause())):
                 return True
         return False
 

@@ -8,6 +8,7 @@ reply on the line are late and not lost, up to half a second of them.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -97,6 +98,7 @@ class VirtualUnit:
     def _wake(self, ready: float) -> None:
         """Be as after power-up, from an instant on."""
         self._requests = RequestDecoder()
+        self._replies = deque[tuple[float, bytes, int]]()
         self._ready = ready
         self._frame_since = ready
         self._sent = 0
@@ -216,7 +218,11 @@ class VirtualUnit:
         if sending is not None:
             return sending
         length = self._packets.length(self._fields.packet_type)
-        return self._next_start() + transfer_s(length, self.baud) if self.rate_hz and length else None
+        left = self._next_start() + transfer_s(length, self.baud)
+        if self._replies:
+            due, data, baud = self._replies[0]
+            left = min(left, due + transfer_s(len(data), baud))
+        return left if math.isfinite(left) else None
 
     # ------------------------------------------------------------------------------------------------------- requests
 
@@ -225,7 +231,7 @@ class VirtualUnit:
             case Ping() | Echo():
                 self._answer(request, now)
             case Reset():
-                self._answer(request, now)
+                self._line.send(encode(request), now + self.options.reply_delay_s, self.baud)
                 self._first_count = -counter_at(self.options.counter, self._line.free_at, 0) % SPAN
                 self._wake(self._line.free_at + self.options.boot_s)
             case GetPacket(kind):
@@ -245,10 +251,14 @@ class VirtualUnit:
                 self._answer(Refused(kind), now)
 
     def _answer(self, reply: Reply, now: float) -> None:
-        self._send(encode(reply), now + self.options.reply_delay_s)
+        self._reply(encode(reply), now, self.baud)
 
-    def _send(self, data: bytes, start: float) -> None:
-        self._line.send(data, start, self.baud)
+    def _reply(self, data: bytes, now: float, baud: int) -> None:
+        """Send a reply, after the unit's delay; packets do not wait for it."""
+        if self.options.reply_delay_s:
+            self._replies.append((now + self.options.reply_delay_s, data, baud))
+        else:
+            self._line.send(data, now, baud)
 
     def _answer_in_part(self, reply: Fields | FieldsSet, good: int, asked: int, kind: bytes, now: float) -> None:
         """Answer what is good of a request, and refuse it if that is not all."""
@@ -265,14 +275,14 @@ class VirtualUnit:
         elif kind == b"T0":
             self._answer(StatusWords((self.options.bit,) + (0,) * (_STATUS_WORDS - 1)), now)
         elif kind in self.options.packet_types and (made := self._poll(kind, now)) is not None:
-            self._send(made.data, now + self.options.reply_delay_s)
+            self._reply(made.data, now, self.baud)
         else:
             self._answer(Refused(GET_PACKET), now)
 
     def _identify(self, now: float) -> None:
         frame = frame_of(Identification(self.options.serial_number, self.options.text))
         payload = frame.payload if self.options.text_ends_with_zero else frame.payload[:-1]
-        self._send(framed(Frame(frame.type, payload)), now + self.options.reply_delay_s)
+        self._reply(framed(Frame(frame.type, payload)), now, self.baud)
 
     def _set(self, memory: Memory, values: tuple[tuple[int, int], ...], now: float) -> None:
         old_baud = self.baud
@@ -281,7 +291,7 @@ class VirtualUnit:
         if self.options.new_baud_at_once or self.baud == old_baud:
             self._answer_in_part(reply, len(taken), len(values), SET[memory], now)
         else:
-            self._line.send(encode(reply), now + self.options.reply_delay_s, old_baud)
+            self._reply(encode(reply), now, old_baud)
             self._answer_in_part(reply, 0, len(values) - len(taken), SET[memory], now)
         if memory is Memory.RAM:
             self._begin_stream(dict(pair for pair in values if pair[0] in taken), now)
@@ -304,6 +314,11 @@ class VirtualUnit:
     # ----------------------------------------------------------------------------------------------------------- loop
 
     def _next_start(self) -> float:
+        """When the stream's next packet begins; infinite if there is none."""
+        if not (self.rate_hz and self._packets.length(self._fields.packet_type)):
+            return math.inf
+        if math.isfinite(self._line.free_at):
+            self._schedule.skip_to(self._line.free_at - _LONGEST_BACKLOG_S, self.rate_hz)
         return max(self._schedule.instant(self._schedule.next), self._line.free_at)
 
     def _advance(self, now: float) -> None:
@@ -312,16 +327,18 @@ class VirtualUnit:
             self._frame_since += _FRAME_PATIENCE_S
             for request in self._requests.quiet():
                 self._obey(request, self._frame_since)
-        while self.rate_hz and self._packets.length(self._fields.packet_type):
-            if math.isfinite(self._line.free_at):
-                self._schedule.skip_to(self._line.free_at - _LONGEST_BACKLOG_S, self.rate_hz)
+        while True:
             start = self._next_start()
+            if self._replies and self._replies[0][0] <= min(start, now):
+                due, data, baud = self._replies.popleft()
+                self._line.send(data, due, baud)
+                continue
             if start > now:
                 return
             made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._schedule.next))
             if made is not None:
                 self._tell(made, self._schedule.instant(self._schedule.next))
-                self._send(made.data, start)
+                self._line.send(made.data, start, self.baud)
             self._schedule.advance(self.rate_hz)
 
     def _poll(self, kind: bytes, now: float) -> MadePacket | None:

@@ -245,6 +245,15 @@ def test_a_frame_that_was_cut_off_is_given_up_four_seconds_after_it_began(cut: b
     assert all(answered[9:])
 
 
+def test_slow_replies_come_between_packets() -> None:
+    """Each so much later; the stream does not wait for them."""
+    host = Host(options=UnitOptions(reply_delay_s=0.7))
+    host.send(Ping(), GetPacket(b"VR"))
+    assert len(packets_of(host.listen(0.69))) in (68, 69)
+    replies = [event for event in host.listen(0.03) if not isinstance(event, PacketS1)]
+    assert replies == [Ping(), Version(1, 0, 0, 0, 0)]
+
+
 def test_it_is_silent_when_there_are_no_more_readings() -> None:
     """And still answers."""
     host = Host(Ramp(50))
