@@ -106,6 +106,11 @@ class Instrument:
         """Whether a stream has such a rate, so that each packet is a sample; else samples are means of packets."""
         return rate_hz in self.rates_hz or rate_hz >= self.most_rate_hz
 
+    def status_in_words(self, word: int) -> str:
+        """A packet's status word and what its bits mean: "0x0002 (hardware error)"."""
+        names = () if self.status_names is None else self.status_names(word)
+        return f"0x{word:04X} ({', '.join(names) or 'nothing set'})"
+
     def packets_hz(self, rate_hz: float) -> float:
         """Packets a second of a stream for samples at such a rate; nominal."""
         return min(rate_hz, self.most_rate_hz) if self.gives(rate_hz) else self.most_rate_hz

@@ -6,14 +6,13 @@ A finding is something that a calibration should not rest on unseen; a note is w
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from imutui.instrument.registry import of_model
 from imutui.jobs import check_file, damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, DataRule, Finding
 from imutui.jobs.check_packets import PacketSteps
 from imutui.jobs.check_samples import Limits, SamplesOfPackets
 from imutui.jobs.check_times import Gaps, Times
 from imutui.jobs.documents import CheckDocument, FindingField
-from imutui.jobs.info import lacking_channels
+from imutui.jobs.info import lacking_channels, status_words
 from imutui.jobs.quantities import plural
 from imutui.logbook import audit, checksum_file, message_arrays, reader, scan, summary
 from imutui.logbook.audit import Audit
@@ -111,20 +110,20 @@ def _notes(log: CheckContext) -> Iterator[str]:
 
 
 def _statuses(a: Audit) -> Iterator[str]:
-    """Status words that are not zero, for units whose packets have one; readings count whatever they say."""
-    names = None if a.info is None else of_model(a.info.instrument).status_names
-    for word, count in sorted(a.statuses.items()) if names is not None else ():
-        if word and names is not None:
-            told = ", ".join(names(word))
+    """Status words that are not zero; readings count whatever they say."""
+    for word, said, count in status_words(a):
+        if word:
             yield (
-                f"The unit's status word (BIT) was 0x{word:04X} ({told}) in {count:,} of {a.packets:,} packets;"
-                " readings count whatever it says."
+                f"The unit's status word (BIT) was {said} in {count:,} of {a.packets:,} packets; readings count"
+                " whatever it says."
             )
 
 
 def _worth_a_word(text: str) -> bool:
-    # packets that were lost are a finding already
-    return not text.startswith(("connected to", "recording to", "finished")) and not text.endswith("packets lost")
+    # packets that were lost are a finding already, and status words are counted
+    return not text.startswith(
+        ("connected to", "recording to", "finished", "the unit's status word")
+    ) and not text.endswith("packets lost")
 
 
 def _state(found: Scan) -> str:

@@ -157,6 +157,14 @@ class LogRow(TypedDict):
     verdict: str
 
 
+class StatusWordField(TypedDict):
+    """A status word of a unit's packets, what its bits mean, and how many packets had it."""
+
+    word: int
+    means: str
+    packets: int
+
+
 class InfoDocument(SessionFields, ExtentFields, EventFields):
     """All that is in a log; `imutui info --json`."""
 
@@ -174,6 +182,7 @@ class InfoDocument(SessionFields, ExtentFields, EventFields):
     recovered: dict[str, str] | None
     added: list[AddedField]
     quality: QualityFields
+    status_words: list[StatusWordField]
 
 
 class FindingField(TypedDict):

@@ -1,12 +1,13 @@
 """What is in a log: in a millisecond for a list of them (`brief`), or all of it (`info`)."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from filters.imu import AxisMap
+from imutui.instrument.registry import of_model
 from imutui.jobs.documents import (
     AddedField,
     EventFields,
@@ -264,6 +265,9 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         "recovered": content.metadata.get("imutui.recovered"),
         "added": [_added(note) for note in added_notes.read_or_none(path)],
         "quality": _quality(content),
+        "status_words": [
+            {"word": word, "means": means, "packets": count} for word, means, count in status_words(content)
+        ],
     }
 
 
@@ -329,6 +333,14 @@ def _events(content: "Audit") -> EventFields:
         same_kind = told["marks"] if event.name == "mark" else told["events"]
         same_kind.append({"t": t, "utc": utc_text(event.stamp_ns), "text": event.text})
     return told
+
+
+def status_words(content: "Audit") -> Iterator[tuple[int, str, int]]:
+    """Each status word of a log's packets, what it means, and in how many; none of units whose packets have none."""
+    instrument = None if content.info is None else of_model(content.info.instrument)
+    if instrument is not None and instrument.status_names is not None:
+        for word, count in sorted(content.statuses.items()):
+            yield word, instrument.status_in_words(word), count
 
 
 def _quality(content: "Audit") -> QualityFields:

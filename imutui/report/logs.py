@@ -113,6 +113,10 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     )
     yield "effects", effect_words.included(d["effects"])
     yield "quality", _quality(d["quality"])
+    # of a log without any bit set there is nothing to say
+    words = [word for word in d["status_words"] if word["word"]]
+    told = (f"{word['means']} in {word['packets']:,} of {d['packets']:,} packets" for word in words)
+    yield "status (BIT)", "; ".join(told)
     yield "port", f"{d['port']} at {d['baud']:.0f} baud on {d['host']}" if d["port"] and d["baud"] else d["port"]
     yield "software", d["software"]
     yield "attached", ", ".join(f"{name} ({_size(size)})" for name, size in d["attachments"].items())

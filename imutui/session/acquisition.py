@@ -32,6 +32,7 @@ from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
+from imutui.session.status_words import StatusWords
 from imutui.session.timebase import ClockStepMonitor, Timebase
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ class Acquisition:
             RecentPackets(scaling),
             ChannelStatistics(scaling, specification.of_model(info.instrument)),
         )
+        self._status = StatusWords(self._instrument)
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
@@ -132,6 +134,7 @@ class Acquisition:
         self._last_stamp_ns = stamp.monotonic_ns
         t = (stamp.monotonic_ns - self._started_ns) / 1e9
         self._recent.add(t, packet)
+        self._status.take(packet)
         if stamp.gap is not None:
             self._statistics.interrupt()
         self._statistics.add(t, packet)
@@ -218,6 +221,8 @@ class Acquisition:
                 self._reader.ask_again()
             for text, warns in self._line.each_second(line):
                 self.event("acquisition", text, WARNING if warns else INFORMATION)
+            for text in self._status.news():
+                self.event("acquisition", text, WARNING)
             self._look_after_stream()
             self._look_at_gravity()
             step = self._clock_steps.check()
@@ -304,6 +309,7 @@ class Acquisition:
             recording=recorder.recording,
             free_bytes=recorder.free_bytes(now),
             recent=self._recent,
+            status=self._status.newest,
             events=recorder.events,
             guide=self._guide,
             stream=None if recorder.stream is None else recorder.stream.snapshot(),

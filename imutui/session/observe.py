@@ -57,6 +57,8 @@ class AcquisitionView:
         Free space where the present recording goes, or the next one would.
     recent : RecentPackets
         For numbers and curves.
+    status : str
+        The newest packet's status word in words; "" where no bit is set.
     events : EventLog
         Last events and marks.
     guide : Guide or None
@@ -83,6 +85,7 @@ class AcquisitionView:
     recording: Recording | None
     free_bytes: int | None
     recent: RecentPackets
+    status: str
     events: EventLog
     guide: Guide | None
     stream: StreamSnapshot | None
@@ -123,6 +126,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "bad_checksums": counters.bad_checksums,
         "discarded_bytes": counters.discarded_bytes,
         "advice": {"losses": view.loss_advice, "silence": line_advice.of_silence(info.port, info.firmware)},
+        "status": view.status,
         "silent_s": 0.0 if view.zeroing else (now - view.last_packet_ns) / 1e9,
         "zeroing": view.zeroing,
         "reconnecting": view.reconnecting,

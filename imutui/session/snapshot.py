@@ -124,7 +124,8 @@ class Snapshot(TypedDict):
     """Everything a screen shows of an acquisition.
 
     `findings` are what will have to be said at its end, so far; `ended_by` says who or what asked for the end, empty
-    before; `min_free_bytes` is what recording leaves of a disk.
+    before; `min_free_bytes` is what recording leaves of a disk; `status` the unit's status word in words, "" where no
+    bit of it is set, or it has none.
     """
 
     name: str
@@ -148,6 +149,7 @@ class Snapshot(TypedDict):
     lost_packets_max: int
     bad_checksums: int
     discarded_bytes: int
+    status: NotRequired[str]
     advice: LineAdvice
     silent_s: float | None
     zeroing: bool

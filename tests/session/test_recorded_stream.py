@@ -46,6 +46,8 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
     assert len(log.raw) == len(sent) == log.stamp_ns.size == PACKETS
     assert log.events[-1].text == f"ended by its duration of {SECONDS:g} s"
     assert not [event for event in log.events if event.name == "gap"]
+    told = [event.text for event in log.events if "status word" in event.text]
+    assert told == ["the unit's status word (BIT) is 0x0002 (hardware error); readings count whatever it says"]
     with AnyReader([recorded]) as bag:
         by_rosbags = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages() if c.topic == schemas.RAW]
     for packet, told, event in zip(log.raw, by_rosbags, sent, strict=True):
@@ -57,7 +59,9 @@ def test_a_real_units_stream_is_recorded_whole(recorded: Path, recording: Callab
     assert [p.sequence for p in log.raw] == list(range(len(log.raw)))
     said = " ".join(imutui("check", str(recorded)).stdout.split())
     assert f"(BIT) was 0x0002 (hardware error) in {PACKETS:,} of {PACKETS:,} packets" in said
-    assert "imutui_msgs/msg/S1Packet" in imutui("info", str(recorded)).stdout
+    info = imutui("info", str(recorded)).stdout
+    assert "imutui_msgs/msg/S1Packet" in info
+    assert f"status (BIT)  0x0002 (hardware error) in {PACKETS:,} of {PACKETS:,} packets" in info
     imutui("export", str(recorded), "--topic", schemas.RAW, "-o", "raw.npz")
     with np.load("raw.npz") as columns:
         assert columns["status"].tolist() == [2] * len(log.raw)

@@ -1,7 +1,7 @@
 """The Live page: one channel large, the others as numbers with a trend."""
 
 from helpers.fake_client import FakeClient
-from helpers.pilot import SMALLEST, shows, until
+from helpers.pilot import SMALLEST, shows, text_of, until
 
 from imutui.tui.app import ImutuiApp
 from imutui.tui.pages.live.channels import ChannelTable
@@ -35,3 +35,13 @@ async def test_a_tall_terminal_has_room_for_six_lanes() -> None:
         await shows(pilot, "gyro, deg/s", "accel, mg")
         await pilot.resize_terminal(*SMALLEST)
         await shows(pilot, "gx, deg/s, with mean")
+
+
+async def test_what_a_unit_says_of_itself_stands_beside_what_was_lost() -> None:
+    """Bits of its status word, while any is set; of a unit that has none there is nothing to read."""
+    client = FakeClient()
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:  # type: ignore[arg-type]
+        await shows(pilot, "bad sums 0")
+        assert "BIT" not in text_of(pilot.app)
+        client.changes["status"] = "0x0002 (hardware error)"
+        await shows(pilot, "bad sums 0  BIT 0x0002 (hardware error)")

@@ -27,12 +27,12 @@ class WarmLine(TextLines):
 
 
 class LinkLine(TextLines):
-    """Rates, and what was lost."""
+    """Rates, what was lost, and what the unit says of itself."""
 
     DEFAULT_CSS = "LinkLine { height: 1; }"
 
     def lines(self, view: View, width: int) -> list[Content]:
-        """Rate asked and measured, packets lost, wrong checksums; empty without an acquisition."""
+        """Rate asked and measured, packets lost, wrong checksums, status word; empty without an acquisition."""
         now = view.now
         if now is None:
             return [Content("")]
@@ -43,6 +43,7 @@ class LinkLine(TextLines):
                 (f"lost {messages.lost(now)}", "bold $text-warning" if lost else ""),
                 "  ",
                 (f"bad sums {bad}", "bold $text-warning" if bad else ""),
+                (f"  BIT {status}" if (status := now.get("status")) else "", "bold $text-warning"),
             )
         ]
 
