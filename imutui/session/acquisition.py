@@ -17,7 +17,7 @@ from imutui.logbook.session_info import SessionInfo
 from imutui.session import exit_codes, observe, operator_guide, zeroing
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
-from imutui.session.gravity_check import unexpected_gravity
+from imutui.session.gravity_check import GravityCheck
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
 from imutui.session.line_watch import LineState, LineWatch
@@ -89,7 +89,7 @@ class Acquisition:
         self._guide: operator_guide.Guide | None = None
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
-        self._gravity_seen = False
+        self._gravity = GravityCheck(self._instrument)
         self._last_stamp_ns = self._started_ns
         self._line = LineWatch(info, self._timebase, self._instrument.packets_hz(plan.rate_hz))
         self._loss_advice = LossAdvice(info.port, info.firmware)
@@ -221,26 +221,15 @@ class Acquisition:
                 self._reader.ask_again()
             for text, warns in self._line.each_second(line):
                 self.event("acquisition", text, WARNING if warns else INFORMATION)
-            for text in self._status.news():
+            unexpected = self._gravity.news(self._recent.accels_g(), self._recorder.info, self._recorder.motion)
+            for text in (*self._status.news(), *unexpected):
                 self.event("acquisition", text, WARNING)
             self._look_after_stream()
-            self._look_at_gravity()
             step = self._clock_steps.check()
             if step is not None:
                 self.event(
                     "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
                 )
-
-    def _look_at_gravity(self) -> None:
-        """Say once of a unit that turns its own axes that gravity reads where it should not."""
-        accels_g = self._recent.accels_g()
-        info = self._recorder.info
-        if accels_g is None or self._gravity_seen or not self._instrument.turns_axes or info.reference != "level":
-            return
-        self._gravity_seen = True
-        said = unexpected_gravity(accels_g, info.axes(), info.own_mount)
-        if said is not None:
-            self.event("acquisition", said, WARNING)
 
     def _look_after_stream(self) -> None:
         stream = self._recorder.stream

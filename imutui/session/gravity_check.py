@@ -6,10 +6,46 @@ import numpy as np
 import numpy.typing as npt
 
 from filters.imu import AxisMap, format_mount, parse_mount
+from filters.motion.profile import Profile
+from filters.motion.reference import Trajectory
+from filters.motion.segments import Dwell
+from imutui.instrument.instrument import Instrument
+from imutui.logbook.session_info import SessionInfo
 
 # cos 37 degrees: whoever is further off does not lie along that axis at all
 _ALONG = 0.8
 _TURNED_OVER = np.diag([1.0, -1.0, -1.0])
+
+
+class GravityCheck:
+    """Looks once, after the first second, whether gravity reads where it should.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        Only of one that turns its own axes something is said: of others the filter's alarms say enough.
+    """
+
+    def __init__(self, instrument: Instrument) -> None:
+        self._to_be_looked_at = instrument.turns_axes
+
+    def news(
+        self, accels_g: npt.NDArray[np.float64] | None, info: SessionInfo, motion: Profile | Trajectory | None
+    ) -> list[str]:
+        """What to say of readings on a table that begins level; None: there are none yet."""
+        if accels_g is None or not self._to_be_looked_at or not _begins_level(info.reference, motion):
+            return []
+        self._to_be_looked_at = False
+        said = unexpected_gravity(accels_g, info.axes(), info.own_mount)
+        return [] if said is None else [said]
+
+
+def _begins_level(reference: str, motion: Profile | Trajectory | None) -> bool:
+    if not isinstance(motion, Profile):
+        return reference == "level"
+    first = motion.segments[0]
+    # joined by marks it begins when the operator says so
+    return motion.align == "none" and isinstance(first, Dwell) and first.angles[:2] == (0.0, 0.0)
 
 
 def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mount: str = "") -> str | None:

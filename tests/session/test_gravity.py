@@ -11,12 +11,16 @@ from helpers.commands import imutui
 from helpers.units import Still, served
 
 from filters.imu import AxisMap, format_mount, parse_mount
+from filters.motion.profile import Profile
+from filters.motion.segments import Dwell
+from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.fields import Field, Orientation
 from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.logbook import reader
-from imutui.session.gravity_check import unexpected_gravity
+from imutui.logbook.session_info import SessionInfo
+from imutui.session.gravity_check import GravityCheck, unexpected_gravity
 
 OVER = Orientation(signs=(1, -1, -1))
 
@@ -64,6 +68,26 @@ def test_a_unit_that_lies_upside_down_is_told_whatever_its_mounting(mount: str) 
         turned_over = told.rpartition("--mount ")[2]
         assert AxisMap(parse_mount(turned_over), accel_sign=1).accel_to_body(accels_g)[2] == pytest.approx(-0.9986)
     assert unexpected_gravity(axes.mount.T @ np.array([0.8, 0.0, -0.6]), axes, "x,y,z") is None
+
+
+def dwelling(outer: float, align: str = "none") -> Profile:
+    return Profile((Dwell((outer, 0.0, 0.0), 60.0),), align=align)
+
+
+@pytest.mark.parametrize(
+    ("motion", "is_told"),
+    [(None, True), (dwelling(0.0), True), (dwelling(1.57), False), (dwelling(0.0, "marks"), False)],
+    ids=["level", "begins level", "begins elsewhere", "begins when it is said"],
+)
+def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile | None, is_told: bool) -> None:
+    """Of a unit that turns its own axes; of another one nothing is said here."""
+    info = SessionInfo(accel_sign=1, reference="level" if motion is None else "profile", own_mount=OVER.mount)
+    upside_down = np.array([0.0, 0.0, 1.0])
+    watch = GravityCheck(INSTRUMENTS["imu381"])
+    assert watch.news(None, info, motion) == []
+    assert bool(watch.news(upside_down, info, motion)) is is_told
+    assert watch.news(upside_down, info, motion) == []
+    assert GravityCheck(INSTRUMENTS["imu400cd"]).news(upside_down, info, motion) == []
 
 
 def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
