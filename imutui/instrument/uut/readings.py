@@ -8,7 +8,7 @@ from imutui.instrument.discarded import Discarded
 from imutui.instrument.host import Answer, PacketDetails
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.uut.decoder import Decoder
-from imutui.instrument.uut.messages import Event, GetPacket, Memory, PacketS0, PacketS1, Refused, Triple
+from imutui.instrument.uut.messages import Event, GetPacket, Memory, PacketS0, PacketS1, Ping, Refused, Triple
 from imutui.instrument.uut.payloads import SET, encode
 
 _LEAST_PATIENCE_S, _MOST_PATIENCE_S = 0.1, 2.0
@@ -104,8 +104,9 @@ class Packets:
 class Poller:
     """Asks a unit that is quiet for one packet S1 at a time; see `host.Poller`.
 
-    Nothing in a packet says which request it answers. So one that comes before the next request belongs to an earlier
-    one, and counts for nothing.
+    Nothing in a packet says which request it answers, but a unit answers in order. So one that comes before the next
+    request, or before the answer to a ping that follows an unanswered one, belongs to an earlier request, and counts
+    for nothing.
 
     Parameters
     ----------
@@ -120,6 +121,7 @@ class Poller:
         self._giving_up = giving_up
         self._decoder = Decoder()
         self._patience_s = _LEAST_PATIENCE_S
+        self._is_behind = False
         self.unanswered = False
 
     @property
@@ -137,26 +139,34 @@ class Poller:
         self.unanswered = False
         while waiting := self._port.waiting():
             self._decoder.feed(self._port.read(waiting))
+        if self._is_behind:
+            self._port.write(encode(Ping()))
+            self.unanswered = self._await(Ping) is None
+            if self.unanswered:
+                return None
         requested_ns = time.monotonic_ns()
         self._port.write(encode(GetPacket(b"S1")))
-        self.unanswered = True
-        answer = self._await(requested_ns)
-        self.unanswered = answer is None
-        if answer is None:
-            # the answer may be late: the next one is waited for longer, so that it is not taken for it
+        self.unanswered = self._is_behind = True
+        found = self._await(PacketS1)
+        self.unanswered = self._is_behind = found is None
+        if found is None:
+            # the answer may be late: the next one is waited for longer
             self._patience_s = min(2.0 * self._patience_s, _MOST_PATIENCE_S)
-        else:
-            late_s = 2e-9 * (answer.arrived_ns - requested_ns)
-            self._patience_s = min(max(_LEAST_PATIENCE_S, late_s, 0.5 * self._patience_s), _MOST_PATIENCE_S)
-        return answer
+            return None
+        event, arrived_ns = found
+        late_s = 2e-9 * (arrived_ns - requested_ns)
+        self._patience_s = min(max(_LEAST_PATIENCE_S, late_s, 0.5 * self._patience_s), _MOST_PATIENCE_S)
+        packet = reading_of(event)
+        return None if packet is None else Answer(packet, requested_ns, arrived_ns)
 
-    def _await(self, requested_ns: int) -> Answer | None:
+    def _await(self, kind: type[Ping] | type[PacketS1]) -> tuple[Event, int] | None:
+        """The next event of a kind, and when it had been read, monotonic ns; None if it does not come."""
         deadline = time.monotonic() + self._patience_s
         while True:
             data = self._port.read(self._decoder.missing)
             arrived_ns = time.monotonic_ns()
             for event in self._decoder.feed(data) if data else self._decoder.pause():
-                if isinstance(event, PacketS1) and (packet := reading_of(event)) is not None:
-                    return Answer(packet, requested_ns, arrived_ns)
+                if isinstance(event, kind):
+                    return event, arrived_ns
             if not data and (time.monotonic() > deadline or self._giving_up()):
                 return None

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, TypeGuard
 
 import numpy as np
 import pytest
+from helpers import units
 from helpers.paths import ROOT
 from helpers.processes import wait_until
 from helpers.units import Still
@@ -138,6 +139,29 @@ def test_packets_are_asked_for_one_by_one() -> None:
         found = acquired(host, 50.0, lambda n: n >= 20)
         assert all(each.requested_ns is not None and each.requested_ns < each.host_ns for each in found)
         assert found[-1].discarded_bytes == found[-1].bad_checksums == 0
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_a_late_answer_is_not_taken_for_that_to_a_later_request(count: int) -> None:
+    """Answers that a line kept back come with a later one: each that is taken was sampled after it was asked for."""
+    line = FaultyLine((LineFault(0.55, "backlog", count=count),))
+    options, sampled = UnitOptions(), dict[int, int]()
+    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+
+    def sent(packet: PacketS1, sampled_ns: int) -> None:
+        sampled[packet.counter] = sampled_ns
+
+    with units.served(unit, line=line, on_packet=sent) as name, Port(name, 115200) as port:
+        host = UutHost(port)
+        host.open(None)
+        poller, answered = host.poller(lambda: False), 0
+        while answered < 20:
+            answer = poller.poll()
+            if answer is not None:
+                answered += 1
+                # the unit answers with its newest, from a loop of 10 ms
+                assert sampled[answer.packet.ticks] > answer.requested_ns - 11_000_000
+            time.sleep(0.05)
 
 
 def test_a_unit_tells_itself_from_the_other_kind_on_its_line() -> None:
