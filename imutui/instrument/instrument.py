@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.host import Host
 from imutui.instrument.port import Port
 
@@ -56,6 +57,8 @@ class Instrument:
         Whether its own configuration can turn the axes of its packets.
     mode, mode_words : str
         What its packets are, in two words and in a line.
+    counter : CounterSpec
+        What its packets' counter counts.
     count_limits : tuple of int
         Least and largest count; a reading there says only "this or more".
     rate_range_dps, accel_range_g : float
@@ -87,6 +90,7 @@ class Instrument:
     turns_axes: bool
     mode: str
     mode_words: str
+    counter: CounterSpec
     count_limits: tuple[int, int]
     rate_range_dps: float
     accel_range_g: float

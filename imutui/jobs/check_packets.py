@@ -4,11 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.registry import of_model
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled
 from imutui.jobs.quantities import plural, that_many
 from imutui.jobs.step_counts import StepCounts, median
-from imutui.logbook import line_advice, schemas
+from imutui.logbook import line_advice, scan, schemas
 from imutui.logbook.audit import Audit, Part
 
 _FEW, _SHARE = 2, 0.1
@@ -23,6 +25,8 @@ class PacketSteps:
 
     def __init__(self, known: Audit) -> None:
         self._polled = is_polled(known)
+        self._counter_spec = of_model("" if known.info is None else known.info.instrument).counter
+        self._numbers = _Numbers()
         self._steps = StepCounts()
         self._held_up = _HeldUp()
         self._last: list[np.ndarray] = []
@@ -34,18 +38,21 @@ class PacketSteps:
             return
         flags = part.packets["flags"]
         self._held_up.take(heads["log_ns"], heads["publish_ns"], flags)
+        self._numbers.take(part.packets["sequence"].astype(np.int64), heads["publish_ns"])
         if self._polled:
             return
         rows = heads["publish_ns"], heads["sequence"].astype(np.int64), part.packets["ticks"].astype(np.int64), flags
         joined = [np.concatenate(pair) for pair in zip(self._last, rows, strict=True)] if self._last else list(rows)
         self._last = [row[-1:] for row in joined]
         stamps, sequence, ticks, flags = joined
-        self._steps.take(np.diff(stamps.astype(np.float64)), _codes(sequence, ticks, flags), stamps)
+        self._steps.take(np.diff(stamps.astype(np.float64)), self._codes(sequence, ticks, flags), stamps)
 
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found."""
         yield from self._line(log)
         yield from self._counter(log)
+        if log.paired:
+            yield from self._numbers.findings(log)
 
     def _line(self, log: CheckContext) -> Iterator[Finding]:
         """What was lost on the line, by the recorder's count and by the packets themselves."""
@@ -68,6 +75,15 @@ class PacketSteps:
         if told["bad_checksums"]:
             what = f"{that_many(told['bad_checksums'], 'packet', 'was', 'were')} dropped: the checksum was wrong."
             yield Finding("checksums", what, "by the recorder's count", _where_to_look(log))
+
+    def _codes(self, sequence: np.ndarray, ticks: np.ndarray, flags: np.ndarray) -> np.ndarray:
+        """What goes with the steps between packets, int64, shape (n - 1,)."""
+        in_order, flags = np.diff(sequence) == 1, flags[1:]
+        counted = in_order & ((flags & _NOT_COUNTED) == 0)
+        steps = np.mod(self._counter_spec.direction * np.diff(ticks), SPAN)
+        codes = np.where(counted, steps | _COUNTED, 0)
+        lost = (flags & schemas.FLAG_LOST_BEFORE) > 0
+        return np.asarray(codes | in_order * _IN_ORDER | lost * _LOST_BEFORE)
 
     def _tells(self, log: CheckContext) -> bool:
         """Whether the packets' times can tell anything."""
@@ -119,6 +135,31 @@ class PacketSteps:
             yield Finding("counter", what, where, "Check the unit's supply: it may have begun anew.")
 
 
+class _Numbers:
+    """Whether the packets' own numbers, which count what was received, go on by one."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._off = 0
+        self._first_ns = 0
+
+    def take(self, numbers: np.ndarray, stamps: np.ndarray) -> None:
+        """More packets: their numbers, and when they were sampled, UTC, ns."""
+        off = np.diff(numbers, prepend=numbers[0] - 1 if self._last is None else self._last) != 1
+        if off.any() and not self._off:
+            self._first_ns = int(stamps[int(np.argmax(off))])
+        self._off += int(np.count_nonzero(off))
+        self._last = int(numbers[-1])
+
+    def findings(self, log: CheckContext) -> Iterator[Finding]:
+        """What it found; where a file is damaged, or was rebuilt, that says more."""
+        if self._off and not damage_text.lossy(log.found) and scan.RECOVERED not in log.audit.metadata:
+            places = plural(self._off, "place")
+            what = f"The packets' numbers do not go on by one in {places}: some are missing, or changed."
+            cure = "Trust no more than a copy that has its own sum (.sha256)."
+            yield Finding("packets", what, f"first {log.at(self._first_ns)}", cure)
+
+
 class _HeldUp:
     """Whether most losses follow at once on packets that were read late."""
 
@@ -140,15 +181,6 @@ class _HeldUp:
     def mostly(self) -> bool:
         """Whether it is so."""
         return 2 * self._near > self._lost
-
-
-def _codes(sequence: np.ndarray, ticks: np.ndarray, flags: np.ndarray) -> np.ndarray:
-    """What goes with the steps between packets, int64, shape (n - 1,)."""
-    in_order, flags = np.diff(sequence) == 1, flags[1:]
-    counted = in_order & ((flags & _NOT_COUNTED) == 0)
-    codes = np.where(counted, np.mod(-np.diff(ticks), 65536) | _COUNTED, 0)
-    lost = (flags & schemas.FLAG_LOST_BEFORE) > 0
-    return np.asarray(codes | in_order * _IN_ORDER | lost * _LOST_BEFORE)
 
 
 def _how_many(certain: int, most: int) -> str:

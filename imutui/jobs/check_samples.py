@@ -22,8 +22,9 @@ class SamplesOfPackets:
         self._info = info if info is not None and info.sampling in ("stream", "polled") else None
         self._groups = None if self._info is None else _Groups(self._info, each=_one_each(known, self._info))
         self._made, self._samples = _Queue(2), _Queue(3)
+        self._made_degc, self._degc = _Queue(1), _Queue(1)
         self._last_number = -1
-        self._off, self._first_ns = 0, 0
+        self._off, self._first_ns, self._degc_off = 0, 0, 0
 
     def take(self, part: Part) -> None:
         """Look at the next part."""
@@ -36,9 +37,15 @@ class SamplesOfPackets:
             self._info, self._made, self._samples = None, _Queue(2), _Queue(3)
             return
         self._last_number = int(numbers[-1])
-        self._made.put(*self._groups.take(heads["publish_ns"], part.packets["counts"].astype(np.float64)))
+        # counts of temperature that are negative travel as words without a sign
+        degc = part.packets["temperature"].astype(np.int16)
+        stamps, counts = self._groups.take(heads["publish_ns"], np.column_stack([part.packets["counts"], degc]))
+        self._made.put(stamps, counts[:, :6])
+        self._made_degc.put(counts[:, 6])
         self._samples.put(part.stamp_ns, part.gyro, part.accel)
+        self._degc.put(part.temperature_degc)
         self._compare(self._info)
+        self._compare_temperatures(self._info)
 
     def _compare(self, info: SessionInfo) -> None:
         count = min(self._made.waiting, self._samples.waiting)
@@ -55,6 +62,15 @@ class SamplesOfPackets:
             self._first_ns = self._first_ns if self._off else int(stamps[int(np.argmin(same))])
             self._off += int(np.count_nonzero(~same))
 
+    def _compare_temperatures(self, info: SessionInfo) -> None:
+        count = min(self._made_degc.waiting, self._degc.waiting)
+        if not count:
+            return
+        (counts,), (told,) = self._made_degc.get(count), self._degc.get(count)
+        scaling = of_model(info.instrument).scaling(info.rate_range_dps, info.accel_range_g)
+        same = np.isclose(scaling.temperature_degc(counts), told, rtol=0.0, atol=1e-9)
+        self._degc_off += int(np.count_nonzero(~same))
+
     def findings(self, log: CheckContext) -> Iterator[Finding]:
         """What it found."""
         if self._info is None or not log.paired:
@@ -66,6 +82,11 @@ class SamplesOfPackets:
         if self._off:
             what = f"{that_many(self._off, 'sample', 'is not what its', 'are not what their')} packets say."
             yield Finding("samples", what, f"first {log.at(self._first_ns)}", "Trust the packets; write to us.")
+        # a file that was cut off has a packet, or a sample, whose temperature is not there yet
+        if self._degc_off and self._degc.total == samples:
+            count = that_many(self._degc_off, "temperature", "is not what its", "are not what their")
+            what = f"{count} packets say."
+            yield Finding("temperatures", what, "over the whole log", "Trust the packets; write to us.")
 
 
 def _one_each(known: Audit, info: SessionInfo) -> bool:
@@ -104,7 +125,7 @@ class _Groups:
         self._period_ns = 1e9 / info.rate_hz
         self._begun_ns: int | None = None
         self._number = 0
-        self._stamps, self._counts = np.empty(0, np.int64), np.empty((0, 6))
+        self._stamps, self._counts = np.empty(0, np.int64), np.empty((0, 7))
 
     def take(self, stamps: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Those that more packets finish: the last period's sample would come with the first packet after it."""

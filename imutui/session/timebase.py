@@ -50,15 +50,18 @@ class ClockStepMonitor:
 class EventClock:
     """When an event is, monotonic: now, or when that came which is being handled.
 
-    What a packet tells is of its arrival. Later ones may have come meanwhile, and log time does not go back.
+    What a packet tells is of its arrival. Later ones may have come meanwhile, and log time does not go back: where
+    something was told while a packet was held, what that packet tells is of no earlier time.
     """
 
     def __init__(self) -> None:
         self._handled_ns: int | None = None
+        self._last_ns = 0
 
     def now_ns(self) -> int:
-        """Of an event, ns."""
-        return time.monotonic_ns() if self._handled_ns is None else self._handled_ns
+        """Of an event, ns; never before the last one's."""
+        self._last_ns = max(self._last_ns, time.monotonic_ns() if self._handled_ns is None else self._handled_ns)
+        return self._last_ns
 
     @contextlib.contextmanager
     def at(self, instant_ns: int) -> Iterator[None]:

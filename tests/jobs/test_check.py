@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,11 @@ from mcap.writer import CompressionType, Writer
 
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
+from imutui.instrument.imu400.instrument import IMU400CD
+from imutui.instrument.instrument import Instrument
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.uut.messages import PacketS1
+from imutui.instrument.uut.readings import reading_of
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import message_arrays, schemas
@@ -22,8 +28,7 @@ from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 
 START = 1_795_257_000_000_000_000
-LOOP_NS = 7_500_000
-TICK_NS = 790.0
+LOOP_NS = {"imu400cd": 7_500_000, "imu381": 10_000_000}
 SECONDS = 6
 
 Change = Callable[[str, int, Message], list[Message]]
@@ -47,25 +52,30 @@ def recorded(
     limit: int | None = None,
     port: str = "",
     held_up: bool = False,
+    instrument: Instrument = IMU400CD,
 ) -> Path:
     """A recording as the acquisition writes it: a packet a loop, every second flushed, some lost on the line."""
     info = SessionInfo(serial_number="42", kind="simulated", sampling=sampling, rate_hz=rate, filter="none", port=port)
-    writer = LogWriter(path, info, "x = 1\n", START)
-    pipeline = SamplePipeline(info, Timebase(START), writer)
+    ranges = instrument.rate_range_dps, instrument.accel_range_g
+    info = replace(info, instrument=instrument.model, rate_range_dps=ranges[0], accel_range_g=ranges[1])
+    writer = LogWriter(
+        path, info, "x = 1\n", START, raw_type=schemas.raw_type(details=instrument.status_names is not None)
+    )
+    pipeline = SamplePipeline(info, Timebase(START), writer, instrument=instrument)
     rng = np.random.default_rng(8)
+    loop_ns = LOOP_NS[instrument.name]
     dropped, second = 0, 1
-    for k in range(round(SECONDS * 1e9 / LOOP_NS)):
+    for k in range(round(SECONDS * 1e9 / loop_ns)):
         if 300 <= k < 300 + lost:
             dropped += 1
             continue
         counts = [int(x) for x in rng.normal(size=6) * 40 + [0, 0, 0, 0, 0, 5461]]
         if limit is not None and k == 200:
             counts[limit] = 32767
-        ticks = round(-k * LOOP_NS / TICK_NS) % 65536
-        packet = Packet(Mode.SCALED, tuple(counts[:3]), tuple(counts[3:]), 1550, ticks)
-        instant = k * LOOP_NS
+        packet = packet_of(instrument, counts, k)
+        instant = k * loop_ns
         # what comes while the computer is held up is read at once when it goes on
-        read = 299 * LOOP_NS if held_up and 100 <= k < 300 else instant
+        read = 299 * loop_ns if held_up and 100 <= k < 300 else instant
         stamp = Stamp(instant, False, gap=Gap(0.0, dropped, dropped) if dropped else None)
         pipeline.packet(packet, stamp, read + 2_000_000)
         dropped = 0
@@ -75,6 +85,15 @@ def recorded(
     pipeline.event("mark", "here", SECONDS * 1_000_000_000)
     assert finish_file(writer, pipeline, SECONDS * 1_000_000_000)["finished"]
     return path
+
+
+def packet_of(instrument: Instrument, counts: list[int], k: int) -> Any:
+    """A packet at the loop's instant k, below freezing where the unit's counts say so."""
+    ticks = round(instrument.counter.direction * k * LOOP_NS[instrument.name] / instrument.counter.tick_ns) % 65536
+    rates, accels = tuple(counts[:3]), tuple(counts[3:])
+    if instrument is IMU400CD:
+        return Packet(Mode.SCALED, rates, accels, 1550, ticks)
+    return reading_of(PacketS1(accels, rates, (-700, -701, -702), -690, ticks, 2))
 
 
 def rewritten(path: Path, change: Change) -> Path:
@@ -187,13 +206,27 @@ def cases() -> Iterator[tuple[str, Change, str]]:
     yield "other clock", shifted(schemas.IMU, range(10_000), -START), "log_time"
     yield "changed packet", with_data(schemas.RAW, 300, lambda d: d.__setitem__(20, d[20] ^ 0x40)), "samples"
     yield "counter jumps", with_data(schemas.RAW, 300, set_ticks), "counter"
+    yield "number", with_data(schemas.RAW, 300, lambda d: d.__setitem__(4, d[4] ^ 0x01)), "packets"
+    yield (
+        "temperature in a packet",
+        with_data(schemas.RAW, 300, lambda d: d.__setitem__(32, d[32] ^ 0x01)),
+        "temperatures",
+    )
+    yield "temperature", with_data(schemas.TEMPERATURE, 30, lambda d: d.__setitem__(-13, d[-13] ^ 0x20)), "temperatures"
     yield "no reference", without(schemas.REFERENCE, range(1000)), "reference"
 
 
+INSTRUMENT = pytest.mark.parametrize("instrument", INSTRUMENTS.values(), ids=list(INSTRUMENTS))
+
+
+@INSTRUMENT
 @pytest.mark.parametrize(("change", "code"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
-def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str) -> None:
-    """What, where and what next stand in every finding."""
-    document = check(rewritten(recorded(tmp_path / "a.mcap", rate=133.0), change))
+def test_each_thing_that_is_wrong_is_found(tmp_path: Path, change: Change, code: str, instrument: Instrument) -> None:
+    """What, where and what next stand in every finding; without the change there is none."""
+    rate = instrument.most_rate_hz
+    path = recorded(tmp_path / "a.mcap", rate=rate, instrument=instrument)
+    assert check_once(path)["fine"]
+    document = check(rewritten(path, change))
     assert code in codes(document)
     assert not document["fine"]
     for finding in document["findings"]:

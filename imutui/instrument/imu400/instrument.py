@@ -3,7 +3,7 @@
 from filters.imu import LOOP_HZ
 from imutui.instrument import names
 from imutui.instrument.imu400 import zeroing
-from imutui.instrument.imu400.host import Imu400Host
+from imutui.instrument.imu400.host import COUNTER, Imu400Host
 from imutui.instrument.imu400.messages import PACKET_BYTES, POWER_UP_BAUD
 from imutui.instrument.imu400.scaling import COUNT_LIMITS, Scaling
 from imutui.instrument.instrument import Instrument
@@ -21,6 +21,7 @@ IMU400CD = Instrument(
     turns_axes=False,
     mode="scaled mode",
     mode_words="scaled: deg/s and g from the unit; voltage mode is not used",
+    counter=COUNTER,
     count_limits=COUNT_LIMITS,
     rate_range_dps=Scaling.rate_range_dps,
     accel_range_g=Scaling.accel_range_g,

@@ -5,7 +5,7 @@ from imutui.instrument.instrument import Instrument
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
 from imutui.instrument.uut.frames import OVERHEAD_BYTES
-from imutui.instrument.uut.host import SPEEDS, UutHost
+from imutui.instrument.uut.host import COUNTER, SPEEDS, UutHost
 from imutui.instrument.uut.messages import names_of_bits
 from imutui.instrument.uut.scaling import COUNT_LIMITS, Scaling
 
@@ -40,6 +40,7 @@ IMU381 = Instrument(
     turns_axes=True,
     mode="packets S1",
     mode_words="packets S1: rates, forces, four temperatures, status word",
+    counter=COUNTER,
     count_limits=COUNT_LIMITS,
     # what the words of all of them hold: the sensors of each are good for less
     rate_range_dps=630.0,
