@@ -1,6 +1,6 @@
 """A recording as the virtual instrument plays it: at the unit's rate, by itself or under what a scenario adds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,7 +116,8 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
     start : float
         Where in it to begin, s after its first sample.
     axes : AxisMap
-        Of the instrument, for the motion that an NPZ or CSV file knows; the sign that fits its readings is taken.
+        Of the unit that plays it. A log of a known instrument is played in the unit's own sign; for the motion that an
+        NPZ or CSV file knows the sign that fits its readings is taken.
     site : Site
         Where it stood.
 
@@ -126,7 +127,7 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
         If there is nothing to play.
     """
     if path.suffix.lower() == ".mcap":
-        return _from_log(path, start)
+        return _from_log(path, start, axes.accel_sign)
     from imutui.logbook import importer
 
     r = importer.load(path)
@@ -140,7 +141,8 @@ def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording
     return PlayedRecording(path.name, t, np.hstack([r.gyro_dps, r.accel_g])[part], degc, False, motion)
 
 
-def _from_log(path: Path, start: float) -> PlayedRecording:
+def _from_log(path: Path, start: float, accel_sign: int) -> PlayedRecording:
+    from imutui.instrument import registry
     from imutui.jobs import replay
     from imutui.jobs.log_motion import motion_of
     from imutui.logbook import reader
@@ -149,7 +151,10 @@ def _from_log(path: Path, start: float) -> PlayedRecording:
     t = log.seconds()
     _check_start(path, start, t)
     part = t >= start
-    axes = log.info.axes()
+    axes, model = log.info.axes(), log.info.instrument
+    if registry.is_known(model) and registry.of_model(model).accel_sign == axes.accel_sign:
+        # what another kind of unit would have read
+        axes = replace(axes, accel_sign=accel_sign)
     dps = np.rad2deg(axes.gyro_to_instrument(log.gyro))
     g = axes.accel_to_instrument(log.accel) / log.info.g_unit
     motion = None

@@ -17,7 +17,11 @@ from imutui.instrument import names
 def command(
     instrument: Annotated[
         Optional[str],  # noqa: UP045
-        typer.Option("--instrument", metavar="|".join(names.NAMES), help=f"Which unit to be ({names.DEFAULT})."),
+        typer.Option(
+            "--instrument",
+            metavar="|".join(names.NAMES),
+            help=f"Which unit to be ({names.DEFAULT}, or that of the log that is played).",
+        ),
     ] = None,
     link: Annotated[Optional[Path], typer.Option("--link", help="Also make this symbolic link to the port.")] = None,  # noqa: UP045
     from_: Annotated[
@@ -56,7 +60,9 @@ def command(
     ] = None,
     serial_number: Annotated[
         Optional[int],  # noqa: UP045
-        typer.Option("--serial-number", help="Serial number that it reports (9911750, or the recorded unit's)."),
+        typer.Option(
+            "--serial-number", help="Serial number that it reports (9911750; of a file *.raw the recorded unit's)."
+        ),
     ] = None,
     force: Force = False,
     while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
@@ -76,7 +82,7 @@ def command(
     """
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
     from imutui.cli.spoil import SpoilError, load
-    from imutui.cli.virtual_units import UNITS, Asked, recorded_unit
+    from imutui.cli.virtual_units import UNITS, Asked, instrument_of, recorded_unit
     from imutui.instrument.sent_packets import SentPackets
     from imutui.instrument.virtual import serve
     from imutui.scenario import ScenarioError
@@ -108,7 +114,7 @@ def command(
         else:
             added = None if spoil is None else load(spoil)
             asked = Asked(scenario, power_on or 0, seed, from_, from_start or 0.0, added)
-            made = UNITS[instrument or names.DEFAULT](asked, serial_number)
+            made = UNITS[instrument or instrument_of(from_)](asked, serial_number)
     except ScenarioError as error:
         raise fail(UNREADABLE, str(error)) from error
     except SpoilError as error:

@@ -14,7 +14,7 @@ from imutui.instrument import names
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
-from imutui.instrument.uut.fields import Field
+from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field
 from imutui.instrument.uut.messages import Version
 from imutui.instrument.uut.packet_makers import MeasuredPackets, RecordedStream
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
@@ -32,6 +32,18 @@ _RECORDED_SERIAL_NUMBER = 2008705635
 _RECORDED_TEXT = "IMU381ZA-400 5020-1383-01 10.00.01"
 _RECORDED_VERSION = Version(10, 0, 1, 0, 0)
 _RECORDED_BIT = 2
+# what a scenario may have that would change readings, and how files call it
+_OF_READINGS = {
+    "spec": "noise",
+    "accel_bias": "biases",
+    "gyro_bias": "biases",
+    "accel_bias_run_sd": "biases",
+    "gyro_bias_run_sd": "biases",
+    "temperature": "temperature",
+    "profile": "motion",
+    "effects": "effects",
+    "power_ons": "power-ons",
+}
 # an hour at the highest rate
 _LONGEST_STREAM = 64 * 2**20
 
@@ -86,6 +98,16 @@ UNITS: dict[str, Callable[[Asked, int | None], VirtualSetting]] = {
 """What makes the virtual unit of each instrument: from what is asked, and a serial number other than the usual one."""
 
 
+def instrument_of(recording: Path | None) -> str:
+    """Which unit a recording is of, by name; the usual one where it does not say, or is no log."""
+    from imutui.instrument import registry
+    from imutui.logbook import summary
+
+    if recording is None or recording.suffix.lower() != ".mcap" or not recording.is_file():
+        return names.DEFAULT
+    return registry.of_model(summary.read(recording).session.get("instrument", "")).name
+
+
 def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:
     """A unit that sends a recorded stream as it is, once it is told the stream's own rate; quiet at power-up.
 
@@ -109,9 +131,12 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     """
     from imutui.logbook.importer import ImportDataError
 
-    made = scenario_of(scenario, seed)
-    if made.profile is not None or made.effects:
-        raise ValueError(f"{path} is played byte for byte: leave motion and effects out of {scenario}.")
+    made, plain = scenario_of(scenario, seed), Scenario()
+    changed = [words for name, words in _OF_READINGS.items() if getattr(made, name) != getattr(plain, name)]
+    if changed:
+        raise ValueError(
+            f"{path} is played byte for byte: leave {', '.join(dict.fromkeys(changed))} out of {scenario}."
+        )
     try:
         stream = RecordedStream(outside_file.read(path, _LONGEST_STREAM))
     except OSError as error:
@@ -126,6 +151,8 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
         version=_RECORDED_VERSION,
         fields=tuple(fields.items()),
         packet_types=(stream.kind,),
+        # a divider that no manual has is one of later firmware
+        loop_hz=100 if stream.divider in RATE_OF_DIVIDER else 200,
         bit=_RECORDED_BIT,
         reply_delay_s=made.personality.reply_delay,
         clock_skew_ppm=made.personality.clock_skew_ppm,

@@ -645,6 +645,7 @@ VIRTUAL: dict[str, tuple[int, tuple[str, ...]]] = {
     "--from nothing.raw --instrument imu400cd": (2, ("nothing.raw", "IMU381")),
     "--from nothing.raw --from-start 1": (2, ("byte for byte", "--from-start")),
     "--from nothing.raw --scenario noisy.toml": (2, ("byte for byte", "noisy.toml")),
+    "--from nothing.raw --scenario biased.toml": (2, ("byte for byte: leave biases, temperature out of biased.toml",)),
     "--serial-number -1": (2, ("--serial-number",)),
     "--serial-number 4294967296": (2, ("--serial-number",)),
     "--tap kept": (2, ("kept exists", "--force")),
@@ -681,6 +682,7 @@ def spoilers(folder: Path) -> None:
     np.savez(folder / "still.npz", t=t, gyro=np.zeros((200, 3)), accel=np.tile([0.0, 0.0, -1.0], (200, 1)))
     noisy = '[[effect]]\nname = "noise_level"\nchannel = "gx"\nlog_variance = 1.0\n'
     (folder / "noisy.toml").write_text(noisy)
+    (folder / "biased.toml").write_text("[biases]\ngyro_dps = [1, 2, 3]\n[temperature]\nconstant_degc = 40\n")
     moved = '[[segment]]\nkind = "dwell"\nangles_deg = [90.0, 0.0, 0.0]\nseconds = 5.0\n'
     (folder / "moved.toml").write_text(moved)
     (folder / "nothing.raw").write_bytes(KEPT)

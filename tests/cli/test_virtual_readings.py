@@ -1,30 +1,34 @@
 """What the virtual instrument measures: errors of a file's function, and a recording with something added to it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serial
 from helpers.commands import imutui
+from helpers.paths import SAMPLE
 from helpers.processes import command_line, started
-from unit_time import record, virtual
+from unit_time import record, virtual, virtual_in_real_time
 
 from filters import attitude
-from filters.imu import STANDARD_GRAVITY
+from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.simulation import LOOP_HZ
 from filters.state import PAPER_SITE
+from imutui.cli.played_recording import load
 from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
 from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
-from imutui.cli.virtual_units import Asked, imu381_unit
+from imutui.cli.virtual_units import Asked, imu381_unit, instrument_of
 from imutui.instrument.reading import Reading
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import GetPacket, Identification, Memory, PacketS1, SetFields
 from imutui.instrument.uut.payloads import encode
 from imutui.instrument.uut.scaling import Scaling
 from imutui.instrument.wire import Wire
-from imutui.logbook import reader
+from imutui.logbook import reader, schemas
+from imutui.logbook.writer import LogWriter
 
 GAMMA_G = PAPER_SITE.gravity / STANDARD_GRAVITY
 
@@ -257,6 +261,35 @@ def test_an_error_arrives_in_the_log_to_a_count(home: Path) -> None:
     count = 1.5 * 200.0 / 2**15
     assert difference[:, 0] == pytest.approx(expected, abs=count)
     assert difference[:, 1] == pytest.approx(seed_of(3, 0) % 5, abs=count)
+
+
+def test_a_log_is_played_by_the_unit_that_it_is_of_and_in_the_sign_of_another(tmp_path: Path) -> None:
+    """Specific force stays what it was; a log of a unit that nobody knows is played as it reads, by the usual one."""
+    imu381 = recorded_by("IMU381ZA-400", tmp_path / "other.mcap")
+    assert [instrument_of(path) for path in (None, SAMPLE, imu381, tmp_path / "none.mcap")] == [
+        "imu400cd", "imu400cd", "imu381", "imu400cd",
+    ]  # fmt: skip
+    for sign in (-1, 1):
+        played = load(SAMPLE, 0.0, AxisMap(accel_sign=sign), PAPER_SITE)
+        assert played.values[:, 5].mean() == pytest.approx(-sign, abs=0.03)
+    assert "IMU381ZA-200" in probed(["--from", str(imu381)])
+
+
+def recorded_by(model: str, path: Path) -> Path:
+    """The sample's readings as another unit, which reads specific force, would have recorded them."""
+    log = reader.read(SAMPLE)
+    info = replace(log.info, instrument=model, accel_sign=1)
+    writer = LogWriter(path, info, "", int(log.stamp_ns[0]))
+    for ns, gyro, accel in zip(log.stamp_ns.tolist(), log.gyro, log.accel, strict=True):
+        writer.message(schemas.IMU, schemas.imu(ns, gyro, accel, valid=True), ns, ns)
+    writer.finish({}, int(log.stamp_ns[-1]))
+    return path
+
+
+def probed(arguments: list[str]) -> str:
+    """What a probe says of a virtual unit with these arguments."""
+    with virtual_in_real_time(*arguments) as (port, _):
+        return imutui("devices", port).stdout
 
 
 def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from imutui.instrument.discarded import Discarded
 from imutui.instrument.reading import Source
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN, Meaning
-from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field, Orientation
+from imutui.instrument.uut.fields import RATE_OF_DIVIDER_LATER, Field, Orientation
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS, FrameSearch
 from imutui.instrument.uut.frames import OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import Measurement, PacketS0, PacketS1, PacketS2
@@ -105,7 +105,8 @@ class RecordedStream:
     Attributes
     ----------
     divider : int
-        Divider of its rate, by the steps of its counter; of 100 Hz where that does not count time.
+        Divider of its rate, by the steps of its counter, which stands still at 1 Hz; that of 100 Hz where it does not
+        count time.
 
     Raises
     ------
@@ -180,8 +181,9 @@ def _divider_of(packets: list[Measurement]) -> int:
     steps = [(after - before) % SPAN for before, after in pairwise(counters)]
     if not steps:
         return 1
-    period = median_low(steps) / COUNTS_PER_SECOND
-    return next((divider for divider, hz in RATE_OF_DIVIDER.items() if math.isclose(period * hz, 1.0, rel_tol=0.02)), 1)
+    period = (median_low(steps) or COUNTS_PER_SECOND) / COUNTS_PER_SECOND
+    rates = RATE_OF_DIVIDER_LATER.items()
+    return next((divider for divider, hz in rates if math.isclose(period * hz, 1.0, rel_tol=0.02)), 1)
 
 
 def in_columns(packet: Measurement) -> tuple[str, int, bytes]:

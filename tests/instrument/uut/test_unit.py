@@ -400,6 +400,14 @@ def test_what_is_no_stream_is_not_played() -> None:
     assert RecordedStream(stream_of(9)).divider == 5
 
 
+@pytest.mark.parametrize(("rate_hz", "divider"), [(200, 200), (100, 1), (25, 4), (2, 50), (1, 100)])
+def test_the_rate_of_a_stream_is_told_by_its_counter(rate_hz: int, divider: int) -> None:
+    """Those of later firmware too; at 1 Hz the counter stands still."""
+    counters = [round(7000 + n * 65536 / rate_hz) % 65536 for n in range(40)]
+    raw = b"".join(encode(PacketS1(*((0, 0, 0),) * 3, 0, counter, 0)) for counter in counters)
+    assert RecordedStream(raw).divider == divider
+
+
 def test_the_recording_is_played_whole_over_a_line_with_faults(recording: Callable[[str], Path]) -> None:
     """1002 frames of 1002 over a plain line; over a bad one all that no fault has touched."""
     raw = recording("aceinna_imu381_scale1.raw").read_bytes()
