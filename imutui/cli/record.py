@@ -38,7 +38,9 @@ def command(
     sampling: Annotated[
         str | None,
         typer.Option(
-            "--sampling", metavar="stream|polled", help="Full rate averaged over each period, or one request a period."
+            "--sampling",
+            metavar="stream|polled",
+            help="What the unit streams, or means of it over each period; or one request a period.",
         ),
     ] = None,
     instrument: Annotated[

@@ -88,8 +88,10 @@ def _lines(d: "ResultDocument") -> list[str]:
     if d["rejected"]:
         out.append(f"{d['rejected']} updates left out as outliers")
     if d["gaps"]:
+        from imutui.jobs.quantities import plural
+
         longest = max(d["gaps"], key=lambda gap: gap["seconds"])
-        out.append(f"{len(d['gaps'])} gaps, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
+        out.append(f"{plural(len(d['gaps']), 'gap')}, longest {longest['seconds']:.3f} s at {longest['t']:.3f} s")
     if d["lost_packets"] or d["bad_checksums"]:
         out.append(f"{d['lost_packets']} packets lost, {d['bad_checksums']} bad checksums")
     if d.get("history_known") is False and _remembers(d):

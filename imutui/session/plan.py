@@ -102,7 +102,7 @@ class Plan:
     rate_hz : float
         Output rate, 0.1 to 133 Hz.
     sampling : str
-        "stream": full rate, averaged over each period. "polled": one request a period.
+        "stream": every packet at a rate that the unit has, else means over each period. "polled": one request a period.
     baud : int
         Line speed.
     duration_s : float or None

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from helpers.fake_client import PATH, FakeClient
 from helpers.pilot import SMALLEST, shows, text_of, until
+from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import SessionError
@@ -121,6 +122,12 @@ async def test_ports_are_asked_only_when_told_to(machine: list[Plan], monkeypatc
         await shows(pilot, "in use by picocom (pid 12)")
         await until(pilot, lambda: asked == ["/dev/ttyUSB0", *(port for port, _ in ports)])
         await shows(pilot, "ttyUSB1, 133 Hz")
+        # one that is typed in is the one that is chosen
+        pilot.app.screen.query_one("#port", Input).value = "/dev/pts/77"
+        await shows(pilot, "pts/77, 133 Hz")
+        await pilot.press("p")
+        await until(pilot, lambda: asked[-1] == "/dev/pts/77")
+        await shows(pilot, "/dev/pts/77: in use by picocom (pid 12)")
     assert machine == []
 
 

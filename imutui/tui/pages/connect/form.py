@@ -166,10 +166,10 @@ class ConnectForm(Vertical):
     # asking who is there, only when told to
 
     def probe(self) -> None:
-        """Ask on the highlighted port."""
-        choice = self._highlighted()
+        """Ask on the port that is chosen: typed in, or highlighted."""
+        choice = self._choice()
         if choice is None or not choice.asks:
-            said = "nothing to ask there: p asks on a serial port of the list, a on all"
+            said = "nothing to ask there: p asks on the port that is chosen, a on all of the list"
             self.post_message(Page.Say(said, "wait"))
         else:
             self._probe([choice.value])

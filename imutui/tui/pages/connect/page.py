@@ -168,7 +168,7 @@ class ConnectPage(Page):
             self.action_look()
 
     def action_probe(self) -> None:
-        """Ask on the highlighted port which instrument is there."""
+        """Ask on the port that is chosen which instrument is there."""
         self._form.probe()
 
     def action_probe_all(self) -> None:
