@@ -39,6 +39,17 @@ class RemainderSnapshot(TypedDict):
     windows: int
 
 
+class NoiseSnapshot(TypedDict):
+    """The channel that is noisiest over what the filter takes for its white noise: how many times, and how well known.
+
+    `relative_sd` is the standard deviation of `ratio`, as a part of it.
+    """
+
+    name: str
+    ratio: float
+    relative_sd: float
+
+
 class EffectSnapshot(TypedDict):
     """Estimated state of an effect that joined the filter, in the unit of its file."""
 
@@ -87,6 +98,7 @@ class FilterSnapshot(TypedDict):
     biases: list[BiasSnapshot]
     nis: NisSnapshot
     remainder: list[RemainderSnapshot]
+    noise: NotRequired[NoiseSnapshot | None]
     effects: list[EffectSnapshot]
     state: NavigationSnapshot | None
     state_sd: NavigationSdSnapshot | None

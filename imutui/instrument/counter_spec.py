@@ -1,6 +1,11 @@
 """What the counter in an instrument's packets counts; no I/O, reads no clock."""
 
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from numpy.typing import NDArray
+
+Ticks = TypeVar("Ticks", int, NDArray[Any])
 
 SPAN = 1 << 16
 """Counters are words of 16 bits, whatever they count."""
@@ -30,9 +35,10 @@ class CounterSpec:
     may_count_packets: bool = False
     counts_packets: bool = False
 
-    def step(self, before: int, after: int) -> int:
-        """Ticks from one value to a later one, less whole wraps."""
-        return self.direction * (after - before) % SPAN
+    def step(self, before: Ticks, after: Ticks) -> Ticks:
+        """Ticks from one value to a later one, less whole wraps; of arrays too, element by element."""
+        steps: Ticks = self.direction * (after - before) % SPAN
+        return steps
 
     def of_packets(self, period_ns: float) -> "CounterSpec":
         """The same where each packet counts one, a period apart."""

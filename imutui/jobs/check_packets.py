@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.registry import of_model
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled
@@ -80,7 +79,7 @@ class PacketSteps:
         """What goes with the steps between packets, int64, shape (n - 1,)."""
         in_order, flags = np.diff(sequence) == 1, flags[1:]
         counted = in_order & ((flags & _NOT_COUNTED) == 0)
-        steps = np.mod(self._counter_spec.direction * np.diff(ticks), SPAN)
+        steps = self._counter_spec.step(ticks[:-1], ticks[1:])
         codes = np.where(counted, steps | _COUNTED, 0)
         lost = (flags & schemas.FLAG_LOST_BEFORE) > 0
         return np.asarray(codes | in_order * _IN_ORDER | lost * _LOST_BEFORE)

@@ -8,6 +8,7 @@ from imutui.filter_snapshot import BiasSnapshot, EffectSnapshot, FilterSnapshot
 from imutui.logbook import departures, results
 from imutui.logbook.session_info import SessionInfo
 from imutui.session.observe_filter import AXES, bias_limits
+from imutui.verdict import sources
 
 
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
@@ -31,6 +32,7 @@ def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
         "biases": _biases(estimator, info),
         "nis": results.nis_fields(estimator),
         "remainder": results.remainder_fields(estimator, info.axes()),
+        "noise": sources.noisiest(results.noise_fields(estimator, info.axes(), info.noise), info.reference),
         "temperature_k_per_min": estimator.temperature.k_per_min(),
         "held_since": estimator.held_since,
         "own_limits": specification.is_known(info.instrument),

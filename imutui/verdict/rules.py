@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, RemainderSnapshot
+from imutui.filter_snapshot import BiasSnapshot, NisSnapshot, NoiseSnapshot, RemainderSnapshot
 
 GYRO_TOLERANCE_DPS = 0.05
 ACCEL_TOLERANCE_MG = 0.6
@@ -17,6 +17,9 @@ NOTICED, TOO_MUCH = 2.0, 3.0
 """Means of 10 s over what noise allows: beyond these, AMBER and RED."""
 FEWEST_WINDOWS = 3
 """Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
+TOO_NOISY, CERTAIN_SD, KNOWN_SD = 1.3, 5.0, 0.2
+"""White noise over what the filter takes for it, and standard deviations of that ratio above 1: beyond both, AMBER,
+once it is known so well. Of 1500 simulated quarters of an hour that were as noisy as expected one was AMBER."""
 STEADY_K_PER_MIN = 0.1
 MOVES_SD = 0.5
 """Change over 10 s, in standard deviations, that is worth a word."""
@@ -51,6 +54,8 @@ class Standing:
         What the model leaves unexplained, by channel.
     alarms, confounded : sequence of str
         Sentences on data that contradict the model, and on biases that the motion does not tell from other effects.
+    noise : NoiseSnapshot or None
+        The channel that is noisiest over what the filter expects; None while that is not known, or the unit moves.
     slope_k_per_min : float or None
         Of the temperature; None while it is not known.
     departure : str or None
@@ -79,6 +84,7 @@ class Standing:
     remainder: Sequence[RemainderSnapshot]
     alarms: Sequence[str]
     confounded: Sequence[str]
+    noise: NoiseSnapshot | None = None
     slope_k_per_min: float | None = None
     departure: str | None = None
     held_since: float | None = None
@@ -215,6 +221,7 @@ def _rules(standing: Standing) -> list[Check | None]:
         _nis(standing.nis),
         _converged(standing),
         _unexplained(standing),
+        _noise(standing.noise),
         _temperature(standing.slope_k_per_min, over=standing.over),
         _confounded(standing.confounded),
     ]
@@ -391,6 +398,18 @@ def _unexplained(standing: Standing) -> Check:
     said = f"{name} 10 s means {ratio:.1f} × what noise allows"
     limit = f" (limit {NOTICED:g})" if level == "good" else f" (AMBER above {NOTICED:g}, RED above {TOO_MUCH:g})"
     return Check(level, "unexplained", said + limit, f"{name} {ratio:.1f} ×", TRACE_KEY)
+
+
+def _noise(noise: NoiseSnapshot | None) -> Check | None:
+    """Whether the readings' white noise is what the filter takes for it: else its standard deviations are too small."""
+    if noise is None:
+        return None
+    name, ratio, sd = noise["name"], noise["ratio"], noise["relative_sd"]
+    if sd > KNOWN_SD or ratio < max(TOO_NOISY, 1.0 + CERTAIN_SD * sd):
+        return Check("good", "noise", f"{name} {ratio:.2f} × what the filter expects, the most")
+    said = f"{name} is {ratio:.1f} × as noisy as the filter expects, so its ± are too small by as much"
+    todo = "record at the unit's full rate, or replay with --set filter.noise=log"
+    return Check("wait", "noise", said, f"{channel(name)} noise", todo)
 
 
 def _temperature(slope: float | None, *, over: bool) -> Check:

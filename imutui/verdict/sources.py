@@ -8,9 +8,10 @@ from filters.specification import IMU400CD_200, ImuSpec
 from imutui.verdict.rules import TRACE_KEY, Standing, Verdict, judge
 
 if TYPE_CHECKING:
-    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot
-    from imutui.logbook.results import ResultDocument
+    from imutui.filter_snapshot import BiasSnapshot, FilterSnapshot, NoiseSnapshot
+    from imutui.logbook.results import NoiseFields, ResultDocument
 
+_AT_REST = ("level", "gravity")
 _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
 
 
@@ -29,6 +30,7 @@ def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = Non
         biases=estimates["biases"],
         nis=estimates["nis"],
         remainder=estimates["remainder"],
+        noise=estimates.get("noise"),
         alarms=estimates["alarms"],
         confounded=estimates["confounded"],
         slope_k_per_min=estimates.get("temperature_k_per_min", slope_k_per_min),
@@ -51,6 +53,7 @@ def of_document(d: "ResultDocument") -> Verdict:
             biases=_biases(d),
             nis=d["nis"],
             remainder=d.get("remainder", ()),
+            noise=noisiest(d["noise"], d["reference"]) if "noise" in d else None,
             alarms=d["alarms"],
             confounded=d.get("confounded", ()),
             slope_k_per_min=d.get("temperature_k_per_min"),
@@ -74,6 +77,27 @@ def noise_stated(d: "ResultDocument") -> tuple[str, str]:
     spec = specification_of(d)
     of = spec.source.removesuffix(" data sheet")
     return f"{of}: {spec.gyro_arw / DPS * 60.0:.3g}", f"{of}: {spec.accel_vrw * 60.0:.3g}"
+
+
+def noisiest(noise: "NoiseFields", reference: str) -> "NoiseSnapshot | None":
+    """The channel of a unit at rest that is noisiest over what the filter takes for its noise; None if not known."""
+    # results of before lack some of it
+    relative_sd, used = noise.get("relative_sd"), noise.get("used")
+    if reference not in _AT_REST or relative_sd is None or used is None:
+        return None
+    pairs = [
+        (f"{axis} {kind}", of, expected)
+        for kind, measured, taken in (
+            ("gyro", noise["gyro_arw_deg_sqrt_h"], used["gyro_arw_deg_sqrt_h"]),
+            ("accel", noise["accel_vrw_mps_sqrt_h"], used["accel_vrw_mps_sqrt_h"]),
+        )
+        for axis, of, expected in zip("xyz", measured, taken, strict=True)
+    ]
+    ratios = {name: of / expected for name, of, expected in pairs if of is not None and expected}
+    if not ratios:
+        return None
+    name = max(ratios, key=ratios.__getitem__)
+    return {"name": name, "ratio": ratios[name], "relative_sd": relative_sd}
 
 
 def bias_limits(spec: ImuSpec) -> dict[str, float]:

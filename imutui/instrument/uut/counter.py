@@ -24,6 +24,7 @@ _ABSENT_S, _ABSENT_PERIODS = 1.0, 3.5
 _LEAST_PAUSE_S, _LEAST_MISMATCH_S, _MOST_AHEAD_S = 0.05, 0.02, 0.1
 # so much later than usual for so long: a line that was held up has caught up by then
 _LATE_S, _LATE_FOR_S, _MOST_SKEW = 0.1, 3.0, 1e-3
+_ONE_BY_ONE_S, _ONE_BY_ONE_PERIODS = 0.02, 1.5
 # a count of packets that is so much ahead of the time of arrival, or behind it, is another's
 _PACKETS_AHEAD_S, _PACKETS_BEHIND_S = 10.0, 0.5
 
@@ -98,9 +99,7 @@ class CounterWatch:
         step = (counter - in_time) % SPAN
         if self.meaning is Meaning.PACKETS:
             return self._is_other_count(step, elapsed_s, follows=follows)
-        return self._is_other_time(step, elapsed_s, follows=follows) or self._stays_late(
-            step, elapsed_s, follows=follows
-        )
+        return self._is_other_time(step, elapsed_s, follows=follows) or self._stays_late(step, elapsed_s)
 
     def _learn(self, step: int) -> None:
         if step == 1:  # as a time, no packet is so short
@@ -139,17 +138,18 @@ class CounterWatch:
         late_s = elapsed_s - step / COUNTS_PER_SECOND
         return late_s < -_MOST_AHEAD_S or abs(math.remainder(late_s, 1.0)) > _LEAST_MISMATCH_S
 
-    def _stays_late(self, step: int, elapsed_s: float, *, follows: bool) -> bool:
+    def _stays_late(self, step: int, elapsed_s: float) -> bool:
         """Whether packets that come one by one are late for long: once a line is not held up any more, none is.
 
-        Arguments as for `_is_other_time`.
+        `step` and `elapsed_s` as for `_is_other_time`.
         """
         # more than the least so far, which follows what the two clocks differ by; whole seconds do not show
         late_s = self._late_s + elapsed_s - step / COUNTS_PER_SECOND
         self._late_s = (late_s + _MOST_AHEAD_S) % 1.0 - _MOST_AHEAD_S
         self._late_s = max(0.0, self._late_s - _MOST_SKEW * elapsed_s)
-        one_by_one = follows and abs(elapsed_s - step / COUNTS_PER_SECOND) < _LATE_S
-        self._late_for_s = self._late_for_s + elapsed_s if one_by_one and self._late_s > _LATE_S else 0.0
+        # of a burst that a line kept back only the last counts
+        took_s = min(elapsed_s, _ONE_BY_ONE_S + _ONE_BY_ONE_PERIODS / self._rate_hz)
+        self._late_for_s = self._late_for_s + took_s if self._late_s > _LATE_S else 0.0
         return self._late_for_s > max(_LATE_FOR_S, _SLOWER_IN_A_ROW / self._rate_hz)
 
     @property
