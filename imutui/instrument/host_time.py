@@ -77,6 +77,7 @@ class HostTime:
         self._block = _Block(_FIRST_BLOCK)
         self._early = 0
         self._late = 0
+        self._doubt_ns = 0.0
 
     @property
     def instant_ns(self) -> int:
@@ -90,8 +91,11 @@ class HostTime:
 
     @property
     def uncertainty_ns(self) -> float:
-        """How far the newest instant may be from the truth: three standard deviations, and how late arrivals are."""
-        return 3.0 * float(max(self._P[0], 0.0) ** 0.5) + self._spread + _FLOOR_NS
+        """How far the newest instant may be from the truth: three standard deviations, and how late arrivals are.
+
+        Those of a whole block that is late, while it is open whether they are or the instant is: by as much as that.
+        """
+        return 3.0 * float(max(self._P[0], 0.0) ** 0.5) + self._spread + _FLOOR_NS + self._doubt_ns
 
     def anchor(self, arrivals: list[float], ticks: list[int]) -> None:
         """Begin with the least late of some arrivals; the length of the tick stays as known.
@@ -112,6 +116,7 @@ class HostTime:
         self._P = [sd * sd, 0.0, self._P[2]]
         self._block = _Block(_FIRST_BLOCK)
         self._early = self._late = 0
+        self._doubt_ns = 0.0
         self._go_on(ticks[-1] - ticks[least])
 
     def lateness(self, arrival_ns: float, step: int) -> float:
@@ -142,6 +147,7 @@ class HostTime:
         surprise = max(_SURPRISING_NS, _SURPRISE * (self._variance(block.ticks_since) + sd * sd) ** 0.5)
         self._late = self._late + 1 if least > surprise else 0
         self._early = self._early + 1 if least < -surprise else 0
+        self._doubt_ns = least if self._late else 0.0
         if self._late and self._late <= _MOST:
             return 0.0  # perhaps no packet of the block came in time
         if self._early or self._late:
@@ -157,7 +163,7 @@ class HostTime:
         self._instant += innovation
         tick_sd = self._tick_sd if max(self._late, self._early) > _MOST else 0.0
         self._P = [_MOVED_SD_NS**2, 0.0, max(self._P[2], tick_sd**2)]
-        self._late = 0
+        self._late, self._doubt_ns = 0, 0.0
         self._block = _Block(_FIRST_BLOCK)
         return max(0.0, innovation)
 

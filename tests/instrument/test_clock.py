@@ -109,6 +109,21 @@ def test_a_line_that_is_held_up_again_before_it_has_caught_up_loses_nothing(
     assert np.abs(found.error_s).max() < 1e-3
 
 
+@pytest.mark.parametrize("late_s", [0.03, 0.3])
+def test_packets_that_stay_late_are_in_doubt_after_a_block_of_them(late_s: float) -> None:
+    """As of a unit that began anew where its counter would go on: whether line or instant is late is open at first."""
+    made = stream(20.0, 5)
+    made.ticks = np.floor((made.sampled - made.sampled[0]) * WRAP).astype(np.int64) % WRAP
+    first = at(made, 10.0)
+    for times in (made.sampled, made.due, made.arrives):
+        times[first:] += late_s
+    found = hear(made, Clock(180 / 38400 * 1e9, OF_TIME))
+    off = np.abs(found.error_s) > found.uncertainty_s
+    assert not off[:first].any()
+    assert not off[first + 64 + 64 :].any()
+    assert np.abs(found.error_s[-400:]).max() < 2e-3
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("counter", [COUNTER, OF_TIME], ids=["52 ms", "a second"])
 def test_holds_that_overlap_with_losses_between_put_no_stamp_off(counter: CounterSpec, seed: int) -> None:
