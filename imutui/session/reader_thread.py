@@ -166,7 +166,7 @@ class Reader:
                     return
         finally:
             self.stopping.set()
-            # where it came to no packet, or was stopped while the unit was looked for
+            # where it was stopped while the unit was looked for
             with suppress(PortError):
                 self._leave()
 
@@ -187,7 +187,12 @@ class Reader:
         except PortError as error:
             # what the decoder still held was cut off; what it had counted with its last packet stays
             self._bad_checksums, self._discarded_bytes = self._counted
-            self._lose(str(error), final=self._last is None or self._known is None or not self._known.returns)
+            final = self._last is None or self._known is None or not self._known.returns
+            if final:
+                # it may be the unit that refuses, and the line that is well
+                with suppress(PortError):
+                    self._leave()
+            self._lose(str(error), final=final)
             self._find_again(streams=self._poll_hz is None)
 
     def _lose(self, message: str, *, final: bool = False) -> None:

@@ -186,7 +186,8 @@ class UutHost:
         usual = list(speeds)
         waits = [(speed, wait_s) for speed in usual]
         slow = [(speed, min(longest_s, _SLOW_PING_S)) for speed in usual if speed in _QUICK_SPEEDS and longest_s]
-        for speed, patience_s in waits + slow:
+        # "a frame must arrive within 4 s": what somebody left in the unit that was cut off has been given up at last
+        for speed, patience_s in (*waits, *slow, *(waits if slow else ())):
             self.port.set_baud(speed)
             self.port.discard_input()
             # before the whole one: the unit may have only that
