@@ -154,6 +154,10 @@ class Acquisition:
         unsaid = not_said(info.serial_number, info.firmware)
         if unsaid is not None:
             self.event("acquisition", unsaid, WARNING)
+        plan = self._recorder.plan
+        if "baud" in plan.explicit and plan.baud != info.baud:
+            said = f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
+            self.event("acquisition", said, WARNING)
         if self._recorder.stream is not None:
             self.event("acquisition", f"what is recorded is streamed to Foxglove at {self._recorder.stream.url}")
 

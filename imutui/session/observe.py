@@ -118,8 +118,9 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "baud": info.baud,
         "rate_hz": info.rate_hz,
         "sampling": info.sampling,
-        "measured_hz": pipeline.rate.hz(),
-        "packet_hz": view.recent.rate_hz(),
+        # nothing comes from a unit that is away
+        "measured_hz": None if view.reconnecting else pipeline.rate.hz(),
+        "packet_hz": None if view.reconnecting else view.recent.rate_hz(),
         "packets": counters.packets,
         "lost_packets": counters.lost_packets,
         "lost_packets_max": counters.lost_packets_max,

@@ -97,13 +97,15 @@ def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
     log = tmp_path / "over.mcap"
     with served(VirtualUnit(MeasuredPackets(Still(), options), options)) as port:
         # the filter, which takes the mounting for what was said, finds the same
-        imutui("record", "--port", port, "--duration", "4", "-o", str(log), check=1)
+        imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", str(log), check=1)
     told = json.loads(imutui("info", str(log), "--json").stdout)
     assert told["own_mount"] == format_mount(np.diag([1.0, -1.0, -1.0])) == "x,-y,-z"
     assert told["configuration"] == (
         "rate divider 4 (25 Hz), 115200 baud, packets S1, field 5 2142, field 6 2142, orientation 0x0048 (+Ux -Uy -Uz)"
     )
     assert re.search(r"found with +rate divider 4 \(25 Hz\), 115200 baud", imutui("info", str(log)).stdout)
-    (said,) = [event.text for event in reader.read(log).events if "the unit lies upside down" in event.text]
+    texts = [event.text for event in reader.read(log).events]
+    assert "the unit keeps its own speed, 115200 baud: 57600 baud is only where it was looked for" in texts
+    (said,) = [text for text in texts if "the unit lies upside down" in text]
     assert "+1.00 g: the unit lies upside down, or its own configuration turns its axes" in said
     assert said.endswith("--mount x,-y,-z")
