@@ -173,7 +173,7 @@ def test_another_unit_on_the_old_port_is_refused_and_the_right_one_waited_for(ho
         with plugged_in(link, UNITS[name]):
             run = stack.enter_context(acquiring(home, str(link), **asked_of(name)))
             run.more_packets()
-        wait_until(lambda: run.seen()["measured_hz"] is not None)
+            wait_until(lambda: run.seen()["measured_hz"] is not None)
         run.wait_until_lost()
         # nothing comes, so that there is no rate
         assert (run.seen()["measured_hz"], run.seen()["packet_hz"]) == (None, None)
