@@ -44,14 +44,15 @@ _NOBODY_SAID = "a viewer that did not say who it is"
 def main() -> int:
     """Run one acquisition; returns the exit code."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    for number in _SIGNALS:
-        signal.signal(number, _end_early)
     # the reader must get the interpreter soon after the kernel wakes it: its stamps are taken then
     sys.setswitchinterval(_SWITCH_S)
     # and what is loaded stays: a search through all of it for garbage would hold everything up
     gc.freeze()
     gc.set_threshold(10_000, 5, 5)
     plan = Plan.loads(sys.stdin.readline())
+    # until here there is nothing to be left in order
+    for number in _SIGNALS:
+        signal.signal(number, _end_early)
     try:
         if plan.record:  # before the unit is touched
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
