@@ -103,9 +103,13 @@ def instrument_of(recording: Path | None) -> str:
     from imutui.instrument import registry
     from imutui.logbook import summary
 
-    if recording is None or recording.suffix.lower() != ".mcap" or not recording.is_file():
+    if recording is None or recording.suffix.lower() != ".mcap":
         return names.DEFAULT
-    return registry.of_model(summary.read(recording).session.get("instrument", "")).name
+    try:
+        model = summary.read(recording).session.get("instrument", "")
+    except OSError:  # whoever plays it says why it can't be read
+        return names.DEFAULT
+    return registry.of_model(model).name
 
 
 def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:

@@ -217,7 +217,7 @@ class Host(Protocol):
         ...
 
     def leave(self) -> str:
-        """Stop, and leave the unit as it was found; nothing if that was done, or nothing was changed.
+        """Stop, and leave the unit as it was found, as far as something was changed.
 
         Returns
         -------

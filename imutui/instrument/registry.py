@@ -31,8 +31,8 @@ def nor_the_others() -> str:
     """What to say where the usual instrument, and none of the others, has answered."""
     others = [name for name in INSTRUMENTS if name != DEFAULT]
     return (
-        f"Nor did any of the others: {', '.join(others)}. One that is quiet and slow to answer has to be named:"
-        f" --instrument {others[0]}."
+        f"Nor did any of the others answer: {', '.join(others)}. One that is quiet and slow to answer has to be named:"
+        f" imutui record --instrument {others[0]}."
     )
 
 

@@ -120,6 +120,7 @@ class Reader:
         self._last: DataPacket | None = None
         self._in_time_ns = self.last_packet_ns
         self._has_mode = True
+        self._has_left = False
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
         self._discarded_bytes = 0
@@ -171,7 +172,11 @@ class Reader:
                 self._leave()
 
     def _leave(self) -> None:
+        """Leave the unit as it was found, once."""
+        if self._has_left:
+            return
         said = self._host.leave()
+        self._has_left = True
         if said:
             self._emit(LeftOtherwise(said))
 

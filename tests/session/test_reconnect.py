@@ -281,13 +281,17 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
 
 
 def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_there(home: Path) -> None:
-    """An IMU381's plug was put onto another one in mid-stream: no packet of that one is used once it is known."""
-    line = FaultyLine((LineFault(1.0, "reset", serial_number=17),))
+    """An IMU381's plug was put onto another one in mid-stream: no packet of that one is used once it is known.
+
+    Its counter begins where chance has it, and a few exchanges of a hundred do not show: here there are three.
+    """
+    line = FaultyLine(tuple(LineFault(at, "reset", serial_number=17) for at in (1.0, 2.5, 4.0)))
     with served(imu381(), line=line) as device, acquiring(home, device, **asked_of("imu381")) as run:
         wait_until(lambda: "serial number 17" in str((run.seen()["reconnecting"] or {}).get("waits_for")))
         texts, log = run.end()
     assert "refused" in "".join(texts)
-    assert len(log.raw) < 130
+    # mostly at once, else after 3 s of packets that are late
+    assert len(log.raw) < 900
 
 
 def test_a_stream_that_falls_into_volts_is_set_right(home: Path) -> None:

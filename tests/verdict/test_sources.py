@@ -8,6 +8,7 @@ import pytest
 from helpers.fake_client import bias, estimates
 
 from filters import specification
+from filters.kalman.consistency import ConvergenceMonitor
 from filters.kalman.temperature_trend import TemperatureTrend
 from imutui.verdict import rules, sources
 
@@ -103,6 +104,26 @@ def test_readings_that_are_noisier_than_the_filter_expects_are_told(
     if word == "AMBER":
         assert "y gyro is 1.9 × as noisy as the filter expects, so its ± are too small by as much" in live.reason
         assert "full rate" in live.todo
+
+
+@pytest.mark.parametrize(("times", "least", "most"), [(1.0, 0, 1), (2.0, 40, 40)], ids=["as expected", "twice"])
+def test_noise_as_expected_is_hardly_ever_called_too_much(times: float, least: int, most: int) -> None:
+    """Forty units at rest, looked at each second for five minutes: six channels, of which the noisiest counts."""
+    rng = np.random.default_rng(5)
+    called = 0
+    for _ in range(40):
+        monitor = ConvergenceMonitor(0.05)
+        monitor.begin(0.0)
+        for second in range(1, 301):
+            monitor.close(float(second), times * rng.standard_normal(6), np.zeros(6), np.zeros(6), np.ones(6))
+            noise, sd = monitor.noise(), monitor.noise_relative_sd()
+            if noise is None or sd is None:
+                continue
+            worst: Any = {"name": "x gyro", "ratio": float(noise.max()), "relative_sd": sd}
+            if rules.judge(sources.of_snapshot(snapshot(noise=worst))).word == "AMBER":
+                called += 1
+                break
+    assert least <= called <= most
 
 
 def test_a_unit_of_another_kind_is_not_out_of_the_specification_of_this_one() -> None:

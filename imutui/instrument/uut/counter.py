@@ -16,6 +16,8 @@ COUNTS_PER_SECOND = 65536
 _TOLERANCE = 0.1
 # a step over several packets is that of none where it is so far from whole ones; steps are rounded to whole counts
 _IRREGULAR, _COUNTS = 0.02, 2.0
+# of a unit's loop, on which each of its packets is, once so many were
+_LOOP, _SURELY_ON_GRID = COUNTS_PER_SECOND / 100, 50
 # so many packets in a row that are as far apart: the unit sends at another rate
 _SLOWER, _SLOWER_IN_A_ROW = 1.5, 8
 # who was silent for so long may be another by now
@@ -68,6 +70,7 @@ class CounterWatch:
         self._in_time: int | None = None
         self._was_in_time = False
         self._step, self._alike = 0, 0
+        self._on_grid = 0
         self._late_s = self._late_for_s = 0.0
 
     def began_anew(self, counter: int, elapsed_s: float | None) -> bool:
@@ -94,11 +97,16 @@ class CounterWatch:
             return False
         if self.meaning is Meaning.TIME and self._is_other_rate(step):
             return True
+        regular = self._on_grid >= _SURELY_ON_GRID
+        self._on_grid = self._on_grid + 1 if _is_whole(step, _LOOP) else 0
         if elapsed_s is None or in_time is None:
             return False
         step = (counter - in_time) % SPAN
         if self.meaning is Meaning.PACKETS:
             return self._is_other_count(step, elapsed_s, follows=follows)
+        # of a unit whose packets all are of whole loops, behind a pause: what a host or a line does changes no step
+        if regular and elapsed_s > 1.0 / self._rate_hz + _LEAST_PAUSE_S and not _is_whole(step, _LOOP):
+            return True
         return self._is_other_time(step, elapsed_s, follows=follows) or self._stays_late(step, elapsed_s)
 
     def _learn(self, step: int) -> None:
@@ -132,7 +140,7 @@ class CounterWatch:
             return False
         if follows and elapsed_s > self._absent_s:
             return True
-        if abs(math.remainder(step, self._period)) <= max(_IRREGULAR * self._period, _COUNTS):
+        if _is_whole(step, self._period):
             # whole packets: a line that was held up, perhaps again and again, delivers them whenever it does
             return False
         late_s = elapsed_s - step / COUNTS_PER_SECOND
@@ -155,3 +163,8 @@ class CounterWatch:
     @property
     def _absent_s(self) -> float:
         return max(_ABSENT_S, _ABSENT_PERIODS / self._rate_hz)
+
+
+def _is_whole(step: int, of: float) -> bool:
+    """Whether a step is a multiple of another, but for rounding and a little."""
+    return abs(math.remainder(step, of)) <= max(_IRREGULAR * of, _COUNTS)

@@ -134,11 +134,14 @@ class UutHost:
         fields = [int(field) for field in (Field.PACKET_TYPE, Field.RATE_DIVIDER) if field in self._own]
         own = {field: self._own[field] for field in fields}
         # both at once: one of them may not go with what the other is now
-        if not requests.put(own):
+        requests.put(own)
+        left = requests.fields(tuple(fields))
+        # of one that does not answer any more nothing else is asked: whoever stops waits for this
+        if left and left != own:
             for field in fields:
                 requests.put({field: own[field]})
-        left = requests.fields(tuple(fields))
-        if left != own and requests.fields(tuple(fields), Memory.EEPROM) == own:
+            left = requests.fields(tuple(fields))
+        if left and left != own and requests.fields(tuple(fields), Memory.EEPROM) == own:
             # some do not take in mid-work what they come with: with a restart they do
             left = own if requests.reset() else left
         self._changed = False

@@ -128,6 +128,32 @@ def test_a_unit_that_began_anew_where_its_counter_would_go_on_is_known_soon(rate
     assert not any(late)
 
 
+@pytest.mark.parametrize("rate_hz", [5, 20, 100])
+def test_nearly_all_resets_are_known_most_of_them_at_once(rate_hz: float) -> None:
+    """By where the counter begins, after sixty packets: nine of ten at once, all but a few of a hundred in 5 s."""
+    rng = np.random.default_rng(3)
+    at_once, later, runs = 0, 0, 400
+    before = np.arange(max(60, int(2 * rate_hz))) / rate_hz
+    after = before[-1] + 0.11 + rng.uniform(0.0, 1.0 / rate_hz) + np.arange(int(5 * rate_hz)) / rate_hz
+    for first, anew in rng.integers(SPAN, size=(runs, 2)):
+        watch, in_time, told = CounterWatch(rate_hz), 0.0, -1.0
+        times = np.concatenate([before, after])
+        since = np.concatenate([before, after - after[0]])
+        counters = np.where(times < after[0], first, anew) + (since * SPAN).astype(int)
+        # a host that is a little late now and then
+        behind = (rng.random(times.size) < 0.1) & (times != after[0])
+        for at, counter, late in zip(times, counters % SPAN, behind, strict=True):
+            if watch.began_anew(int(counter), None if late else at - in_time):
+                told = at - after[0]
+                break
+            in_time = in_time if late else at
+        at_once += 0.0 <= told < 0.5 / rate_hz
+        later += told >= 0.5 / rate_hz
+    assert at_once > 0.9 * runs
+    assert at_once + later > 0.95 * runs
+    assert later > 0
+
+
 def test_a_packet_lost_after_whole_seconds_read_late_is_no_reset() -> None:
     """The counter then stands where it stood when the host was last in time: that is no long absence."""
     watch = watching(time_at, 100.0)

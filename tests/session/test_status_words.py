@@ -1,0 +1,39 @@
+"""Status words of packets: each told once, the newest shown, and nothing of units whose packets have none."""
+
+from imutui.instrument.imu400.crossbow import Mode, Packet
+from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.uut.messages import PacketS1
+from imutui.instrument.uut.readings import DataPacket, reading_of
+from imutui.session.status_words import StatusWords
+
+
+def packet(word: int) -> DataPacket:
+    """A packet of an IMU381 with a status word."""
+    made = reading_of(PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, word))
+    assert made is not None
+    return made
+
+
+def test_a_word_is_told_when_it_is_new_and_shown_while_it_is_the_newest() -> None:
+    """One that comes and goes is told once; a thousand different ones do not fill a log with events."""
+    words = StatusWords(INSTRUMENTS["imu381"])
+    for word in (0, 0x1000, 0, 0x1000, 0x0021):
+        words.take(packet(word))
+    assert [text.partition(";")[0] for text in words.news()] == [
+        "the unit's status word (BIT) is 0x1000 (sensor status)",
+        "the unit's status word (BIT) is 0x0021 (master fail, reserved 5)",
+    ]
+    assert words.newest == "0x0021 (master fail, reserved 5)"
+    assert words.news() == []
+    words.take(packet(0))
+    assert words.newest == ""
+    for word in range(1000):
+        words.take(packet(word))
+    assert len(words.news()) < 20
+
+
+def test_packets_without_a_status_word_say_nothing() -> None:
+    """An IMU400CD has none."""
+    words = StatusWords(INSTRUMENTS["imu400cd"])
+    words.take(Packet(Mode.SCALED, (0, 0, 0), (0, 0, 5461), 1550, 0))  # type: ignore[arg-type]
+    assert (words.newest, words.news()) == ("", [])
