@@ -40,7 +40,7 @@ class RemainderSnapshot(TypedDict):
 
 
 class NoiseSnapshot(TypedDict):
-    """The channel that is noisiest over what the filter takes for its white noise: how many times, and how well known.
+    """Gyros or accelerometers, whichever are noisier over what the filter takes for their white noise: how many times.
 
     `relative_sd` is the standard deviation of `ratio`, as a part of it.
     """

@@ -19,7 +19,7 @@ FEWEST_WINDOWS = 3
 """Means of 10 s before their size says anything: one alone exceeds 2 in one case of twenty."""
 TOO_NOISY, CERTAIN_SD, KNOWN_SD = 1.3, 5.0, 0.2
 """White noise over what the filter takes for it, and standard deviations of that ratio above 1: beyond both, AMBER,
-once it is known so well. Of 1500 simulated quarters of an hour that were as noisy as expected one was AMBER."""
+once it is known so well."""
 STEADY_K_PER_MIN = 0.1
 MOVES_SD = 0.5
 """Change over 10 s, in standard deviations, that is worth a word."""
@@ -55,7 +55,7 @@ class Standing:
     alarms, confounded : sequence of str
         Sentences on data that contradict the model, and on biases that the motion does not tell from other effects.
     noise : NoiseSnapshot or None
-        The channel that is noisiest over what the filter expects; None while that is not known, or the unit moves.
+        What is noisier than the filter expects; None while that is not known, or the unit moves.
     slope_k_per_min : float or None
         Of the temperature; None while it is not known.
     departure : str or None
@@ -406,10 +406,10 @@ def _noise(noise: NoiseSnapshot | None) -> Check | None:
         return None
     name, ratio, sd = noise["name"], noise["ratio"], noise["relative_sd"]
     if sd > KNOWN_SD or ratio < max(TOO_NOISY, 1.0 + CERTAIN_SD * sd):
-        return Check("good", "noise", f"{name} {ratio:.2f} × what the filter expects, the most")
-    said = f"{name} is {ratio:.1f} × as noisy as the filter expects, so its ± are too small by as much"
+        return Check("good", "noise", f"{name} {ratio:.2f} × what the filter expects, at least")
+    said = f"{name} are {ratio:.1f} × as noisy as the filter expects, so their ± are too small by as much"
     todo = "record at the unit's full rate, or replay with --set filter.noise=log"
-    return Check("wait", "noise", said, f"{channel(name)} noise", todo)
+    return Check("wait", "noise", said, f"{name} noise", todo)
 
 
 def _temperature(slope: float | None, *, over: bool) -> Check:

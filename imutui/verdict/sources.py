@@ -80,20 +80,23 @@ def noise_stated(d: "ResultDocument") -> tuple[str, str]:
 
 
 def noisiest(noise: "NoiseFields", reference: str) -> "NoiseSnapshot | None":
-    """The channel of a unit at rest that is noisiest over what the filter takes for its noise; None if not known."""
+    """Gyros or accelerometers, whichever are noisier over what the filter takes for their noise; None if not known.
+
+    Of a kind its quietest channel counts: what moves one channel alone is an effect, and no noise of the unit.
+    """
     # results of before lack some of it
     relative_sd, used = noise.get("relative_sd"), noise.get("used")
     if reference not in _AT_REST or relative_sd is None or used is None:
         return None
-    pairs = [
-        (f"{axis} {kind}", of, expected)
-        for kind, measured, taken in (
-            ("gyro", noise["gyro_arw_deg_sqrt_h"], used["gyro_arw_deg_sqrt_h"]),
-            ("accel", noise["accel_vrw_mps_sqrt_h"], used["accel_vrw_mps_sqrt_h"]),
-        )
-        for axis, of, expected in zip("xyz", measured, taken, strict=True)
-    ]
-    ratios = {name: of / expected for name, of, expected in pairs if of is not None and expected}
+    kinds = {
+        "gyros": (noise["gyro_arw_deg_sqrt_h"], used["gyro_arw_deg_sqrt_h"]),
+        "accelerometers": (noise["accel_vrw_mps_sqrt_h"], used["accel_vrw_mps_sqrt_h"]),
+    }
+    ratios: dict[str, float] = {}
+    for kind, (measured, taken) in kinds.items():
+        known = [of / expected for of, expected in zip(measured, taken, strict=True) if of is not None and expected]
+        if known:
+            ratios[kind] = min(known)
     if not ratios:
         return None
     name = max(ratios, key=ratios.__getitem__)
