@@ -221,14 +221,10 @@ def advance(x, P, gyro, accel, dt, Q, R, known, kappa, anomaly, units, work):  #
 class EulerLanes:
     """The filter of this module.
 
-    Parameters
-    ----------
-    x : np.ndarray
-        First state, and what is known of its nine first rows, shape (15,).
-    P0_sd, Q, R : np.ndarray
-        Standard deviations of its errors (15,); variances added at each step (15,) and of the reference (9,).
-    dt : float
-        Sample period, s.
+    `x`: first state, and what is known of its nine first rows, shape (15,).
+    `P0_sd`, `Q`, `R`: standard deviations of its errors (15,); variances added at each step (15,) and of the reference
+      (9,).
+    `dt`: sample period, s.
     """
 
     def __init__(self, x: np.ndarray, P0_sd: np.ndarray, Q: np.ndarray, R: np.ndarray, dt: float) -> None:

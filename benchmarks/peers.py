@@ -79,16 +79,10 @@ def model_of_one(x, dt, gyro, accel, gravity):  # type: ignore[no-untyped-def]
 class Peer:
     """A filter with its belief in the paper's coordinates.
 
-    Parameters
-    ----------
-    x : np.ndarray
-        First state, and what is known of its nine first rows, shape (15,).
-    P0, Q : np.ndarray
-        First covariance; process noise of a step; (15, 15).
-    R : np.ndarray
-        Variances of what is known, (9,).
-    dt, gravity : float
-        s, m/s².
+    `x`: first state, and what is known of its nine first rows, shape (15,).
+    `P0`, `Q`: first covariance; process noise of a step; (15, 15).
+    `R`: variances of what is known, (9,).
+    `dt`, `gravity`: s, m/s².
     """
 
     def __init__(self, x: np.ndarray, P0: np.ndarray, Q: np.ndarray, R: np.ndarray, dt: float, gravity: float) -> None:

@@ -32,22 +32,13 @@ from reliability.setting import acquiring
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One expectation.
+    """One expectation."""
 
-    Attributes
-    ----------
-    number : int
-        In the table.
-    what, bar : str
-        What happens, and what is asked then.
-    measure : callable
-        From an empty folder and whether it is to be quick, to the figures.
-    """
-
-    number: int
+    number: int  # in the table
+    # what, bar: what happens, and what is asked then
     what: str
     bar: str
-    measure: Callable[[Path, bool], str]
+    measure: Callable[[Path, bool], str]  # from an empty folder and whether it is to be quick, to the figures
 
 
 def kill_nine(folder: Path, quick: bool) -> str:

@@ -35,26 +35,16 @@ OURS, PEERS = ("scroll", "sweep"), ("braille", "hd")
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one side cost.
+    """What one side cost."""
 
-    Attributes
-    ----------
-    cpu_ms, bytes : float
-        A frame.
-    fps : float
-        Frames a second that were reached.
-    kilobytes, packed : float
-        A second, as written and through zlib.
-    ages_ms : list of float
-        Of each frame's newest sample when the frame was written.
-    """
-
+    # cpu_ms, bytes: a frame
     cpu_ms: float
     bytes: float
-    fps: float
+    fps: float  # frames a second that were reached
+    # kilobytes, packed: a second, as written and through zlib
     kilobytes: float
     packed: float
-    ages_ms: list[float]
+    ages_ms: list[float]  # of each frame's newest sample when the frame was written
 
 
 def measure(kind: str, mode: str, size: tuple[int, int], seconds: float) -> Cost:

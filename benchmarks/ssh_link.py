@@ -73,23 +73,12 @@ def through_ssh(
 ) -> tuple[float, float]:
     """Run a program under ssh -C for some seconds.
 
-    Parameters
-    ----------
-    program : list of str
-        What runs at the other end; it is ended.
-    size : tuple of int
-        Columns and rows of the terminal.
-    seconds : float
-        How long is counted, after the warm-up.
-    sign : str
-        A text on its screen once it runs.
-    **environ
-        Variables that the program gets.
-
-    Returns
-    -------
-    tuple of float
-        Kilobytes a second once it runs, and kilobytes of the time before.
+    `program`: what runs at the other end; it is ended.
+    `size`: columns and rows of the terminal.
+    `seconds`: how long is counted, after the warm-up.
+    `sign`: a text on its screen once it runs.
+    `**environ`: variables that the program gets.
+    Returns kilobytes a second once it runs, and kilobytes of the time before.
     """
     with Link() as link:
         begun = time.time()

@@ -18,16 +18,9 @@ def in_terminal(
 ) -> list[tuple[float, bytes]]:
     """Run a program in a terminal that answers; returns what it wrote and when.
 
-    Parameters
-    ----------
-    command : list of str
-        The program.
-    size : tuple of int
-        Columns and rows.
-    until : bytes
-        End it once it has written this; empty waits for its own end.
-    limit_s : float
-        End it after that in any case.
+    `size`: columns and rows.
+    `until`: end it once it has written this; empty waits for its own end.
+    `limit_s`: end it after that in any case.
     """
     master, slave = pty.openpty()
     ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))

@@ -36,36 +36,17 @@ _SLOW_HZ = 20.0
 
 @dataclass(frozen=True)
 class Truth:
-    """One thing that is wrong.
+    """One thing that is wrong."""
 
-    Attributes
-    ----------
-    text : str
-        What, for a person.
-    names : frozenset of str
-        Effects that are it.
-    channels : tuple of str
-        Where it matters.
-    d : float
-        Detectability; infinite for what has none.
-    place : str
-        List of the report that it belongs into: findings, drift, integrity, noise_level.
-    parameters : mapping
-        Name of a parameter in a finding to its true value, where the effect is one of the catalogue.
-    hz : float
-        Of a tone.
-    transfers : bool
-        Whether a correction can carry over to another run.
-    """
-
-    text: str
-    names: frozenset[str]
-    channels: tuple[str, ...]
-    d: float = np.inf
-    place: str = "findings"
+    text: str  # what, for a person
+    names: frozenset[str]  # effects that are it
+    channels: tuple[str, ...]  # where it matters
+    d: float = np.inf  # detectability; infinite for what has none
+    place: str = "findings"  # list of the report that it belongs into: findings, drift, integrity, noise_level
+    # name of a parameter in a finding to its true value, where the effect is one of the catalogue
     parameters: Mapping[str, float] = field(default_factory=dict)
-    hz: float = 0.0
-    transfers: bool = True
+    hz: float = 0.0  # of a tone
+    transfers: bool = True  # whether a correction can carry over to another run
 
 
 @dataclass(frozen=True)
@@ -606,14 +587,8 @@ CLASSES: dict[str, tuple[Callable[[str, int, np.random.Generator], Case], int]] 
 def case(kind: str, number: int, final: bool = False) -> Case:
     """Case of a class.
 
-    Parameters
-    ----------
-    kind : str
-        Name in `CLASSES`.
-    number : int
-        Which.
-    final : bool
-        Whether of the set that is kept for the last count, not of the one for development.
+    `kind`: name in `CLASSES`.
+    `final`: whether of the set that is kept for the last count, not of the one for development.
     """
     maker, _ = CLASSES[kind]
     rng = np.random.default_rng([int(final), list(CLASSES).index(kind), number])

@@ -54,24 +54,14 @@ Function = Callable[[World, np.random.Generator], Array]
 
 @dataclass(frozen=True)
 class Form:
-    """A kind of error.
-
-    Attributes
-    ----------
-    name : str
-    drawn : callable
-        From a generator and a channel's number: the error (of a world and of a run's generator), and the names of
-        findings that have the right driver; empty where there is none.
-    still : bool
-        Whether a still unit shows it.
-    channels : tuple of int
-        Where it may be.
-    """
+    """A kind of error."""
 
     name: str
+    # from a generator and a channel's number: the error (of a world and of a run's generator), and the names of
+    # findings that have the right driver; empty where there is none
     drawn: Callable[[np.random.Generator, int], tuple[Function, set[str]]]
-    still: bool = False
-    channels: tuple[int, ...] = ALL
+    still: bool = False  # whether a still unit shows it
+    channels: tuple[int, ...] = ALL  # where it may be
 
 
 _T = {"driver:temperature", "driver:temperature_threshold", "thermal_lin", "thermal_poly"}

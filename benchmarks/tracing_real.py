@@ -36,52 +36,30 @@ _SAME_S = 4.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a report says of one case.
-
-    Attributes
-    ----------
-    name, campaign : str
-    seconds : float
-        CPU time of the trace.
-    truth, names, channels, d
-        Of the effect; empty and 0 without one.
-    found, named, rival : bool
-        Whether something deterministic is found on its channel, its name is there, or at least among the rivals.
-    weak : bool
-        Whether its name is at least in the list of what is too weak, with size and limit.
-    listed : bool
-        Whether anything on its channel is found or in that list.
-    wrong : bool
-        Whether its channel is explained under another name.
-    false : list of str
-        Deterministic findings, but tones and shared steps, on channels that nothing was added to.
-    tones : list of str
-        Tones there: vibration of the site is in the recordings.
-    shared : list of str
-        Steps there that another channel has at the same time: something happened to the unit in the recording.
-    untouched : int
-        Number of those channels.
-    findings, drift, status
-        As told.
-    """
+    """What a report says of one case."""
 
     name: str
     campaign: str
-    seconds: float
+    seconds: float  # CPU time of the trace
+    # truth, names, channels, d: of the effect; empty and 0 without one
     truth: str
     names: list[str]
     channels: list[str]
     d: float
+    # found, named, rival: whether something deterministic is found on its channel, its name is there, or at least among
+    # the rivals
     found: bool
     named: bool
     rival: bool
-    weak: bool
-    listed: bool
-    wrong: bool
-    false: list[str]
+    weak: bool  # whether its name is at least in the list of what is too weak, with size and limit
+    listed: bool  # whether anything on its channel is found or in that list
+    wrong: bool  # whether its channel is explained under another name
+    false: list[str]  # deterministic findings, but tones and shared steps, on channels that nothing was added to
+    # steps there that another channel has at the same time: something happened to the unit in the recording
     shared: list[str]
-    tones: list[str]
-    untouched: int
+    tones: list[str]  # tones there: vibration of the site is in the recordings
+    untouched: int  # number of those channels
+    # findings, drift, status: as told
     findings: list[str]
     weaks: list[str]
     drift: list[str]

@@ -49,26 +49,13 @@ OTHER = (
 
 @dataclass(frozen=True)
 class Noise:
-    """A recording of a unit at rest, less its mean.
-
-    Attributes
-    ----------
-    name : str
-    t : Array
-        Its stamps, s, shape (N,).
-    values : Array
-        Readings less their mean, SI, shape (N, 6).
-    rate : float
-        Readings a second.
-    white : Array
-        White densities, unit·√s, shape (6,).
-    """
+    """A recording of a unit at rest, less its mean."""
 
     name: str
-    t: Array
-    values: Array
-    rate: float
-    white: Array
+    t: Array  # its stamps, s, shape (N,)
+    values: Array  # readings less their mean, SI, shape (N, 6)
+    rate: float  # readings a second
+    white: Array  # white densities, unit·√s, shape (6,)
 
     def part(self, begin: float, end: float) -> "Noise":
         """A share of it, from 0 to 1."""
@@ -253,14 +240,8 @@ CLASSES: dict[str, tuple[Callable[[str, int, np.random.Generator, bool], Case], 
 def case(kind: str, number: int, final: bool = False) -> Case:
     """Case of a class.
 
-    Parameters
-    ----------
-    kind : str
-        Name in `CLASSES`.
-    number : int
-        Which.
-    final : bool
-        Whether of the set that is kept for the last count, not of the one for development.
+    `kind`: name in `CLASSES`.
+    `final`: whether of the set that is kept for the last count, not of the one for development.
     """
     maker, _ = CLASSES[kind]
     rng = np.random.default_rng([int(final), 100 + list(CLASSES).index(kind), number])

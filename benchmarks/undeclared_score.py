@@ -106,16 +106,10 @@ def is_right(truth: Undeclared, effect: str, channel: str) -> bool:
 def judged(truth: Undeclared, d: dict[str, float], document: Document, control: Document | None) -> dict[str, Any]:
     """A trace beside the truth.
 
-    Parameters
-    ----------
-    truth : Undeclared
-        What the set says.
-    d : dict
-        Achieved on each channel.
-    document : dict
-        From `imutui trace --json`.
-    control : dict or None
-        Of the same measured recording without an effect: what is found there is the recording's.
+    `truth`: what the set says.
+    `d`: achieved on each channel.
+    `document`: from `imutui trace --json`.
+    `control`: of the same measured recording without an effect: what is found there is the recording's.
     """
     visible = [c for c in CHANNELS if d[c] >= VISIBLE_D]
     touched = [c for c in CHANNELS if d[c] > 0.0]

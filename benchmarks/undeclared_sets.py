@@ -67,40 +67,24 @@ def _words(value: object, known: tuple[str, ...]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Undeclared:
-    """An effect of a set.
+    """An effect of a set."""
 
-    Attributes
-    ----------
-    name : str
-        Its function.
-    file : Path
-        Of the set.
-    number : int
-        Place in the table, which decides seeds.
-    part : int
-        Place among those on measured noise, which decides the parts of the recording.
-    title : str
-    channels, driver, same_as : tuple of str
-        On which channels it is not zero, what drives it, what would describe it as rightly.
-    in_log, memory, measured, table : bool
-        Whether a recording holds its driver, whether it remembers, whether noise is measured, whether the table moves.
-    wanted_d : float or None
-        None: too weak to see.
-    """
-
-    name: str
-    file: Path
-    number: int
-    part: int
+    name: str  # its function
+    file: Path  # of the set
+    number: int  # place in the table, which decides seeds
+    part: int  # place among those on measured noise, which decides the parts of the recording
     title: str
+    # channels, driver, same_as: on which channels it is not zero, what drives it, what would describe it as rightly
     channels: tuple[str, ...]
     driver: tuple[str, ...]
     same_as: tuple[str, ...]
+    # in_log, memory, measured, table: whether a recording holds its driver, whether it remembers, whether noise is
+    # measured, whether the table moves
     in_log: bool
     memory: bool
     measured: bool
     table: bool
-    wanted_d: float | None
+    wanted_d: float | None  # none: too weak to see
 
     @property
     def spec(self) -> str:

@@ -31,24 +31,12 @@ _CORRELATION_SCALE = 32
 
 @dataclass(frozen=True, slots=True)
 class NoiseLevels:
-    """Densities of one or more channels, each array of shape (k,), in the sensor's unit times the power of s named.
+    """Densities of one or more channels, each array of shape (k,), in the sensor's unit times the power of s named."""
 
-    Attributes
-    ----------
-    white : Array
-        White noise N, unit·√s: rad/√s of a gyro in rad/s, m/s/√s of an accelerometer in m/s². N²/τ of AVAR.
-    white_sd : Array
-        Standard deviation of `white`, from the degrees of freedom of each averaging time.
-    instability : Array
-        B, unit: the flat part of the Allan deviation. B² of AVAR.
-    drift : Array
-        Random walk of the rate K, unit/√s; 0 where none shows. K² τ/3 of AVAR.
-    """
-
-    white: Array
-    white_sd: Array
-    instability: Array
-    drift: Array
+    white: Array  # white noise N, unit·√s: rad/√s of a gyro in rad/s, m/s/√s of an accelerometer in m/s². N²/τ of AVAR.
+    white_sd: Array  # standard deviation of `white`, from the degrees of freedom of each averaging time
+    instability: Array  # B, unit: the flat part of the Allan deviation. B² of AVAR.
+    drift: Array  # random walk of the rate K, unit/√s; 0 where none shows. K² τ/3 of AVAR.
 
 
 def deviation(x: Array, period: float, factors: NDArray[np.int_] | None = None) -> tuple[Array, Array]:
@@ -56,26 +44,13 @@ def deviation(x: Array, period: float, factors: NDArray[np.int_] | None = None) 
 
     Cumulative sums make each averaging time cost one pass: O(N) whatever m is.
 
-    Parameters
-    ----------
-    x : Array
-        Equally spaced samples of a rate, shape (N,) or (N, k).
-    period : float
-        Sample period T, s.
-    factors : integer array or None
-        Samples m in each mean, from 1 to N // 2; by default the octaves 1, 2, 4, ... up to N // 4.
-
-    Returns
-    -------
-    tau : Array
-        Averaging times m T, s, shape (M,).
-    adev : Array
-        Deviations, unit of x, shape (M,) or (M, k).
-
-    Raises
-    ------
-    ValueError
-        If x is not finite or not of one or two dimensions, `period` is not positive, or a factor does not fit.
+    `x`: equally spaced samples of a rate, shape (N,) or (N, k).
+    `period`: sample period T, s.
+    `factors`: samples m in each mean, from 1 to N // 2; by default the octaves 1, 2, 4, ... up to N // 4.
+    Returns `tau`, averaging times m T, s, shape (M,).
+    Returns `adev`, deviations, unit of x, shape (M,) or (M, k).
+    Raises ValueError if x is not finite or not of one or two dimensions, `period` is not positive, or a factor does not
+      fit.
     """
     if x.ndim not in (1, 2):
         raise ValueError(f"`x` has shape {x.shape}, not (N,) or (N, k)")
@@ -110,17 +85,9 @@ def degrees_of_freedom(count: int, factors: NDArray[np.int_]) -> Array:
 
     (3(n-1)/(2m) - 2(n-2)/n) · 4m²/(4m² + 5), n = count + 1 points of phase. For other noise about the same number.
 
-    Parameters
-    ----------
-    count : int
-        Samples.
-    factors : integer array
-        Averaging factors m, shape (M,).
-
-    Returns
-    -------
-    Array
-        Shape (M,), at least 1.
+    `count`: samples.
+    `factors`: averaging factors m, shape (M,).
+    Returns shape (M,), at least 1.
     """
     m, n = factors.astype(float), count + 1.0
     edf = (3.0 * (n - 1.0) / (2.0 * m) - 2.0 * (n - 2.0) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
@@ -135,22 +102,10 @@ def noise_of(x: Array, period: float) -> NoiseLevels:
     positive for quantisation of increments, negative for a band limit, whatever its order. Quantisation of the rate
     itself is white and belongs to N.
 
-    Parameters
-    ----------
-    x : Array
-        Equally spaced samples of a still sensor, shape (N,) or (N, k); constant biases do not matter.
-    period : float
-        Sample period, s.
-
-    Returns
-    -------
-    NoiseLevels
-        One entry a channel. A channel that is stuck at one value has zeros.
-
-    Raises
-    ------
-    ValueError
-        If the record is too short for five averaging times, or `deviation` refuses it.
+    `x`: equally spaced samples of a still sensor, shape (N,) or (N, k); constant biases do not matter.
+    `period`: sample period, s.
+    Returns one entry a channel. A channel that is stuck at one value has zeros.
+    Raises ValueError if the record is too short for five averaging times, or `deviation` refuses it.
     """
     if not period > 0.0:
         raise ValueError(f"`period` is {period} s, not positive")

@@ -8,15 +8,8 @@ from filters.types import Array
 def skew(v: Array) -> Array:
     """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``.
 
-    Parameters
-    ----------
-    v : Array
-        Vectors, shape (..., 3).
-
-    Returns
-    -------
-    Array
-        Matrices, shape (..., 3, 3).
+    `v`: vectors, shape (..., 3).
+    Returns matrices, shape (..., 3, 3).
     """
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
@@ -30,15 +23,8 @@ def exp(rotation_vector: Array) -> Array:
 
     exp(ρ) = I + (sin θ/θ) [ρ×] + ((1 - cos θ)/θ²) [ρ×]², θ = |ρ|.
 
-    Parameters
-    ----------
-    rotation_vector : Array
-        rad, shape (..., 3).
-
-    Returns
-    -------
-    Array
-        Rotation matrices, shape (..., 3, 3).
+    `rotation_vector`: rad, shape (..., 3).
+    Returns rotation matrices, shape (..., 3, 3).
     """
     x, y, z = rotation_vector[..., 0], rotation_vector[..., 1], rotation_vector[..., 2]
     # the tiny number makes 0/0 a 1 and changes nothing else
@@ -58,15 +44,8 @@ def exp(rotation_vector: Array) -> Array:
 def log(C: Array) -> Array:
     """Rotation vector of a rotation matrix, the inverse of `exp`.
 
-    Parameters
-    ----------
-    C : Array
-        Rotation matrices, shape (..., 3, 3).
-
-    Returns
-    -------
-    Array
-        Rotation vectors, rad, shape (..., 3), norm at most π.
+    `C`: rotation matrices, shape (..., 3, 3).
+    Returns rotation vectors, rad, shape (..., 3), norm at most π.
     """
     axis = np.empty(C.shape[:-1])
     axis[..., 0] = C[..., 2, 1] - C[..., 1, 2]
@@ -91,15 +70,8 @@ def to_quaternion(C: Array) -> Array:
 
     From the largest of its four components (Shepperd 1978).
 
-    Parameters
-    ----------
-    C : Array
-        Rotation matrices, shape (..., 3, 3).
-
-    Returns
-    -------
-    Array
-        Shape (..., 4).
+    `C`: rotation matrices, shape (..., 3, 3).
+    Returns shape (..., 4).
     """
     m = np.moveaxis(C.reshape(*C.shape[:-2], 9), -1, 0)
     xx, xy, xz, yx, yy, yz, zx, zy, zz = m
@@ -122,15 +94,8 @@ def to_quaternion(C: Array) -> Array:
 def from_quaternion(q: Array) -> Array:
     """Rotation matrix of a unit quaternion (w, x, y, z), the inverse of `to_quaternion`.
 
-    Parameters
-    ----------
-    q : Array
-        Shape (..., 4).
-
-    Returns
-    -------
-    Array
-        Shape (..., 3, 3).
+    `q`: shape (..., 4).
+    Returns shape (..., 3, 3).
     """
     w, x, y, z = np.moveaxis(q, -1, 0)
     C = np.empty((*q.shape[:-1], 3, 3))
@@ -143,15 +108,8 @@ def from_quaternion(q: Array) -> Array:
 def table(outer: float, middle: float, inner: float) -> Array:
     """Attitude of a three-axis table: C_nb = Rx(outer) Ry(middle) Rz(inner).
 
-    Parameters
-    ----------
-    outer, middle, inner : float
-        Axis angles, rad, about north, east and down at zero angles.
-
-    Returns
-    -------
-    Array
-        C_nb, shape (3, 3).
+    `outer`, `middle`, `inner`: axis angles, rad, about north, east and down at zero angles.
+    Returns C_nb, shape (3, 3).
     """
     return _axis(0, outer) @ _axis(1, middle) @ _axis(2, inner)
 
@@ -159,15 +117,8 @@ def table(outer: float, middle: float, inner: float) -> Array:
 def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Attitude from roll, pitch, yaw (3-2-1): C_nb = Rz(yaw) Ry(pitch) Rx(roll), R_p2n of equation (4).
 
-    Parameters
-    ----------
-    roll, pitch, yaw : float
-        rad.
-
-    Returns
-    -------
-    Array
-        C_nb, shape (3, 3).
+    `roll`, `pitch`, `yaw`: rad.
+    Returns C_nb, shape (3, 3).
     """
     return _axis(2, yaw) @ _axis(1, pitch) @ _axis(0, roll)
 
@@ -175,15 +126,8 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 def from_rpys(angles: Array) -> Array:
     """Attitudes of many roll, pitch, yaw, C_nb = Rz(yaw) Ry(pitch) Rx(roll).
 
-    Parameters
-    ----------
-    angles : Array
-        rad, shape (N, 3).
-
-    Returns
-    -------
-    Array
-        C_nb, shape (N, 3, 3).
+    `angles`: rad, shape (N, 3).
+    Returns C_nb, shape (N, 3, 3).
     """
     (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
     C = np.empty((len(angles), 3, 3))
@@ -196,15 +140,8 @@ def from_rpys(angles: Array) -> Array:
 def to_rpy(C_nb: Array) -> Array:
     """Roll, pitch, yaw of an attitude (3-2-1 reading).
 
-    Parameters
-    ----------
-    C_nb : Array
-        Shape (..., 3, 3).
-
-    Returns
-    -------
-    Array
-        rad, shape (..., 3). At pitch ±90° only roll ∓ yaw is defined; yaw is then what atan2(0, 0) gives, 0.
+    `C_nb`: shape (..., 3, 3).
+    Returns rad, shape (..., 3). At pitch ±90° only roll ∓ yaw is defined; yaw is then what atan2(0, 0) gives, 0.
     """
     roll = np.arctan2(C_nb[..., 2, 1], C_nb[..., 2, 2])
     pitch = np.arctan2(-C_nb[..., 2, 0], np.hypot(C_nb[..., 2, 1], C_nb[..., 2, 2]))
@@ -215,15 +152,8 @@ def to_rpy(C_nb: Array) -> Array:
 def rpy_jacobian(C_nb: Array) -> Array:
     """Linear map from the error ε_n to errors of roll, pitch, yaw; the inverse of (3)'s rate matrix, in n.
 
-    Parameters
-    ----------
-    C_nb : Array
-        Shape (..., 3, 3).
-
-    Returns
-    -------
-    Array
-        d(roll, pitch, yaw)/dε_n, shape (..., 3, 3); not finite at pitch ±90°.
+    `C_nb`: shape (..., 3, 3).
+    Returns d(roll, pitch, yaw)/dε_n, shape (..., 3, 3); not finite at pitch ±90°.
     """
     rpy = to_rpy(C_nb)
     pitch, c, s = rpy[..., 1], np.cos(rpy[..., 2]), np.sin(rpy[..., 2])

@@ -19,15 +19,8 @@ _M_RATIO = EARTH_RATE**2 * SEMI_MAJOR_AXIS**2 * SEMI_MINOR_AXIS / GRAVITATIONAL_
 def radii(sine: Array) -> tuple[Array, Array]:
     """Radii of curvature in the meridian and in the prime vertical, m; R_n and R_e of equation (1) without height.
 
-    Parameters
-    ----------
-    sine : Array
-        Of the geodetic latitude, any shape.
-
-    Returns
-    -------
-    tuple of Array
-        m, same shape each. Numba compiles this for the filter's step.
+    `sine`: of the geodetic latitude, any shape.
+    Returns m, same shape each. Numba compiles this for the filter's step.
     """
     w2 = 1.0 - ECCENTRICITY_SQUARED * sine * sine
     w = np.sqrt(w2)
@@ -37,15 +30,8 @@ def radii(sine: Array) -> tuple[Array, Array]:
 def meridian_radius(latitude: Array) -> Array:
     """Radius of curvature in the meridian, m; R_n of equation (1) without height.
 
-    Parameters
-    ----------
-    latitude : Array
-        Geodetic latitude, rad, any shape.
-
-    Returns
-    -------
-    Array
-        Radius, m, same shape.
+    `latitude`: geodetic latitude, rad, any shape.
+    Returns radius, m, same shape.
     """
     return radii(np.sin(latitude))[0]
 
@@ -53,15 +39,8 @@ def meridian_radius(latitude: Array) -> Array:
 def transverse_radius(latitude: Array) -> Array:
     """Radius of curvature in the prime vertical, m; R_e of equation (1) without height.
 
-    Parameters
-    ----------
-    latitude : Array
-        Geodetic latitude, rad, any shape.
-
-    Returns
-    -------
-    Array
-        Radius, m, same shape.
+    `latitude`: geodetic latitude, rad, any shape.
+    Returns radius, m, same shape.
     """
     return radii(np.sin(latitude))[1]
 
@@ -69,17 +48,9 @@ def transverse_radius(latitude: Array) -> Array:
 def normal_gravity(latitude: Array, height: Array) -> Array:
     """WGS-84 normal gravity: Somigliana's formula with the second-order height term (NIMA TR8350.2, eq. 4-1, 4-3).
 
-    Parameters
-    ----------
-    latitude : Array
-        Geodetic latitude, rad.
-    height : Array
-        Height above the ellipsoid, m.
-
-    Returns
-    -------
-    Array
-        Magnitude of gravity, m/s², attraction and centrifugal part together.
+    `latitude`: geodetic latitude, rad.
+    `height`: height above the ellipsoid, m.
+    Returns magnitude of gravity, m/s², attraction and centrifugal part together.
     """
     s = np.sin(latitude)
     s2 = s * s
@@ -91,15 +62,8 @@ def normal_gravity(latitude: Array, height: Array) -> Array:
 def earth_rate_n(latitude: Array) -> Array:
     """Rotation of the Earth in navigation axes, Ω_e (cos φ, 0, -sin φ), of equation (3).
 
-    Parameters
-    ----------
-    latitude : Array
-        Geodetic latitude, rad, shape (...).
-
-    Returns
-    -------
-    Array
-        Rate, rad/s, shape (..., 3).
+    `latitude`: geodetic latitude, rad, shape (...).
+    Returns rate, rad/s, shape (..., 3).
     """
     zero = np.zeros_like(latitude)
     return EARTH_RATE * np.stack([np.cos(latitude), zero, -np.sin(latitude)], axis=-1)

@@ -15,21 +15,11 @@ from filters.types import Array
 def first_order(values: Array, gain: float, pole: float, memory: float) -> tuple[Array, float]:
     """First-order recursion over a stretch: y_k = gain x_k + pole y_{k-1}.
 
-    Parameters
-    ----------
-    values : Array
-        x, shape (N,).
-    gain, pole : float
-        With gain 1 - pole it is a lag: of unit gain at zero frequency.
-    memory : float
-        pole · y_{-1}; pole · x_0 for a lag that begins in equality.
-
-    Returns
-    -------
-    Array
-        y, shape (N,), unit of gain · x.
-    float
-        Memory for the stretch that follows.
+    `values`: x, shape (N,).
+    `gain`, `pole`: with gain 1 - pole it is a lag: of unit gain at zero frequency.
+    `memory`: pole · y_{-1}; pole · x_0 for a lag that begins in equality.
+    Returns y, shape (N,), unit of gain · x.
+    Returns memory for the stretch that follows.
     """
     signal = sys.modules.get("scipy.signal")
     if signal is not None and values.size:

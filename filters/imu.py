@@ -23,21 +23,11 @@ _SQRT_HOUR = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """A stretch of IMU output in body axes.
+    """A stretch of IMU output in body axes."""
 
-    Attributes
-    ----------
-    t : Array
-        Time since the first sample, s, shape (N,), increasing.
-    gyro : Array
-        Angular rate, rad/s, shape (N, 3).
-    accel : Array
-        Specific force, m/s², shape (N, 3).
-    """
-
-    t: Array
-    gyro: Array
-    accel: Array
+    t: Array  # time since the first sample, s, shape (N,), increasing
+    gyro: Array  # angular rate, rad/s, shape (N, 3)
+    accel: Array  # specific force, m/s², shape (N, 3)
 
 
 _Triple = tuple[float, float, float]
@@ -45,24 +35,12 @@ _Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Process noise of the filter, per body axis; see `filters.kalman.spkf.process_noise`.
+    """Process noise of the filter, per body axis; see `filters.kalman.spkf.process_noise`."""
 
-    Attributes
-    ----------
-    accel_vrw : tuple of float
-        White noise, m/s/√s.
-    gyro_arw : tuple of float
-        White noise, rad/√s.
-    accel_walk : tuple of float
-        Random walk of the bias, m/s²/√s.
-    gyro_walk : tuple of float
-        Random walk of the bias, rad/s/√s.
-    """
-
-    accel_vrw: _Triple
-    gyro_arw: _Triple
-    accel_walk: _Triple = (0.0, 0.0, 0.0)
-    gyro_walk: _Triple = (0.0, 0.0, 0.0)
+    accel_vrw: _Triple  # white noise, m/s/√s
+    gyro_arw: _Triple  # white noise, rad/√s
+    accel_walk: _Triple = (0.0, 0.0, 0.0)  # random walk of the bias, m/s²/√s
+    gyro_walk: _Triple = (0.0, 0.0, 0.0)  # random walk of the bias, rad/s/√s
 
     @classmethod
     def of(cls, spec: ImuSpec) -> "Noise":
@@ -74,23 +52,14 @@ class Noise:
 class AxisMap:
     """Between the instrument's own axes and sign, and body axes; the one place that knows both.
 
-    Attributes
-    ----------
-    mount : Array
-        M, signed permutation (3, 3) from instrument to body axes, of gyro and accelerometer alike.
-    accel_sign : int
-        s: -1 for a unit that reads +1 g on Z when level with Z down, +1 for one that reads specific force.
-    gyro_sign : Array
-        Signs of the three gyro readings in the instrument's axes, shape (3,), where the wiring flipped some.
-
-    Raises
-    ------
-    ValueError
-        If `mount` is no signed permutation, if rates would come out left-handed, or a sign is not ±1.
+    Raises ValueError if `mount` is no signed permutation, if rates would come out left-handed, or a sign is not ±1.
     """
 
+    # M, signed permutation (3, 3) from instrument to body axes, of gyro and accelerometer alike
     mount: Array = field(default_factory=lambda: np.eye(3))
+    # s: -1 for a unit that reads +1 g on Z when level with Z down, +1 for one that reads specific force
     accel_sign: int = -1
+    # signs of the three gyro readings in the instrument's axes, shape (3,), where the wiring flipped some
     gyro_sign: Array = field(default_factory=lambda: np.ones(3))
     _to_body: _Turn = field(init=False, repr=False, compare=False)
     _to_instrument: _Turn = field(init=False, repr=False, compare=False)
@@ -146,20 +115,9 @@ def _turned(v: Array, turn: _Turn) -> Array:
 def parse_mount(text: str) -> Array:
     """Signed permutation from a mounting written as body x, y, z in instrument axes, such as "x,-y,-z".
 
-    Parameters
-    ----------
-    text : str
-        Three of x, y, z, each once, each with an optional sign, separated by commas.
-
-    Returns
-    -------
-    Array
-        M, shape (3, 3): ``v_body = M @ v_instrument``.
-
-    Raises
-    ------
-    ValueError
-        If `text` does not read so.
+    `text`: three of x, y, z, each once, each with an optional sign, separated by commas.
+    Returns M, shape (3, 3): ``v_body = M @ v_instrument``.
+    Raises ValueError if `text` does not read so.
     """
     names = [part.strip() for part in text.split(",")]
     M = np.zeros((3, 3))

@@ -11,31 +11,16 @@ _SQRT_HOUR = 60.0
 
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
-    """What the filter believes of the sensor; the defaults are the paper's Table 1 (IMU400CD-200).
+    """What the filter believes of the sensor; the defaults are the paper's Table 1 (IMU400CD-200)."""
 
-    Attributes
-    ----------
-    gyro_arw : float
-        Angle random walk, rad/√s (Table 1: 4.5 deg/√h).
-    accel_vrw : float
-        Velocity random walk, m/s/√s (Table 1: 1 m/s/√h).
-    gyro_bias_limit : float
-        rad/s (Table 1: 1 deg/s).
-    accel_bias_limit : float
-        m/s² (Table 1: 12 mg).
-    gyro_bandwidth, accel_bandwidth : float
-        -3 dB frequencies, Hz (Table 1: 25 and 75).
-    source : str
-        Where the figures are from, for people.
-    """
-
-    gyro_arw: float = 4.5 * _DEG / _SQRT_HOUR
-    accel_vrw: float = 1.0 / _SQRT_HOUR
-    gyro_bias_limit: float = 1.0 * _DEG
-    accel_bias_limit: float = 12e-3 * STANDARD_GRAVITY
+    gyro_arw: float = 4.5 * _DEG / _SQRT_HOUR  # angle random walk, rad/√s (Table 1: 4.5 deg/√h)
+    accel_vrw: float = 1.0 / _SQRT_HOUR  # velocity random walk, m/s/√s (Table 1: 1 m/s/√h)
+    gyro_bias_limit: float = 1.0 * _DEG  # rad/s (Table 1: 1 deg/s)
+    accel_bias_limit: float = 12e-3 * STANDARD_GRAVITY  # m/s² (Table 1: 12 mg)
+    # gyro_bandwidth, accel_bandwidth: -3 dB frequencies, Hz (Table 1: 25 and 75)
     gyro_bandwidth: float = 25.0
     accel_bandwidth: float = 75.0
-    source: str = "Table 1"
+    source: str = "Table 1"  # where the figures are from, for people
 
 
 IMU400CD_200 = ImuSpec()

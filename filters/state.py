@@ -18,22 +18,13 @@ SIZE = 15
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Where the table stands; by default the paper's (section 2), in Brazil.
+    """Where the table stands; by default the paper's (section 2), in Brazil."""
 
-    Attributes
-    ----------
-    latitude, longitude : float
-        Geodetic, rad.
-    height : float
-        Above the ellipsoid, m.
-    gravity : float
-        Local gravity, m/s².
-    """
-
+    # latitude, longitude: geodetic, rad
     latitude: float
     longitude: float
-    height: float
-    gravity: float
+    height: float  # above the ellipsoid, m
+    gravity: float  # local gravity, m/s²
 
     def __post_init__(self) -> None:
         if not np.isfinite([self.latitude, self.longitude, self.height]).all():
@@ -57,25 +48,15 @@ PAPER_SITE = Site.at(-23.21132308, 314.14082390 - 360.0, 641.203)
 
 @dataclass(frozen=True, slots=True)
 class NavState:
-    """Navigation state and biases of one unit, or of many at once along leading axes.
+    """Navigation state and biases of one unit, or of many at once along leading axes."""
 
-    Attributes
-    ----------
-    latitude, longitude, height : Array
-        rad, rad, m; shape (...).
-    velocity_n : Array
-        m/s, shape (..., 3).
-    C_nb : Array
-        Attitude, shape (..., 3, 3).
-    accel_bias, gyro_bias : Array
-        Body axes, m/s² and rad/s, shape (..., 3).
-    """
-
+    # latitude, longitude, height: rad, rad, m; shape (...)
     latitude: Array
     longitude: Array
     height: Array
-    velocity_n: Array
-    C_nb: Array
+    velocity_n: Array  # m/s, shape (..., 3)
+    C_nb: Array  # attitude, shape (..., 3, 3)
+    # accel_bias, gyro_bias: body axes, m/s² and rad/s, shape (..., 3)
     accel_bias: Array
     gyro_bias: Array
 
@@ -107,15 +88,8 @@ class NavState:
     def plus(self, error: Array) -> "NavState":
         """State with errors added: position in metres, attitude by C_nb ← exp(ε) C_nb, the rest by sums.
 
-        Parameters
-        ----------
-        error : Array
-            Shape (..., 15), broadcast against this state.
-
-        Returns
-        -------
-        NavState
-            With the leading shape of `error`.
+        `error`: shape (..., 15), broadcast against this state.
+        Returns with the leading shape of `error`.
         """
         north, east, down = error[..., 0], error[..., 1], error[..., 2]
         R_n = earth.meridian_radius(self.latitude) + self.height
@@ -133,15 +107,8 @@ class NavState:
     def minus(self, other: "NavState") -> Array:
         """Errors that turn `other` into this state: ``other.plus(self.minus(other))`` is this state to first order.
 
-        Parameters
-        ----------
-        other : NavState
-            One state, without leading axes.
-
-        Returns
-        -------
-        Array
-            Shape (..., 15).
+        `other`: one state, without leading axes.
+        Returns shape (..., 15).
         """
         R_n = earth.meridian_radius(other.latitude) + other.height
         R_e = earth.transverse_radius(other.latitude) + other.height

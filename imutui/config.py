@@ -108,14 +108,9 @@ class File:
 class Config:
     """Effective settings.
 
-    Attributes
-    ----------
-    settings : dict
-        Key to `Setting`.
-    warnings : list of str
-        Unknown keys in files: said, not refused, since the file may serve another version.
-    files : tuple of File
-        Where settings were looked for, the one that wins last.
+    `settings`: key to `Setting`.
+    `warnings`: unknown keys in files: said, not refused, since the file may serve another version.
+    `files`: where settings were looked for, the one that wins last.
     """
 
     def __init__(self, settings: dict[str, Setting], warnings: list[str], files: tuple[File, ...] = ()) -> None:
@@ -143,10 +138,7 @@ class Config:
     def with_flags(self, flags: Mapping[str, Value | None]) -> "Config":
         """Copy in which flags that were given win.
 
-        Raises
-        ------
-        ConfigError
-            If a key is unknown or a value does not fit.
+        Raises ConfigError if a key is unknown or a value does not fit.
         """
         settings = dict(self.settings)
         for key, value in flags.items():
@@ -158,17 +150,9 @@ class Config:
 def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None) -> Config:
     """Read all sources.
 
-    Parameters
-    ----------
-    environment : mapping
-        Environment variables.
-    folder : Path or None
-        Where ./imutui.toml is looked for; the working folder unless given.
-
-    Raises
-    ------
-    ConfigError
-        If a file is no TOML, or a value does not fit its key.
+    `environment`: environment variables.
+    `folder`: where ./imutui.toml is looked for; the working folder unless given.
+    Raises ConfigError if a file is no TOML, or a value does not fit its key.
     """
     settings = {key: Setting(value, "default") for key, value in DEFAULTS.items()}
     warnings: list[str] = []
@@ -193,10 +177,7 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
 def parse_pairs(pairs: list[str]) -> dict[str, Value]:
     """Settings written as `key=value`.
 
-    Raises
-    ------
-    ConfigError
-        If one is not written so, is unknown, or does not fit.
+    Raises ConfigError if one is not written so, is unknown, or does not fit.
     """
     out: dict[str, Value] = {}
     for pair in pairs:

@@ -23,12 +23,8 @@ class EstimateHistory:
     Thinning joins pairs of the old rows whose spans are shortest, keeping minimum and maximum: a run of any length
     fits, its last part stays at 1 Hz, and no excursion is ever lost.
 
-    Parameters
-    ----------
-    columns : int
-        Estimates of a row.
-    capacity : int
-        Rows kept; 2.2 h before the first thinning by default.
+    `columns`: estimates of a row.
+    `capacity`: rows kept; 2.2 h before the first thinning by default.
     """
 
     def __init__(self, columns: int, capacity: int = CAPACITY) -> None:
@@ -57,14 +53,9 @@ class EstimateHistory:
     def add(self, t: float, values: Floats, sd3: Floats, converged: Flags | None = None) -> None:
         """Take estimates (columns,) and their three standard deviations; an earlier instant is another run.
 
-        Parameters
-        ----------
-        t : float
-            s since the run's first sample.
-        values, sd3 : (columns,)
-            NaN where nothing is known.
-        converged : (columns,) or None
-            Whether each is converged; None for none.
+        `t`: s since the run's first sample.
+        `values`, `sd3`: NaN where nothing is known.
+        `converged`: whether each is converged; None for none.
         """
         if t < self._newest:
             self._count, self.attached_late = 0, False
@@ -83,12 +74,8 @@ class EstimateHistory:
     def rows(self, since: float | None, most: int) -> HistoryRows:
         """Rows for a viewer that has all before an instant, the row of that instant among them, oldest first.
 
-        Parameters
-        ----------
-        since : float or None
-            s since the run's first sample; None for all.
-        most : int
-            How many rows at most.
+        `since`: s since the run's first sample; None for all.
+        `most`: how many rows at most.
         """
         t = self.instants()
         first = 0 if since is None else max(int(np.searchsorted(t, since, "right")) - 1, 0)

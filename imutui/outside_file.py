@@ -11,12 +11,8 @@ TEXT_LIMIT = 256 * 2**20
 def read(path: Path, limit: int) -> bytes:
     """Content of a file, or of a pipe that a shell stands behind a name.
 
-    Raises
-    ------
-    ValueError
-        If it is longer, or a device, which would be read for ever.
-    OSError
-        If it cannot be read.
+    Raises ValueError if it is longer, or a device, which would be read for ever.
+    Raises OSError if it cannot be read.
     """
     with path.open("rb") as stream:
         mode = os.fstat(stream.fileno()).st_mode

@@ -48,12 +48,8 @@ def masked(text: str) -> str:
 def one_line(text: str, limit: int) -> str:
     """Text as it is taken in: newlines and tabs become blanks, the rest as `visible`, and it is cut to a length.
 
-    Parameters
-    ----------
-    text : str
-        From a form, a command, a request, an instrument.
-    limit : int
-        Longest, characters; what is cut ends with an ellipsis.
+    `text`: from a form, a command, a request, an instrument.
+    `limit`: longest, characters; what is cut ends with an ellipsis.
     """
     # a text of any length costs no more than what is kept of it
     return cut(visible(_BLANKS.sub(" ", text[: 4 * limit]).strip()), limit)

@@ -105,20 +105,9 @@ class ScenarioError(ValueError):
 def load_profile(path: Path) -> Profile:
     """Motion of a table from a file.
 
-    Parameters
-    ----------
-    path : Path
-        TOML, or CSV with a heading `t, outer, middle, inner` (s, deg) by its suffix. A TOML file may name a CSV, as
-        `samples = "angles.csv"` relative to it, in place of segments, and so give it `sign`, `align`, `offset_sd_s`.
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    ScenarioError
-        If it can't be read, or something in it does not fit.
+    `path`: TOML, or CSV with a heading `t, outer, middle, inner` (s, deg) by its suffix. A TOML file may name a CSV, as
+      `samples = "angles.csv"` relative to it, in place of segments, and so give it `sign`, `align`, `offset_sd_s`.
+    Raises ScenarioError if it can't be read, or something in it does not fit.
     """
     if path.suffix.lower() == ".csv":
         return _csv_profile(path)
@@ -128,22 +117,10 @@ def load_profile(path: Path) -> Profile:
 def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
     """Scenario from a TOML file.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and so
-        does the name of a ready-made one.
-    plain : Scenario or None
-        A unit without any of it: its axes and specification count where the file does not say; None: an IMU400CD.
-
-    Returns
-    -------
-    Scenario
-
-    Raises
-    ------
-    ScenarioError
-        If it can't be read, or something in it does not fit.
+    `path`: the file; a profile it names is looked for beside it. A profile stands for a plain unit on that table, and
+      so does the name of a ready-made one.
+    `plain`: a unit without any of it: its axes and specification count where the file does not say; None: an IMU400CD.
+    Raises ScenarioError if it can't be read, or something in it does not fit.
     """
     usual = Scenario() if plain is None else plain
     named = None if path.exists() else named_profiles.find(str(path))

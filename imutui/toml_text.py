@@ -20,15 +20,8 @@ _LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){{{_PARTS},}}"
 def parse(content: bytes) -> dict[str, Any]:
     """Document of a file's content.
 
-    Parameters
-    ----------
-    content : bytes
-        UTF-8, with or without byte order mark.
-
-    Raises
-    ------
-    ValueError
-        If it is no TOML, or longer or deeper than the limits.
+    `content`: UTF-8, with or without byte order mark.
+    Raises ValueError if it is no TOML, or longer or deeper than the limits.
     """
     if len(content) > LIMIT:
         raise ValueError(f"it is {len(content):,} bytes long; the most is {LIMIT:,}")

@@ -12,24 +12,12 @@ from filters.motion.segments import AXES
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An effect of the catalogue.
+    """An effect of the catalogue."""
 
-    Attributes
-    ----------
-    kind : str
-        Family: additive, motion, run_specific, drift, noise, fault.
-    equation : str
-        Of the error e.
-    include_as : str
-        A constant states, S stochastic states, N noise, P pre-filter.
-    source : str
-        Where the form comes from.
-    """
-
-    kind: str
-    equation: str
-    include_as: str
-    source: str
+    kind: str  # family: additive, motion, run_specific, drift, noise, fault
+    equation: str  # of the error e
+    include_as: str  # a constant states, S stochastic states, N noise, P pre-filter
+    source: str  # where the form comes from
 
 
 _STANDARD = "IEEE Std 952 / 1293 error models"
@@ -80,19 +68,10 @@ EFFECTS: dict[str, Entry] = {
 def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, ShapeValue]) -> Hypothesis:
     """A deterministic effect from its name, channels and shape, as a trace wrote them.
 
-    Parameters
-    ----------
-    effect : str
-        In the catalogue, or driver:NAME.
-    channels : tuple of str
-        Of gx gy gz ax ay az.
-    shape : mapping
-        What its `shape()` gave, and a driver's knots.
-
-    Raises
-    ------
-    ValueError
-        If there is no such effect, or its shape is not one that it can have.
+    `effect`: in the catalogue, or driver:NAME.
+    `channels`: of gx gy gz ax ay az.
+    `shape`: what its `shape()` gave, and a driver's knots.
+    Raises ValueError if there is no such effect, or its shape is not one that it can have.
     """
     for s in reference_errors.shared():
         if s.effect == effect:

@@ -70,35 +70,18 @@ def _angle(axis: int) -> Values:
 
 @dataclass(frozen=True)
 class Driver(ChannelEffect):
-    """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit.
+    """e = sum of θ_i B_i(driver): columns of a basis, each in the channel's unit."""
 
-    Attributes
-    ----------
-    name : str
-        Of the driver.
-    columns_of : callable
-        Columns from the inputs, dimensionless, shape (n, k).
-    count : int
-        k.
-    kind : str
-        Of the basis: hat, fourier, line, threshold, relay, settling, trail.
-    parts : dict
-        Knots and the like.
-    choices : int
-        Size of the grid it is one of.
-    driven_by : str
-        "time", "temperature" or "motion".
-    """
-
-    name: str = ""
+    name: str = ""  # of the driver
+    # columns from the inputs, dimensionless, shape (n, k)
     columns_of: Callable[[Inputs], Array] = field(default=lambda inputs: inputs.t[:, None], compare=False, repr=False)
-    count: int = 1
-    kind: str = "line"
-    parts: Mapping[str, float | str] = field(default_factory=dict, compare=False)
+    count: int = 1  # k
+    kind: str = "line"  # of the basis: hat, fourier, line, threshold, relay, settling, trail
+    parts: Mapping[str, float | str] = field(default_factory=dict, compare=False)  # knots and the like
     knots: tuple[float, ...] = ()
     unit: str = ""
-    choices: int = 1
-    driven_by: str = "motion"
+    choices: int = 1  # size of the grid it is one of
+    driven_by: str = "motion"  # "time", "temperature" or "motion"
 
     @property
     def effect(self) -> str:  # type: ignore[override]
@@ -182,15 +165,8 @@ class Basis:
 def bases(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
     """All bases that the data can carry.
 
-    Parameters
-    ----------
-    ranges : mapping
-        Least and greatest value of each scalar driver over all runs, and of "outer", "middle", "inner" (rad); those
-        that do not vary are missing.
-
-    Returns
-    -------
-    list of Basis
+    `ranges`: least and greatest value of each scalar driver over all runs, and of "outer", "middle", "inner" (rad);
+      those that do not vary are missing.
     """
     made = [_hat(name, *ranges[name]) for name in SCALARS if name in ranges]
     if "temperature" in ranges:

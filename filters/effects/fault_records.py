@@ -17,28 +17,16 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class DataFault:
-    """A fault of the data, on one channel, or on all for stamps.
+    """A fault of the data, on one channel, or on all for stamps."""
 
-    Attributes
-    ----------
-    effect : str
-        "spikes", "stuck", "saturation", "coarse", "dropout" or "jitter".
-    channels : tuple of str
-        Of gx, gy, gz, ax, ay, az.
-    count : int
-        Spikes; stretches stuck; readings at the limit; readings on a coarse lattice; gaps; steps between stamps that
-        are off.
-    where : str
-        Where and what, in words: "12.3 s, 44.1 s and 10 more".
-    size : float or None
-        Median size of the spikes, the limit, or the lattice, in rad/s or m/s²; the longest stretch stuck, the longest
-        gap, or the standard deviation of stamps, in s.
-    """
-
-    effect: str
-    channels: tuple[str, ...]
+    effect: str  # "spikes", "stuck", "saturation", "coarse", "dropout" or "jitter"
+    channels: tuple[str, ...]  # of gx, gy, gz, ax, ay, az
+    # spikes; stretches stuck; readings at the limit; readings on a coarse lattice; gaps; steps between stamps that are
+    # off
     count: int
-    where: str
+    where: str  # where and what, in words: "12.3 s, 44.1 s and 10 more"
+    # median size of the spikes, the limit, or the lattice, in rad/s or m/s²; the longest stretch stuck, the longest
+    # gap, or the standard deviation of stamps, in s
     size: float | None = None
 
 

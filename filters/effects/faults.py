@@ -49,27 +49,12 @@ def find(t: Array, reading: Array, perfect: Array, lsb: Array | None) -> tuple[F
     dropout     a step between stamps above max(2.5 T, T + 8 jitter)
     jitter      stamps off by more than 2 % of the period, or in bursts
 
-    Parameters
-    ----------
-    t : Array
-        Stamps, s, shape (N,).
-    reading : Array
-        Rates (rad/s) and accelerations (m/s²) as the instrument shows them, its axes and sign, shape (N, 6).
-    perfect : Array
-        What a unit without errors would show, shape (N, 6) or (1, 6); NaN where unknown.
-    lsb : Array or None
-        Size of a count, rad/s and m/s², shape (6,).
-
-    Returns
-    -------
-    flagged : boolean array
-        Spikes, stuck and saturated readings, shape (N, 6).
-    faults : list of DataFault
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit together.
+    `t`: stamps, s, shape (N,).
+    `reading`: rates (rad/s) and accelerations (m/s²) as the instrument shows them, its axes and sign, shape (N, 6).
+    `perfect`: what a unit without errors would show, shape (N, 6) or (1, 6); NaN where unknown.
+    `lsb`: size of a count, rad/s and m/s², shape (6,).
+    Returns `flagged`, spikes, stuck and saturated readings, shape (N, 6).
+    Raises ValueError if shapes do not fit together.
     """
     if reading.shape != (t.size, len(CHANNELS)) or perfect.shape not in (reading.shape, (1, len(CHANNELS))):
         raise ValueError(f"`reading` has shape {reading.shape} and `perfect` {perfect.shape} for {t.size} stamps")

@@ -15,40 +15,25 @@ ALL = (*GYROS, *ACCELS)
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of an effect on one channel.
+    """One parameter of an effect on one channel."""
 
-    Attributes
-    ----------
-    name, unit : str
-        As reported.
-    si : float
-        SI value of one unit.
-    prior : float
-        Plausible standard deviation for this class of instruments, in the unit.
-    """
-
+    # name, unit: as reported
     name: str
     unit: str
-    si: float
-    prior: float
+    si: float  # SI value of one unit
+    prior: float  # plausible standard deviation for this class of instruments, in the unit
 
 
 @runtime_checkable
 class Hypothesis(Protocol):
     """One way in which readings may be wrong: e = columns · θ.
 
-    Attributes
-    ----------
-    effect : str
-        Name in the catalogue, or driver:NAME.
-    label : str
-        A few words for a sentence.
-    channels : tuple of int
-        Those it acts on with the same θ: one, or several where it is shared.
-    source : str
-        "time", "temperature" or "motion": what it is a function of; "run_specific" for what each run has its own of.
-    grid : int
-        How many hypotheses of this effect there are on the channel: what choosing among them costs.
+    `effect`: name in the catalogue, or driver:NAME.
+    `label`: a few words for a sentence.
+    `channels`: those it acts on with the same θ: one, or several where it is shared.
+    `source`: "time", "temperature" or "motion": what it is a function of; "run_specific" for what each run has its own
+      of.
+    `grid`: how many hypotheses of this effect there are on the channel: what choosing among them costs.
     """
 
     @property

@@ -46,55 +46,29 @@ TRAILED = (*SENSED, "rate_norm")
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """Drivers at n instants of one run; instrument axes and sign, SI. Of a still unit, rows may stand for all.
+    """Drivers at n instants of one run; instrument axes and sign, SI. Of a still unit, rows may stand for all."""
 
-    Attributes
-    ----------
-    t : Array
-        s since the run's first sample (its power-on), shape (n,).
-    x : Array
-        What a perfect unit reads, rad/s and m/s², shape (n, 6).
-    x_dot : Array
-        Its time derivative, shape (n, 6).
-    temperature, temperature_rate : Array
-        degC, K/s, shape (n,); NaN where there is none.
-    lagged : Array
-        T_tau for `LAGS`, following T from equality at the start, degC, shape (n, LAGS).
-    plays : Array
-        For each of `BANKS` the mean of `PLAYS` play operators over the width; they follow T from the start's
-        temperature with half-widths 1 … 6 sixths of the width; shape (n, BANKS).
-    spin : Array
-        Earth rate as the gyros see it, rad/s, shape (n, 3).
-    horizontal : Array
-        Reading of the accelerometers per rad of tilt of the base about north and about east, m/s², shape (n, 3, 2).
-    centripetal : Array
-        Reading of the accelerometers per m of lever arm along instrument x, y, z, 1/s², shape (n, 3, 3).
-    angles, rates : Array
-        Rotations of the table, rad (unwrapped), and rad/s, shape (n, 3).
-    table_accel : Array
-        Norm of the derivative of `rates`, rad/s², shape (n,).
-    since_motion : Array
-        s since the table last moved (since the start if it never did), shape (n,).
-    direction : Array
-        Sign of the last motion of each axis, 0 before the first, shape (n, 3).
-    trail : Array
-        `TRAILED` behind by each of `TRAILS`, from equality at the start, rad/s and m/s², shape (n, TRAILED, TRAILS);
-        NaN where the past motion is not known.
-    """
-
-    t: Array
-    x: Array
-    x_dot: Array
+    t: Array  # s since the run's first sample (its power-on), shape (n,)
+    x: Array  # what a perfect unit reads, rad/s and m/s², shape (n, 6)
+    x_dot: Array  # its time derivative, shape (n, 6)
+    # temperature, temperature_rate: degC, K/s, shape (n,); NaN where there is none
     temperature: Array
     temperature_rate: Array
-    lagged: Array
+    lagged: Array  # T_tau for `LAGS`, following T from equality at the start, degC, shape (n, LAGS)
+    # for each of `BANKS` the mean of `PLAYS` play operators over the width; they follow T from the start's temperature
+    # with half-widths 1 … 6 sixths of the width; shape (n, BANKS)
     plays: Array
-    spin: Array
+    spin: Array  # Earth rate as the gyros see it, rad/s, shape (n, 3)
+    # reading of the accelerometers per rad of tilt of the base about north and about east, m/s², shape (n, 3, 2)
     horizontal: Array
+    # reading of the accelerometers per m of lever arm along instrument x, y, z, 1/s², shape (n, 3, 3)
     centripetal: Array
+    # angles, rates: rotations of the table, rad (unwrapped), and rad/s, shape (n, 3)
     angles: Array
     rates: Array
-    table_accel: Array
-    since_motion: Array
-    direction: Array
+    table_accel: Array  # norm of the derivative of `rates`, rad/s², shape (n,)
+    since_motion: Array  # s since the table last moved (since the start if it never did), shape (n,)
+    direction: Array  # sign of the last motion of each axis, 0 before the first, shape (n, 3)
+    # `TRAILED` behind by each of `TRAILS`, from equality at the start, rad/s and m/s², shape (n, TRAILED, TRAILS); NaN
+    # where the past motion is not known
     trail: Array

@@ -37,30 +37,15 @@ _LONG = spectra.SEGMENT
 
 @dataclass(frozen=True, slots=True)
 class SpectralLine:
-    """A line, or several that belong together.
+    """A line, or several that belong together."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Of gx, gy, gz, ax, ay, az: where it was found.
-    hz : float
-        Its frequency, the centre of a narrow band, or the lowest of a periodic waveform.
-    width_hz : float
-        Of a narrow band, or what a line that wanders goes through; 0 of one that is no wider than its runs are short.
-    rms : Array
-        In each channel, of all harmonics, rad/s and m/s², shape (6,); 0 where it was not found.
-    harmonics : tuple of int
-        Multiples of `hz` that were found, 1 first.
-    wanders : bool
-        Whether it is one line whose frequency moves through the band, to be followed in each run.
-    """
-
-    channels: tuple[str, ...]
-    hz: float
+    channels: tuple[str, ...]  # of gx, gy, gz, ax, ay, az: where it was found
+    hz: float  # its frequency, the centre of a narrow band, or the lowest of a periodic waveform
+    # of a narrow band, or what a line that wanders goes through; 0 of one that is no wider than its runs are short
     width_hz: float
-    rms: Array
-    harmonics: tuple[int, ...] = (1,)
-    wanders: bool = False
+    rms: Array  # in each channel, of all harmonics, rad/s and m/s², shape (6,); 0 where it was not found
+    harmonics: tuple[int, ...] = (1,)  # multiples of `hz` that were found, 1 first
+    wanders: bool = False  # whether it is one line whose frequency moves through the band, to be followed in each run
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,18 +65,10 @@ def find(series: Sequence[tuple[float, Samples]], barred: NDArray[np.bool_] | No
     Σ over runs of 2 K P / level, P the mean of K Hann periodograms, is χ² of 2 Σ K degrees of freedom where there is
     only noise; the threshold has probability 1e-3 over all bins and channels.
 
-    Parameters
-    ----------
-    series : sequence of (float, Array)
-        Of each run: samples a second, (N - 1) / (t_end - t_0); residual, rad/s and m/s², shape (N, 6), NaN where
-        flagged.
-    barred : bool array or None
-        Where no line is sought, shape (6, M): bin k at k times `spectra.spacing` of the runs.
-
-    Returns
-    -------
-    list of SpectralLine
-        Strongest first, at most `MOST` a channel before harmonics are put together.
+    `series`: of each run: samples a second, (N - 1) / (t_end - t_0); residual, rad/s and m/s², shape (N, 6), NaN where
+      flagged.
+    `barred`: where no line is sought, shape (6, M): bin k at k times `spectra.spacing` of the runs.
+    Returns strongest first, at most `MOST` a channel before harmonics are put together.
     """
     runs = spectra.usable(series)
     if not runs:
@@ -118,19 +95,10 @@ def removed(line_list: Sequence[SpectralLine], fs: float, residual: Array) -> Ar
     A sine of any amplitude and phase for each 2^17 samples; of a narrow band one whose amplitude and phase follow
     within the band's width; of a line that wanders one along its way through this run, which is sought anew.
 
-    Parameters
-    ----------
-    line_list : sequence of SpectralLine
-        From `find`.
-    fs : float
-        Samples a second.
-    residual : Array
-        Shape (N, 6); NaN stays NaN.
-
-    Returns
-    -------
-    Array
-        Shape (N, 6).
+    `line_list`: from `find`.
+    `fs`: samples a second.
+    `residual`: shape (N, 6); NaN stays NaN.
+    Returns shape (N, 6).
     """
     out = residual.copy()
     for line in (line for line in line_list if line.wanders):

@@ -41,51 +41,24 @@ _TAPER = 0.1
 
 @dataclass(frozen=True, slots=True)
 class BandLimit:
-    """Noise whose colour is not the expected one.
-
-    Attributes
-    ----------
-    channel : str
-    hz : float
-        -3 dB frequency of the first-order limit that fits best; inf for white noise.
-    sd_hz : float
-        Its standard deviation; inf where `hz` is.
-    spec_hz : float
-        What was expected; inf for white noise.
-    ratio : float
-        Density at low frequencies over that at half the (first run's) sampling rate, ((1 + p) / (1 - p))².
-    score : float
-        Drop of χ² from what was expected.
-    """
+    """Noise whose colour is not the expected one."""
 
     channel: str
-    hz: float
-    sd_hz: float
-    spec_hz: float
-    ratio: float
-    score: float
+    hz: float  # -3 dB frequency of the first-order limit that fits best; inf for white noise
+    sd_hz: float  # its standard deviation; inf where `hz` is
+    spec_hz: float  # what was expected; inf for white noise
+    ratio: float  # density at low frequencies over that at half the (first run's) sampling rate, ((1 + p) / (1 - p))²
+    score: float  # drop of χ² from what was expected
 
 
 @dataclass(frozen=True, slots=True)
 class Crosstalk:
-    """Two channels whose fast noise is correlated.
+    """Two channels whose fast noise is correlated."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Two.
-    correlation : float
-        ρ of the noise, made white in each channel.
-    sd : float
-        Of ρ, were there none.
-    z : float
-        Fisher's, in standard deviations.
-    """
-
-    channels: tuple[str, str]
-    correlation: float
-    sd: float
-    z: float
+    channels: tuple[str, str]  # two
+    correlation: float  # ρ of the noise, made white in each channel
+    sd: float  # of ρ, were there none
+    z: float  # fisher's, in standard deviations
 
 
 # ------------------------------------------------------------------------------------------------------- band limit
@@ -97,17 +70,10 @@ def bandwidth(series: Sequence[tuple[float, Samples]], spec_hz: Array | None) ->
     ln P(f) = ln A_run + ln ∣H(f)∣², ∣H∣² = (1 - p)² / (1 - 2 p cos(2π f / fs) + p²), p = exp(-2π hz / fs), is fitted to
     levels of stretches of the spectra by weighted least squares. The filter has gain 1 at zero frequency.
 
-    Parameters
-    ----------
-    series : sequence of (float, Array)
-        Of each run: samples a second; residual, rad/s and m/s², shape (N, 6), NaN where flagged.
-    spec_hz : Array or None
-        -3 dB frequencies expected, shape (6,); 0 or inf for white noise, NaN for a channel that is not to be looked at.
-
-    Returns
-    -------
-    list of BandLimit
-        Only where χ² drops by more than `SIGNIFICANT` and densities' ratio is `RATIO` times another.
+    `series`: of each run: samples a second; residual, rad/s and m/s², shape (N, 6), NaN where flagged.
+    `spec_hz`: -3 dB frequencies expected, shape (6,); 0 or inf for white noise, NaN for a channel that is not to be
+      looked at.
+    Returns only where χ² drops by more than `SIGNIFICANT` and densities' ratio is `RATIO` times another.
     """
     runs = spectra.usable(series)
     expected = np.full(len(CHANNELS), np.inf) if spec_hz is None else np.where(spec_hz == 0.0, np.inf, spec_hz)
@@ -205,15 +171,8 @@ def crosstalk(series: Sequence[tuple[float, Samples]]) -> list[Crosstalk]:
     ρ = Re Σ X_a X_b* / √(Σ ∣X_a∣² Σ ∣X_b∣²) over M frequencies above drifts, X the Fourier transform over the root of
     its level: the correlation of high-passed noise made white. z = artanh(ρ) √(2M).
 
-    Parameters
-    ----------
-    series : sequence of (float, Array)
-        As for `bandwidth`.
-
-    Returns
-    -------
-    list of Crosstalk
-        Where ∣z∣ > 5.5, largest first.
+    `series`: as for `bandwidth`.
+    Returns where ∣z∣ > 5.5, largest first.
     """
     product, count = np.zeros((len(CHANNELS), len(CHANNELS))), 0.0
     for fs, x in spectra.usable(series):
@@ -266,22 +225,10 @@ def variance_ratio(whitened: Array, scales: Sequence[int]) -> list[tuple[int, fl
     effective degrees of freedom of the lower tail; the upper has a shifted χ² of the same skewness too, for the few
     largest λ make it heavier.
 
-    Parameters
-    ----------
-    whitened : Array
-        Mean 0, shape (n,); NaN, where there is none, is left out.
-    scales : sequence of int
-        m; those above a quarter of the values are left out.
-
-    Returns
-    -------
-    list of (int, float, float)
-        m, ratio, two-sided probability.
-
-    Raises
-    ------
-    ValueError
-        If a scale is below 1.
+    `whitened`: mean 0, shape (n,); NaN, where there is none, is left out.
+    `scales`: m; those above a quarter of the values are left out.
+    Returns m, ratio, two-sided probability.
+    Raises ValueError if a scale is below 1.
 
     References
     ----------

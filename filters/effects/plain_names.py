@@ -77,10 +77,7 @@ _PARAMETERS = {
 def driver(name: str) -> str:
     """A driver in words; a product as one of two.
 
-    Parameters
-    ----------
-    name : str
-        As in `driver:NAME`.
+    `name`: as in `driver:NAME`.
     """
     if "*" in name:
         a, b = name.split("*", 1)

@@ -30,17 +30,9 @@ def lattice(x: Array, lsb: float | None = None) -> float:
     Sorted distinct values of a lattice are whole multiples of one step apart. A lattice that went through counts of
     `lsb` has each value off by up to half of one.
 
-    Parameters
-    ----------
-    x : Array
-        Readings, shape (N,); of many, some 65 000 are looked at.
-    lsb : float or None
-        Size of a count, unit of x.
-
-    Returns
-    -------
-    float
-        Unit of x.
+    `x`: readings, shape (N,); of many, some 65 000 are looked at.
+    `lsb`: size of a count, unit of x.
+    Returns unit of x.
     """
     some = x[:: max(1, x.size // _MOST)]
     if not some.size:
@@ -73,19 +65,10 @@ def scales(x: Array, width: int, order: int = 1) -> Array:
     σ² = ⟨(∇x)²⟩ / C(2·order, order): 2 for first differences, 6 for second. Of each window the largest tenth of the
     differences is left out, so that spikes and steps do not count.
 
-    Parameters
-    ----------
-    x : Array
-        Readings or residuals, shape (N,); NaN only where a whole window may have it.
-    width : int
-        Differences in a window.
-    order : int
-        Of the differences.
-
-    Returns
-    -------
-    Array
-        Unit of x, shape (max(1, N' // width),), N' the number of differences.
+    `x`: readings or residuals, shape (N,); NaN only where a whole window may have it.
+    `width`: differences in a window.
+    `order`: of the differences.
+    Returns unit of x, shape (max(1, N' // width),), N' the number of differences.
     """
     count = max(0, x.size - order)
     if count < width:

@@ -9,51 +9,28 @@ ShapeValue = float | str | list[float]
 
 @dataclass(frozen=True)
 class State:
-    """One extra state of the filter.
+    """One extra state of the filter."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Of the parameter, as reported.
-    mean, sd : float
-        In that unit.
-    tau_s : float
-        Time constant, infinity for a constant.
-    q : float
-        Noise density, unit/√s.
-    """
-
+    # name, unit: of the parameter, as reported
     name: str
     unit: str
+    # mean, sd: in that unit
     mean: float
     sd: float
-    tau_s: float = float("inf")
-    q: float = 0.0
+    tau_s: float = float("inf")  # time constant, infinity for a constant
+    q: float = 0.0  # noise density, unit/√s
 
 
 @dataclass(frozen=True)
 class Included:
-    """An effect that joins the filter.
+    """An effect that joins the filter."""
 
-    Attributes
-    ----------
-    effect : str
-        Name in the catalogue, or driver:NAME.
-    channels : tuple of str
-        Which it acts on, instrument axes.
-    include_as : str
-        A extra constant states, S stochastic states, N noise, P pre-filter.
-    parameters : dict of ShapeValue
-        What fixes its shape, SI or as named: time constants, knots, ….
-    states : tuple of State
-        In order.
-    """
-
-    effect: str
-    channels: tuple[str, ...]
-    include_as: str
+    effect: str  # name in the catalogue, or driver:NAME
+    channels: tuple[str, ...]  # which it acts on, instrument axes
+    include_as: str  # a extra constant states, S stochastic states, N noise, P pre-filter
+    # what fixes its shape, SI or as named: time constants, knots, …
     parameters: dict[str, ShapeValue] = field(default_factory=dict)
-    states: tuple[State, ...] = ()
+    states: tuple[State, ...] = ()  # in order
 
     def number(self, name: str, default: float | None = None) -> float:
         """A parameter that is a number; ValueError if it is none."""
@@ -67,10 +44,7 @@ class Included:
 def number_of(shape: Mapping[str, ShapeValue], name: str, default: float | None = None) -> float:
     """A number among what fixes a shape.
 
-    Raises
-    ------
-    ValueError
-        If it is missing and has no default, or is no number.
+    Raises ValueError if it is missing and has no default, or is no number.
     """
     value = shape.get(name, default)
     if not isinstance(value, int | float):
@@ -81,10 +55,7 @@ def number_of(shape: Mapping[str, ShapeValue], name: str, default: float | None 
 def numbers_of(shape: Mapping[str, ShapeValue], name: str) -> list[float]:
     """A list of numbers among what fixes a shape.
 
-    Raises
-    ------
-    ValueError
-        If it is missing, or is no list.
+    Raises ValueError if it is missing, or is no list.
     """
     value = shape.get(name)
     if not isinstance(value, list):

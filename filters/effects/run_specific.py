@@ -94,25 +94,12 @@ class Telegraph(RunSpecific):
 def tone(channel: int, white: Array, t: Array, starts: NDArray[np.int_], period: float, most_hz: float) -> Tone | None:
     """The strongest tone below `most_hz`: sum of the runs' periodograms, refined on a finer grid.
 
-    Parameters
-    ----------
-    channel : int
-        Where.
-    white : Array
-        Whitened residual, shape (n,).
-    t : Array
-        s, shape (n,).
-    starts : integer array
-        First row of each run.
-    period : float
-        Of a row, s.
-    most_hz : float
-        Above it nothing is sought.
-
-    Returns
-    -------
-    Tone or None
-        None if the runs are too short.
+    `white`: whitened residual, shape (n,).
+    `t`: s, shape (n,).
+    `starts`: first row of each run.
+    `period`: of a row, s.
+    `most_hz`: above it nothing is sought.
+    Returns none if the runs are too short.
     """
     parts = np.split(np.arange(t.size), starts[1:])
     longest = int(max(part.size for part in parts))
@@ -150,20 +137,10 @@ def _power(hz: float, white: Array, t: Array, parts: list[NDArray[np.int_]]) -> 
 def step(channel: int, white: Array, basis: Array, t: Array, starts: NDArray[np.int_]) -> Step | None:
     """The best step, for a bias that is constant but for it.
 
-    Parameters
-    ----------
-    channel : int
-        Where.
-    white : Array
-        Residual over its standard deviation less each run's mean, with the fit of what is selected taken off; (n,).
-    basis : Array
-        Orthonormal basis of the selected columns, whitened, shape (n, s).
-    t, starts : Array
-        Time, s, and first row of each run.
-
-    Returns
-    -------
-    Step or None
+    `white`: residual over its standard deviation less each run's mean, with the fit of what is selected taken off;
+      (n,).
+    `basis`: orthonormal basis of the selected columns, whitened, shape (n, s).
+    `t`, `starts`: time, s, and first row of each run.
     """
     ends = np.append(starts[1:], t.size)
     parts = []
@@ -214,21 +191,10 @@ def _tail(x: Array) -> Array:
 def telegraph(channel: int, r: Array, sd: Array, starts: NDArray[np.int_]) -> Telegraph | None:
     """Two levels by Viterbi: the levels and the sequence in turns, a price on each switch.
 
-    Parameters
-    ----------
-    channel : int
-        Where.
-    r : Array
-        Residual under what is selected, SI, shape (n,).
-    sd : Array
-        Of each row, infinite without data.
-    starts : integer array
-        First row of each run.
-
-    Returns
-    -------
-    Telegraph or None
-        None with fewer than three switches.
+    `r`: residual under what is selected, SI, shape (n,).
+    `sd`: of each row, infinite without data.
+    `starts`: first row of each run.
+    Returns none with fewer than three switches.
     """
     use = np.isfinite(sd)
     if use.sum() < 64:

@@ -57,23 +57,12 @@ class _Part:
 class CausalEffects:
     """Effects of one run, `filters.kalman.augmentation.Effects`.
 
-    Parameters
-    ----------
-    included : sequence of Included
-        What a trace found.
-    correlation : Array
-        Of all states in order, shape (p, p).
-    axes : AxisMap
-        Sign and mounting of the unit.
-    site : Site
-        Where it stands.
-    period : float
-        Of the samples, s.
-
-    Raises
-    ------
-    ValueError
-        If an effect is not known, or can't be had from the past alone; the message names it.
+    `included`: what a trace found.
+    `correlation`: of all states in order, shape (p, p).
+    `axes`: sign and mounting of the unit.
+    `site`: where it stands.
+    `period`: of the samples, s.
+    Raises ValueError if an effect is not known, or can't be had from the past alone; the message names it.
     """
 
     def __init__(
@@ -107,10 +96,7 @@ class CausalEffects:
     def restore(self, memory: str) -> None:
         """Go on from what the effects of the file before remembered, before the first sample is shown.
 
-        Raises
-        ------
-        ValueError
-            If the text is none that `memory` gave.
+        Raises ValueError if the text is none that `memory` gave.
         """
         self._thermal.restore(memory)
 

@@ -31,21 +31,12 @@ _NARROW, _WIDE = 32, 512  # bins of which one level is the median
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Mean density of one channel in one run, and the level it stands on.
+    """Mean density of one channel in one run, and the level it stands on."""
 
-    Attributes
-    ----------
-    density : Array
-        One-sided, unit²/Hz, shape (M,), bin k at k times the grid's spacing; up to the run's own Nyquist frequency.
-    level : Array
-        The running median's mean, unit²/Hz, shape (M,).
-    averaged : float
-        Independent segments in the mean.
-    """
-
+    # one-sided, unit²/Hz, shape (M,), bin k at k times the grid's spacing; up to the run's own Nyquist frequency
     density: Array
-    level: Array
-    averaged: float
+    level: Array  # the running median's mean, unit²/Hz, shape (M,)
+    averaged: float  # independent segments in the mean
 
 
 class Samples(Protocol):
@@ -75,19 +66,10 @@ def spacing(series: Sequence[tuple[float, Samples]]) -> float:
 def segments(x: Array, fs: float, hz: float) -> Iterator[Array]:
     """Stretches of one channel, half overlapping, of the duration 1 / `hz`, or all of a shorter run; gaps are 0.
 
-    Parameters
-    ----------
-    x : Array
-        Residual, shape (N,), NaN where there is none.
-    fs : float
-        Samples a second.
-    hz : float
-        Spacing of the grid.
-
-    Yields
-    ------
-    Array
-        Without mean, shape (n,).
+    `x`: residual, shape (N,), NaN where there is none.
+    `fs`: samples a second.
+    `hz`: spacing of the grid.
+    Yields without mean, shape (n,).
     """
     length = min(x.shape[0], round(fs / hz))
     for first in range(0, x.shape[0] - length + 1, max(1, length // 2)):
@@ -102,19 +84,10 @@ def spectrum(x: Array, fs: float, hz: float) -> Spectrum | None:
 
     P(f) = 2 ∣Σ w x exp(-2πi f t)∣² / (fs Σ w²), sums over the samples that there are.
 
-    Parameters
-    ----------
-    x : Array
-        Residual of one channel in one run, shape (N,), NaN where there is none.
-    fs : float
-        Samples a second.
-    hz : float
-        Spacing of the grid.
-
-    Returns
-    -------
-    Spectrum or None
-        None without a stretch that has more than half of its samples, or without variance.
+    `x`: residual of one channel in one run, shape (N,), NaN where there is none.
+    `fs`: samples a second.
+    `hz`: spacing of the grid.
+    Returns none without a stretch that has more than half of its samples, or without variance.
     """
     mean, count = _mean_periodogram(x, fs, hz)
     if mean is None:
@@ -143,19 +116,10 @@ def _mean_periodogram(x: Array, fs: float, hz: float) -> tuple[Array | None, int
 def level(density: Array, averaged: float, first: int) -> Array:
     """What a density stands on: medians of stretches of bins, joined by straight lines of the logarithm.
 
-    Parameters
-    ----------
-    density : Array
-        Shape (M,).
-    averaged : float
-        Independent periodograms in it: median over mean is that of a gamma distribution of this shape.
-    first : int
-        Bin that counts from; below it the level is the first stretch's.
-
-    Returns
-    -------
-    Array
-        Shape (M,).
+    `density`: shape (M,).
+    `averaged`: independent periodograms in it: median over mean is that of a gamma distribution of this shape.
+    `first`: bin that counts from; below it the level is the first stretch's.
+    Returns shape (M,).
     """
     centres, medians = bands(density, averaged, first)
     if not centres.size:

@@ -48,13 +48,8 @@ def _off_neighbours(e: Array) -> Array:
 def faults(channel: ChannelReadings, spikes: Flags, sizes: Array, sd: Array) -> list[DataFault]:
     """What is told of a channel's spikes.
 
-    Parameters
-    ----------
-    channel : ChannelReadings
-    spikes : boolean array
-        Which readings they are, shape (N,).
-    sizes, sd : Array
-        Distance of each spike from its neighbours and the noise there, SI, shape (spikes,).
+    `spikes`: which readings they are, shape (N,).
+    `sizes`, `sd`: distance of each spike from its neighbours and the noise there, SI, shape (spikes,).
     """
     if not sizes.size:
         return []

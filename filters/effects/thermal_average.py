@@ -35,12 +35,8 @@ _LEADING = ("thermal_lin", "thermal_poly", "thermal_lag", "hysteresis")
 def columns(T: Array, lagged: Array, plays: Array, low: float, high: float) -> list[Array]:
     """All columns that forms are made of: curve, lags, plays; each of shape (n,), without unit.
 
-    Parameters
-    ----------
-    T, lagged, plays : Array
-        As in `Inputs`, shapes (n,), (n, LAGS), (n, BANKS).
-    low, high : float
-        Range of temperature in training, degC.
+    `T`, `lagged`, `plays`: as in `Inputs`, shapes (n,), (n, LAGS), (n, BANKS).
+    `low`, `high`: range of temperature in training, degC.
     """
     half = 0.5 * (high - low)
     u = (T - 0.5 * (low + high)) / half
@@ -53,21 +49,13 @@ def columns(T: Array, lagged: Array, plays: Array, low: float, high: float) -> l
 
 @dataclass(frozen=True)
 class ThermalAverage(ChannelEffect):
-    """The average of thermal forms on a channel.
+    """The average of thermal forms on a channel."""
 
-    Attributes
-    ----------
-    leading : str
-        Effect of the form with the most evidence.
-    low, high : float
-        Range of temperature in training, degC.
-    curves : tuple of tuple of float
-        What each of `columns` is multiplied with, in the channel's unit of error: of the mean, then of each spread.
-    """
-
-    leading: str = "thermal_poly"
+    leading: str = "thermal_poly"  # effect of the form with the most evidence
+    # low, high: range of temperature in training, degC
     low: float = 0.0
     high: float = 1.0
+    # what each of `columns` is multiplied with, in the channel's unit of error: of the mean, then of each spread
     curves: tuple[tuple[float, ...], ...] = ()
 
     @property
@@ -128,10 +116,7 @@ class ThermalAverage(ChannelEffect):
 def from_file(effect: str, channel: int, shape: Mapping[str, ShapeValue]) -> ThermalAverage:
     """An average as `coefficients` wrote it.
 
-    Raises
-    ------
-    ValueError
-        If something is missing, or is none of the time constants, widths and starts that there are.
+    Raises ValueError if something is missing, or is none of the time constants, widths and starts that there are.
     """
     if effect not in _LEADING:
         raise ValueError(f'"{effect}" can\'t be an average; these can: {", ".join(_LEADING)}')

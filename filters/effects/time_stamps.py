@@ -22,27 +22,13 @@ _STAYS = 0.6  # of a gap: what is lost stays lost, a late burst makes up for it
 
 @dataclass(frozen=True, slots=True)
 class StampQuality:
-    """What the stamps of a run are like.
+    """What the stamps of a run are like."""
 
-    Attributes
-    ----------
-    period : float
-        Between readings, s.
-    jitter : float
-        Standard deviation of a stamp's error, s.
-    bursts : bool
-        Whether readings arrive several at once.
-    gaps : integer array
-        Numbers of the readings before a gap.
-    off : integer array
-        Numbers of the readings before a step that is off and no gap.
-    """
-
-    period: float
-    jitter: float
-    bursts: bool
-    gaps: NDArray[np.intp]
-    off: NDArray[np.intp]
+    period: float  # between readings, s
+    jitter: float  # standard deviation of a stamp's error, s
+    bursts: bool  # whether readings arrive several at once
+    gaps: NDArray[np.intp]  # numbers of the readings before a gap
+    off: NDArray[np.intp]  # numbers of the readings before a step that is off and no gap
 
     @property
     def is_off(self) -> bool:
@@ -58,14 +44,7 @@ def analyse(t: Array) -> StampQuality:
     stamps are of arrival in bursts, it is the median over 1000 readings, and a gap is one only if what follows stays
     late.
 
-    Parameters
-    ----------
-    t : Array
-        s, shape (N,), N ≥ 3.
-
-    Returns
-    -------
-    StampQuality
+    `t`: s, shape (N,), N ≥ 3.
     """
     step = np.diff(t)
     period, bursts = _period(t, step)

@@ -38,24 +38,12 @@ _LN2 = float(np.log(2.0))
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Frequency of a line in a run.
+    """Frequency of a line in a run."""
 
-    Attributes
-    ----------
-    t : Array
-        Middle of each stretch, s since the first sample, shape (S,).
-    hz : Array
-        Shape (S,).
-    window_s : float
-        Length of a stretch.
-    channels : tuple of int
-        In which it was found.
-    """
-
-    t: Array
-    hz: Array
-    window_s: float
-    channels: tuple[int, ...]
+    t: Array  # middle of each stretch, s since the first sample, shape (S,)
+    hz: Array  # shape (S,)
+    window_s: float  # length of a stretch
+    channels: tuple[int, ...]  # in which it was found
 
     @property
     def low(self) -> float:
@@ -81,20 +69,10 @@ class _Stretches:
 def find(fs: float, x: Array, barred: NDArray[np.bool_] | None = None, spacing: float = 1.0) -> list[Track]:
     """Wandering lines of one run.
 
-    Parameters
-    ----------
-    fs : float
-        Samples a second.
-    x : Array
-        Residual, shape (N, C), NaN where there is none.
-    barred : bool array or None
-        Where none is sought, shape (C, M), bin k at k times `spacing`, Hz.
-    spacing : float
-        See `barred`.
-
-    Returns
-    -------
-    list of Track
+    `fs`: samples a second.
+    `x`: residual, shape (N, C), NaN where there is none.
+    `barred`: where none is sought, shape (C, M), bin k at k times `spacing`, Hz.
+    `spacing`: see `barred`.
     """
     if x.shape[0] > MOST_SAMPLES:
         return []

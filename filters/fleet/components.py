@@ -38,79 +38,43 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A standard deviation between units, or between power-ons.
+    """A standard deviation between units, or between power-ons."""
 
-    Attributes
-    ----------
-    sd : float
-        Restricted maximum likelihood.
-    low, high : float
-        Ends of the interval that holds 95 %; `low` is 0 where the component is not told from none.
-    dof : int
-        Degrees of freedom behind it: units less one, or power-ons less units.
-    """
-
-    sd: float
+    sd: float  # restricted maximum likelihood
+    # low, high: ends of the interval that holds 95 %; `low` is 0 where the component is not told from none
     low: float
     high: float
-    dof: int
+    dof: int  # degrees of freedom behind it: units less one, or power-ons less units
 
 
 @dataclass(frozen=True, slots=True)
 class UnitEstimate:
-    """Of one unit.
+    """Of one unit."""
 
-    Attributes
-    ----------
-    name : str
-        Its serial number.
-    power_ons : int
-        How many it has.
-    value : Estimate or None
-        The mean that its power-ons scatter about; None where no unit was switched on twice.
-    own : Estimate or None
-        The same less the model's value; None as above, and where there is only one unit.
-    """
-
-    name: str
-    power_ons: int
-    value: Estimate | None
-    own: Estimate | None
+    name: str  # its serial number
+    power_ons: int  # how many it has
+    value: Estimate | None  # the mean that its power-ons scatter about; None where no unit was switched on twice
+    own: Estimate | None  # the same less the model's value; None as above, and where there is only one unit
 
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A value of many units.
+    """A value of many units."""
 
-    Attributes
-    ----------
-    model : Estimate or None
-        Mean over all units that could be made; None of one unit.
-    between_units, between_power_ons : Component or None
-        Standard deviation of units about the model, and of power-ons about their unit; None where not determined.
-    together : Component or None
-        Of both at once, where each unit has one power-on only.
-    units : tuple of UnitEstimate
-        In the order of the data.
-    days : tuple of Estimate or None
-        b_ij of each power-on, in the order of the data; None where not determined.
-    """
-
-    model: Estimate | None
+    model: Estimate | None  # mean over all units that could be made; None of one unit
+    # between_units, between_power_ons: standard deviation of units about the model, and of power-ons about their unit;
+    # None where not determined
     between_units: Component | None
     between_power_ons: Component | None
-    together: Component | None
-    units: tuple[UnitEstimate, ...]
-    days: tuple[Estimate, ...] | None
+    together: Component | None  # of both at once, where each unit has one power-on only
+    units: tuple[UnitEstimate, ...]  # in the order of the data
+    days: tuple[Estimate, ...] | None  # b_ij of each power-on, in the order of the data; None where not determined
 
 
 def estimate(data: PowerOns) -> Fleet:
     """Parts of a value, as far as they are determined.
 
-    Parameters
-    ----------
-    data : PowerOns
-        Values with known variances, of one model of instrument.
+    `data`: values with known variances, of one model of instrument.
     """
     units, repeated = len(data.units), data.values.size > len(data.units)
     if units == 1 and not repeated:

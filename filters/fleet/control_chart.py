@@ -34,35 +34,21 @@ _LEAST_DOF = 3
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Charts of all units of a model, for one channel.
+    """Charts of all units of a model, for one channel."""
 
-    Attributes
-    ----------
-    power_on_sd : float
-        σ_p of what is in control.
-    dof : int
-        Degrees of freedom behind it.
-    centres, low, high : Array
-        Of each power-on, shape (P,); NaN for a unit with one power-on only.
-    outside : NDArray of bool
-        Which power-ons are out, shape (P,).
-    """
-
-    power_on_sd: float
-    dof: int
+    power_on_sd: float  # σ_p of what is in control
+    dof: int  # degrees of freedom behind it
+    # centres, low, high: of each power-on, shape (P,); NaN for a unit with one power-on only
     centres: Array
     low: Array
     high: Array
-    outside: NDArray[np.bool_]
+    outside: NDArray[np.bool_]  # which power-ons are out, shape (P,)
 
 
 def chart(data: PowerOns) -> Chart | None:
     """Chart of units' power-ons; None where fewer than three degrees of freedom are behind a scatter.
 
-    Parameters
-    ----------
-    data : PowerOns
-        Values with known variances, of one model of instrument.
+    `data`: values with known variances, of one model of instrument.
     """
     several = data.counts[data.unit_of()] > 1
     kept = several.copy()

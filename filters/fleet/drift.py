@@ -27,49 +27,29 @@ _CLOSE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A unit's values over time.
+    """A unit's values over time."""
 
-    Attributes
-    ----------
-    y, variances : Array
-        One value a power-on and its variance of measurement, shape (J,).
-    t : Array
-        When, in any unit, shape (J,).
-    temperature : Array or None
-        degC, shape (J,); None where it is not known of each.
-    """
-
+    # y, variances: one value a power-on and its variance of measurement, shape (J,)
     y: Array
     variances: Array
-    t: Array
-    temperature: Array | None
+    t: Array  # when, in any unit, shape (J,)
+    temperature: Array | None  # degC, shape (J,); None where it is not known of each
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Whether a unit drifts.
+    """Whether a unit drifts."""
 
-    Attributes
-    ----------
-    verdict : str
-        "drift", "temperature" (it follows temperature, and time explains nothing beside it), "drift_or_temperature"
-        (values change, and time and temperature changed together: not told apart), "none", "too_few".
-    slope : Estimate or None
-        Value a unit of time; beside temperature where `per_kelvin` is there.
-    p, p_holm : float or None
-        Probability of such a slope by chance, and corrected for all tests.
-    per_kelvin : Estimate or None
-        Value a kelvin; None where temperature is not known, varies by less than 1 K, or power-ons are too few.
-    alone : Estimate or None
-        Slope as if temperature did nothing.
-    """
-
+    # "drift", "temperature" (it follows temperature, and time explains nothing beside it), "drift_or_temperature"
+    # (values change, and time and temperature changed together: not told apart), "none", "too_few"
     verdict: Verdict
-    slope: Estimate | None = None
+    slope: Estimate | None = None  # value a unit of time; beside temperature where `per_kelvin` is there
+    # p, p_holm: probability of such a slope by chance, and corrected for all tests
     p: float | None = None
     p_holm: float | None = None
+    # value a kelvin; None where temperature is not known, varies by less than 1 K, or power-ons are too few
     per_kelvin: Estimate | None = None
-    alone: Estimate | None = None
+    alone: Estimate | None = None  # slope as if temperature did nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +66,7 @@ class _Fit:
 def drifts(groups: Sequence[Sequence[Course]]) -> list[list[Drift]]:
     """Drift of each unit in each group, corrected over all of them.
 
-    Parameters
-    ----------
-    groups : sequence of sequences of Course
-        Units that share a scatter between power-ons: those of one model and one channel.
+    `groups`: units that share a scatter between power-ons: those of one model and one channel.
     """
     fits = [fit for group in groups for fit in _fits(group)]
     time = _corrected([fit.time for fit in fits])

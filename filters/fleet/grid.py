@@ -26,18 +26,10 @@ Density = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Points and their shares.
+    """Points and their shares."""
 
-    Attributes
-    ----------
-    sds : Array
-        Standard deviations, shape (G, axes).
-    weights : Array
-        Shape (G,), of sum 1.
-    """
-
-    sds: Array
-    weights: Array
+    sds: Array  # standard deviations, shape (G, axes)
+    weights: Array  # shape (G,), of sum 1
 
     def quantiles(self, axis: int, probabilities: Array) -> Array:
         """Quantiles of the standard deviation of an axis, shape of `probabilities`."""
@@ -54,16 +46,10 @@ def integrate(density: Density, low: float, high: float, axes: int, size: int) -
     The grid is laid anew, several times, over the box that holds all but e⁻¹⁷ of the greatest density. Points with
     less than a millionth of the greatest weight are left out.
 
-    Parameters
-    ----------
-    density : callable
-        Of the logarithms of standard deviations, given at standard deviations.
-    low, high : float
-        Range of standard deviations to look in, positive.
-    axes : int
-        1 or 2.
-    size : int
-        Values that the density is made of: a grid is finer where these are few.
+    `density`: of the logarithms of standard deviations, given at standard deviations.
+    `low`, `high`: range of standard deviations to look in, positive.
+    `axes`: 1 or 2.
+    `size`: values that the density is made of: a grid is finer where these are few.
     """
     box = np.log([[low, high]] * axes)
     coarse, fine = next((a, b) for most, a, b in _STEPS if size <= most)

@@ -21,37 +21,23 @@ from filters.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Conditional:
-    """What follows where both components are given, for G pairs of them.
+    """What follows where both components are given, for G pairs of them."""
 
-    Attributes
-    ----------
-    log_likelihood : Array
-        Restricted, shape (G,).
-    mean, mean_variance : Array
-        Of the model: μ̂ and c, shape (G,).
-    unit_means, unit_variances : Array
-        m_i and 1/W_i, shape (G, U).
-    information : Array
-        Of σ_u² and σ_p²: I_uu, I_up, I_pp, shape (3, G).
-    """
-
-    log_likelihood: Array
+    log_likelihood: Array  # restricted, shape (G,)
+    # mean, mean_variance: of the model: μ̂ and c, shape (G,)
     mean: Array
     mean_variance: Array
+    # unit_means, unit_variances: m_i and 1/W_i, shape (G, U)
     unit_means: Array
     unit_variances: Array
-    information: Array
+    information: Array  # of σ_u² and σ_p²: I_uu, I_up, I_pp, shape (3, G)
 
 
 def conditional(data: PowerOns, unit_variance: Array, power_on_variance: Array) -> Conditional:
     """Likelihood, information, and means, at pairs of components.
 
-    Parameters
-    ----------
-    data : PowerOns
-        Values, P of them of U units.
-    unit_variance, power_on_variance : Array
-        σ_u² and σ_p², shape (G,), not negative.
+    `data`: values, P of them of U units.
+    `unit_variance`, `power_on_variance`: σ_u² and σ_p², shape (G,), not negative.
     """
     starts = data.starts
 

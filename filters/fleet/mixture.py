@@ -13,21 +13,13 @@ _PROBABILITIES = (0.025, float(ndtr(-1.0)), 0.5, float(ndtr(1.0)), 0.975)
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A value and how well it is known.
+    """A value and how well it is known."""
 
-    Attributes
-    ----------
-    value : float
-        Median.
-    sd : float
-        Half the interval that holds 68.3 %: the standard deviation of a normal distribution, and defined, too, where
-        few units make tails so long that none exists.
-    low, high : float
-        Ends of the interval that holds 95 %, wider than 2 · 1.96 sd where few units or power-ons are behind it.
-    """
-
-    value: float
+    value: float  # median
+    # half the interval that holds 68.3 %: the standard deviation of a normal distribution, and defined, too, where few
+    # units make tails so long that none exists
     sd: float
+    # low, high: ends of the interval that holds 95 %, wider than 2 · 1.96 sd where few units or power-ons are behind it
     low: float
     high: float
 
@@ -35,12 +27,8 @@ class Estimate:
 def estimates(weights: Array, means: Array, variances: Array) -> list[Estimate]:
     """Of each of K mixtures of G normal distributions.
 
-    Parameters
-    ----------
-    weights : Array
-        Shape (G,), of sum 1.
-    means, variances : Array
-        Shape (G, K); variances positive.
+    `weights`: shape (G,), of sum 1.
+    `means`, `variances`: shape (G, K); variances positive.
     """
     sds = np.sqrt(variances)
     found = np.stack([quantile(weights, means, sds, p) for p in _PROBABILITIES])

@@ -10,10 +10,7 @@ def holm(p: Array) -> Array:
 
     In rising order, p_(k) becomes the greatest of min(1, (n - l + 1) p_(l)) for l = 1 to k.
 
-    Parameters
-    ----------
-    p : Array
-        Shape (n,), each between 0 and 1.
+    `p`: shape (n,), each between 0 and 1.
 
     References
     ----------

@@ -15,49 +15,27 @@ _SURE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Repeatability:
-    """Whether logs of one power-on agree within their standard deviations.
+    """Whether logs of one power-on agree within their standard deviations."""
 
-    Attributes
-    ----------
-    chi2, dof, p : float
-        Sum of squared differences from the power-ons' means over their variances, its degrees of freedom, and the
-        probability of as much by chance.
-    scale : float
-        What all standard deviations were multiplied by: 1 unless p is below 0.01, then √(chi2/dof), as Birge's ratio.
-    """
-
+    # chi2, dof, p: sum of squared differences from the power-ons' means over their variances, its degrees of freedom,
+    # and the probability of as much by chance
     chi2: float
     dof: int
     p: float
+    # what all standard deviations were multiplied by: 1 unless p is below 0.01, then √(chi2/dof), as Birge's ratio
     scale: float
 
 
 @dataclass(frozen=True, slots=True)
 class PowerOns:
-    """One value a power-on, ordered by unit.
+    """One value a power-on, ordered by unit."""
 
-    Attributes
-    ----------
-    values : Array
-        Shape (P,).
-    variances : Array
-        Of the measurement alone, shape (P,), positive.
-    starts : NDArray
-        Where each unit begins, shape (U,).
-    units : tuple of str
-        Names, in this order, U of them.
-    names : tuple of str
-        Names of the power-ons, P of them.
-    repeat : Repeatability or None
-        None if no power-on has several logs.
-    """
-
-    values: Array
-    variances: Array
-    starts: NDArray[np.intp]
-    units: tuple[str, ...]
-    names: tuple[str, ...]
-    repeat: Repeatability | None = None
+    values: Array  # shape (P,)
+    variances: Array  # of the measurement alone, shape (P,), positive
+    starts: NDArray[np.intp]  # where each unit begins, shape (U,)
+    units: tuple[str, ...]  # names, in this order, U of them
+    names: tuple[str, ...]  # names of the power-ons, P of them
+    repeat: Repeatability | None = None  # none if no power-on has several logs
 
     @property
     def counts(self) -> NDArray[np.intp]:
@@ -77,17 +55,9 @@ class PowerOns:
 def power_ons(values: Array, sds: Array, units: Sequence[str], names: Sequence[str]) -> PowerOns:
     """Mean of each power-on's logs, weighted with 1/sd²; an sd of less than a millionth of the greatest counts as that.
 
-    Parameters
-    ----------
-    values, sds : Array
-        One of each log, shape (N,); N at least 1, all finite, `sds` positive.
-    units, names : sequence of str
-        Unit and power-on of each log. Power-ons of equal name are one only if of one unit.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, there is none, or a value or standard deviation is not as above.
+    `values`, `sds`: one of each log, shape (N,); N at least 1, all finite, `sds` positive.
+    `units`, `names`: unit and power-on of each log. Power-ons of equal name are one only if of one unit.
+    Raises ValueError if shapes differ, there is none, or a value or standard deviation is not as above.
     """
     if not values.size or not (values.shape == sds.shape == (len(units),) == (len(names),)):
         sizes = ", ".join(map(str, (values.size, sds.size, len(units), len(names))))

@@ -29,19 +29,12 @@ _UNLIKE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Values of a unit and what they are a line of.
+    """Values of a unit and what they are a line of."""
 
-    Attributes
-    ----------
-    y, variances : Array
-        Values and variances of measurement, shape (J,).
-    X : Array
-        Columns of full rank, shape (J, k), J at least k.
-    """
-
+    # y, variances: values and variances of measurement, shape (J,)
     y: Array
     variances: Array
-    X: Array
+    X: Array  # columns of full rank, shape (J, k), J at least k
 
     @property
     def dof(self) -> int:
@@ -73,10 +66,7 @@ def coefficients(lines: Sequence[Line]) -> list[tuple[Coefficient, ...] | None]:
 
     A unit that scatters about its line more than the common σ_p allows (p < 0.01) is judged by its own.
 
-    Parameters
-    ----------
-    lines : sequence of Line
-        One a unit.
+    `lines`: one a unit.
     """
     told = [line for line in lines if line.dof > 0]
     if not told:

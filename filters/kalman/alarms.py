@@ -78,16 +78,9 @@ def of_residuals(
 ) -> list[str]:
     """Sentences on readings that are off the reference by more than a bias can be.
 
-    Parameters
-    ----------
-    convergence : Convergence
-        With the mean raw residual; without one there is nothing to say.
-    spec : ImuSpec
-        Limits of the biases.
-    observable : tuple of bool
-        For the six biases, whether they can be told from attitude.
-    reference : str
-        Its name.
+    `convergence`: with the mean raw residual; without one there is nothing to say.
+    `spec`: limits of the biases.
+    `observable`: for the six biases, whether they can be told from attitude.
     """
     apparent = convergence.apparent
     out: list[str] = []

@@ -31,16 +31,10 @@ _ROUNDING = 1e-9
 class Effects(Protocol):
     """What joins the filter, for one run: an instance may remember what it was shown, such as a lagged temperature.
 
-    Attributes
-    ----------
-    names : tuple of str
-        One a state, for messages and results.
-    mean, covariance : Array
-        Of the states before the first sample, shapes (p,) and (p, p).
-    tau : Array
-        Time constants, s, shape (p,); infinity for what does not decay.
-    q : Array
-        Noise densities, unit of the state per √s, shape (p,); 0 for what is constant.
+    `names`: one a state, for messages and results.
+    `mean`, `covariance`: of the states before the first sample, shapes (p,) and (p, p).
+    `tau`: time constants, s, shape (p,); infinity for what does not decay.
+    `q`: noise densities, unit of the state per √s, shape (p,); 0 for what is constant.
     """
 
     @property
@@ -61,25 +55,14 @@ class Effects(Protocol):
 
         Causal, and the same to the last bit whether samples come one by one or many at once.
 
-        Parameters
-        ----------
-        t : Array
-            s since the first sample, shape (N,); each sample is shown once, in order.
-        gyro, accel : Array
-            Readings, rad/s and m/s², body axes, shape (N, 3).
-        temperature : Array
-            degC, shape (N,); NaN where it is not known.
-        known : Array
-            What the reference says of these samples, shape (N, 25), columns of `filters.motion.reference`.
-
-        Returns
-        -------
-        phi : Array
-            Regressor, shape (N, 6, p), accelerometer then gyro, body axes, SI; finite.
-        noise_scale : Array
-            Factor on the standard deviation of white noise, shape (N, 6), same order; finite, not negative.
-        use : bool array
-            Whether the sample is a reading, shape (N,); if not, the filter predicts through it.
+        `t`: s since the first sample, shape (N,); each sample is shown once, in order.
+        `gyro`, `accel`: readings, rad/s and m/s², body axes, shape (N, 3).
+        `temperature`: degC, shape (N,); NaN where it is not known.
+        `known`: what the reference says of these samples, shape (N, 25), columns of `filters.motion.reference`.
+        Returns `phi`, regressor, shape (N, 6, p), accelerometer then gyro, body axes, SI; finite.
+        Returns `noise_scale`, factor on the standard deviation of white noise, shape (N, 6), same order; finite, not
+          negative.
+        Returns `use`, whether the sample is a reading, shape (N,); if not, the filter predicts through it.
         """
         ...
 
@@ -91,10 +74,7 @@ MakeEffects = Callable[[], Effects]
 def check(effects: Effects) -> None:
     """Refuse effects whose numbers do not belong together.
 
-    Raises
-    ------
-    ValueError
-        Naming what is wrong.
+    Raises ValueError naming what is wrong.
     """
     p = len(effects.names)
     for name, value, shape in (
@@ -121,10 +101,7 @@ def check(effects: Effects) -> None:
 def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: NDArray[np.bool_]) -> None:
     """Refuse rows that no filter can use; samples that are not used may hold anything.
 
-    Raises
-    ------
-    ValueError
-        Naming the state and the time of the first one.
+    Raises ValueError naming the state and the time of the first one.
     """
     n, p = t.size, len(names)
     for name, value, shape in (("phi", phi, (n, 6, p)), ("noise_scale", scale, (n, 6)), ("use", use, (n,))):
@@ -148,21 +125,11 @@ def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: 
 
 @dataclass(frozen=True, slots=True)
 class Augmented:
-    """Estimate with extra states.
+    """Estimate with extra states."""
 
-    Attributes
-    ----------
-    nav : NavState
-        The 15 estimated quantities.
-    x : Array
-        The extra states, shape (p,).
-    P : Array
-        Covariance of all errors, shape (15 + p, 15 + p).
-    """
-
-    nav: NavState
-    x: Array
-    P: Array
+    nav: NavState  # the 15 estimated quantities
+    x: Array  # the extra states, shape (p,)
+    P: Array  # covariance of all errors, shape (15 + p, 15 + p)
 
     def belief(self) -> Belief:
         """The part without extra states."""
@@ -181,14 +148,9 @@ def start(nav: NavState, P0_sd: Array, effects: Effects) -> Augmented:
 def drift(belief: Augmented, tau: Array, q: Array, dt: float) -> Augmented:
     """The extra states `dt` later: x e^(-dt/τ), with variance q² τ/2 (1 - e^(-2 dt/τ)) added, or q² dt for τ infinite.
 
-    Parameters
-    ----------
-    belief : Augmented
-        At the start of the step.
-    tau, q : Array
-        Time constants, s, and noise densities, shape (p,).
-    dt : float
-        s.
+    `belief`: at the start of the step.
+    `tau`, `q`: time constants, s, and noise densities, shape (p,).
+    `dt`: s.
     """
     keep = np.exp(-dt / tau)
     A = np.concatenate([np.ones(state.SIZE), keep])
@@ -214,21 +176,11 @@ def predict(
 
     The extra states are those of the step's end, by `drift`, and constant over the step.
 
-    Parameters
-    ----------
-    belief : Augmented
-        At the start of the step, the extra states at its end.
-    gyro, accel : Array
-        Readings at the start and the end of the step, rad/s and m/s², body, shape (2, 3).
-    phi : Array
-        Regressors there, shape (2, 6, p); twice that of the end for readings that are held.
-    dt, gravity, Q_d, kappa :
-        As `spkf.predict`; n is 15 + p.
-
-    Returns
-    -------
-    Augmented
-        At the end of the step.
+    `belief`: at the start of the step, the extra states at its end.
+    `gyro`, `accel`: readings at the start and the end of the step, rad/s and m/s², body, shape (2, 3).
+    `phi`: regressors there, shape (2, 6, p); twice that of the end for readings that are held.
+    `dt`, `gravity`, `Q_d`, `kappa`: as `spkf.predict`; n is 15 + p.
+    Returns at the end of the step.
     """
     n = belief.P.shape[0]
     L = np.sqrt(n + kappa) * spkf.cholesky(belief.P, "state covariance")

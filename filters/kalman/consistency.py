@@ -38,19 +38,10 @@ _NOISE_SD = 1.27
 def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]:
     """Interval that the mean of `count` independent NIS values of `dof` degrees of freedom falls in.
 
-    Parameters
-    ----------
-    dof : float
-        Rows of a measurement, their mean where they differ; positive.
-    count : int
-        Number of updates.
-    level : float
-        Probability.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper end (chi-square with dof · count degrees of freedom, divided by count).
+    `dof`: rows of a measurement, their mean where they differ; positive.
+    `count`: number of updates.
+    `level`: probability.
+    Returns lower and upper end (chi-square with dof · count degrees of freedom, divided by count).
     """
     tail = 0.5 * (1.0 - level)
     total = dof * count
@@ -83,39 +74,24 @@ def nis_gates() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """Verdict on the six biases (accelerometer x, y, z, gyro x, y, z; body axes).
+    """Verdict on the six biases (accelerometer x, y, z, gyro x, y, z; body axes)."""
 
-    Attributes
-    ----------
-    since : tuple of (float or None)
-        Time since the first sample at which each was declared converged and has stayed so, s.
-    apparent : Array or None
-        Mean of the raw residual over the last 10 s, shape (6,), m/s² and rad/s: what the bias looks like without a
-        filter. None before the first 10 s are over, and where the motion was not known in them.
-    change : Array or None
-        Change of each estimate over the last 10 s, shape (6,).
-    """
-
+    # time since the first sample at which each was declared converged and has stayed so, s
     since: tuple[float | None, ...]
+    # mean of the raw residual over the last 10 s, shape (6,), m/s² and rad/s: what the bias looks like without a
+    # filter. None before the first 10 s are over, and where the motion was not known in them.
     apparent: Array | None
-    change: Array | None
+    change: Array | None  # change of each estimate over the last 10 s, shape (6,)
 
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """What the model does not explain of the last minute.
+    """What the model does not explain of the last minute."""
 
-    Attributes
-    ----------
-    ratio : Array or None
-        Rms of 10 s means of (raw residual - estimated bias) over what white noise and the estimate's standard
-        deviation allow, accelerometer then gyro, body axes, shape (6,). None before the first window.
-    windows : int
-        Windows it is told from.
-    """
-
+    # rms of 10 s means of (raw residual - estimated bias) over what white noise and the estimate's standard deviation
+    # allow, accelerometer then gyro, body axes, shape (6,). None before the first window.
     ratio: Array | None
-    windows: int
+    windows: int  # windows it is told from
 
 
 class ConvergenceMonitor:
@@ -123,10 +99,7 @@ class ConvergenceMonitor:
 
     What is in a block is added up by whoever runs the filter.
 
-    Parameters
-    ----------
-    period : float
-        Sample period, s; a block is a second or, at slower rates, one sample.
+    `period`: sample period, s; a block is a second or, at slower rates, one sample.
     """
 
     def __init__(self, period: float) -> None:
@@ -161,16 +134,11 @@ class ConvergenceMonitor:
     def close(self, t: float, residual: Array, mean_bias: Array, bias: Array, bias_sd: Array) -> None:
         """End a block, since the sample at `t` is beyond it.
 
-        Parameters
-        ----------
-        t : float
-            s since the first sample.
-        residual : Array
-            Mean raw residual of the block, accelerometer then gyro, shape (6,), SI; NaN where nothing was known.
-        mean_bias : Array
-            Mean estimates over the block, same order.
-        bias, bias_sd : Array
-            Estimates at the end of the block and their standard deviations.
+        `t`: s since the first sample.
+        `residual`: mean raw residual of the block, accelerometer then gyro, shape (6,), SI; NaN where nothing was
+          known.
+        `mean_bias`: mean estimates over the block, same order.
+        `bias`, `bias_sd`: estimates at the end of the block and their standard deviations.
         """
         mean = np.concatenate([residual, mean_bias])
         if self._means:
@@ -236,10 +204,7 @@ class ConvergenceMonitor:
 
         Drift and single steps hardly move it.
 
-        Returns
-        -------
-        Array or None
-            Accelerometer m/s/√s, gyro rad/√s, shape (6,); None before two differences exist.
+        Returns accelerometer m/s/√s, gyro rad/√s, shape (6,); None before two differences exist.
         """
         count = min(self._steps, _NOISE_BLOCKS)
         if count < 2:

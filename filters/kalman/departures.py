@@ -26,29 +26,14 @@ Cause = Literal["scale factor", "another rate", "another angle", "tilt", "cross-
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """Readings that depart from the model in one segment.
+    """Readings that depart from the model in one segment."""
 
-    Attributes
-    ----------
-    segment : int
-        Of the profile, from 0.
-    channel : int
-        Accelerometer x, y, z, then gyro; body axes.
-    size : Array
-        Departure of all six channels, m/s² and rad/s, shape (6,).
-    sds : float
-        That of the channel over its standard deviation.
-    cause : str
-        What it looks like.
-    share : float
-        Of a scale factor or of another rate: departure over what is known; of a tilt: the angle, rad; else nothing.
-    """
-
-    segment: int
-    channel: int
-    size: Array
-    sds: float
-    cause: Cause
+    segment: int  # of the profile, from 0
+    channel: int  # accelerometer x, y, z, then gyro; body axes
+    size: Array  # departure of all six channels, m/s² and rad/s, shape (6,)
+    sds: float  # that of the channel over its standard deviation
+    cause: Cause  # what it looks like
+    # of a scale factor or of another rate: departure over what is known; of a tilt: the angle, rad; else nothing
     share: float
 
     @property
@@ -76,16 +61,10 @@ class Departures:
     def add(self, segment: int, seconds: float, residual: Array, rate: Array, force: Array) -> None:
         """Take a block.
 
-        Parameters
-        ----------
-        segment : int
-            That it lies in.
-        seconds : float
-            Its length.
-        residual : Array
-            Mean raw residual, accelerometer then gyro, body axes, SI, shape (6,).
-        rate, force : Array
-            What a perfect unit reads there, rad/s and m/s², body axes, shape (3,).
+        `segment`: that it lies in.
+        `seconds`: its length.
+        `residual`: mean raw residual, accelerometer then gyro, body axes, SI, shape (6,).
+        `rate`, `force`: what a perfect unit reads there, rad/s and m/s², body axes, shape (3,).
         """
         before = self._positions.get(segment)
         sums = (
@@ -98,14 +77,9 @@ class Departures:
     def worst(self, bias: Array, bias_sd: Array, noise: Array | None, least: Array = TOLERANCE) -> Departure | None:
         """The departure that is most certain; None while all are as noise and the biases' uncertainty allow.
 
-        Parameters
-        ----------
-        bias, bias_sd : Array
-            Estimates and their standard deviations, shape (6,).
-        noise : Array or None
-            White noise densities of the readings, shape (6,); None while they are not known.
-        least : Array
-            Size below which nothing is told, however certain, shape (6,).
+        `bias`, `bias_sd`: estimates and their standard deviations, shape (6,).
+        `noise`: white noise densities of the readings, shape (6,); None while they are not known.
+        `least`: size below which nothing is told, however certain, shape (6,).
         """
         found: Departure | None = None
         if noise is None:

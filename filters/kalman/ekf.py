@@ -26,21 +26,9 @@ __all__ = ["Belief", "common", "correct", "jacobian", "of_common", "predict", "s
 def start(nav: NavState, P0_sd: Array) -> Belief:
     """Belief before the first sample.
 
-    Parameters
-    ----------
-    nav : NavState
-        The state to start from.
-    P0_sd : Array
-        Standard deviations of its 15 errors, m, m/s, rad, m/s², rad/s, shape (15,).
-
-    Returns
-    -------
-    Belief
-
-    Raises
-    ------
-    ValueError
-        If `P0_sd` has another shape.
+    `nav`: the state to start from.
+    `P0_sd`: standard deviations of its 15 errors, m, m/s, rad, m/s², rad/s, shape (15,).
+    Raises ValueError if `P0_sd` has another shape.
     """
     if P0_sd.shape != (SIZE,):
         raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({SIZE},)")
@@ -52,31 +40,15 @@ def predict(
 ) -> Belief:
     """Prediction phase, equations (8) and (9) in discrete form: P ← Φ P Φᵀ + Q_d.
 
-    Parameters
-    ----------
-    belief : Belief
-        At the start of the step.
-    gyro, accel : Array
-        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
-        over the step, shape (3,).
-    dt : float
-        s, positive.
-    gravity : float
-        Local gravity, m/s².
-    Q_d : Array
-        Discrete process noise, shape (15, 15).
-    kappa : float
-        Ignored: this filter has no sigma points. Here so that all filters are called alike.
-
-    Returns
-    -------
-    Belief
-        At the end of the step.
-
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive.
+    `belief`: at the start of the step.
+    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
+      or held over the step, shape (3,).
+    `dt`: s, positive.
+    `gravity`: local gravity, m/s².
+    `Q_d`: discrete process noise, shape (15, 15).
+    `kappa`: ignored: this filter has no sigma points. Here so that all filters are called alike.
+    Returns at the end of the step.
+    Raises ValueError if `dt` is not positive.
     """
     nav, Phi = transition(belief.nav, gyro, accel, dt, gravity)
     P = Phi @ belief.P @ Phi.T + Q_d
@@ -99,29 +71,14 @@ def transition(nav: NavState, gyro: Array, accel: Array, dt: float, gravity: flo
     By the classical Runge-Kutta rule over the substeps of `strapdown`, F being taken along the propagated mean at the
     start, the middle and the end of each.
 
-    Parameters
-    ----------
-    nav : NavState
-        One state, at the start.
-    gyro, accel : Array
-        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
-        over the step, shape (3,).
-    dt : float
-        s, positive.
-    gravity : float
-        Local gravity, m/s².
-
-    Returns
-    -------
-    nav : NavState
-        At the end.
-    Phi : Array
-        Shape (15, 15).
-
-    Raises
-    ------
-    ValueError
-        If `dt` is not positive.
+    `nav`: one state, at the start.
+    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
+      or held over the step, shape (3,).
+    `dt`: s, positive.
+    `gravity`: local gravity, m/s².
+    Returns `nav`, at the end.
+    Returns `Phi`, shape (15, 15).
+    Raises ValueError if `dt` is not positive.
     """
     if not dt > 0.0:
         raise ValueError(f"`dt` is {dt}, not positive")
@@ -148,17 +105,9 @@ def transition(nav: NavState, gyro: Array, accel: Array, dt: float, gravity: flo
 def jacobian(nav: NavState, accel: Array) -> Array:
     """Equation (6), corrected: F of ė = F e for the 15 errors e of `filters.state`, to first order.
 
-    Parameters
-    ----------
-    nav : NavState
-        One state.
-    accel : Array
-        Measured specific force, m/s², body, shape (3,). Angular rate does not appear: the error ε is in n.
-
-    Returns
-    -------
-    Array
-        Shape (15, 15), SI.
+    `nav`: one state.
+    `accel`: measured specific force, m/s², body, shape (3,). Angular rate does not appear: the error ε is in n.
+    Returns shape (15, 15), SI.
     """
     phi, h = float(nav.latitude), float(nav.height)
     s, c, t = np.sin(phi), np.cos(phi), np.tan(phi)

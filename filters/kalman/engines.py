@@ -34,33 +34,15 @@ _ROOM = 128
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What does not change during a run.
+    """What does not change during a run."""
 
-    Attributes
-    ----------
-    period : float
-        Sample period, s.
-    kappa : float
-        κ of (11).
-    site : Site
-        Its gravity is the local one; elsewhere normal gravity is added or taken away.
-    linear : bool
-        Whether readings are linear between samples; else each is held over the step that it ends.
-    noise : Noise
-        Process noise.
-    every : float
-        Least time between two rows of output, s; infinity for none.
-    effects : Effects or None
-        Whose states join the 15.
-    """
-
-    period: float
+    period: float  # sample period, s
     kappa: float
-    site: Site
-    linear: bool
-    noise: Noise
-    every: float
-    effects: Effects | None = None
+    site: Site  # its gravity is the local one; elsewhere normal gravity is added or taken away
+    linear: bool  # whether readings are linear between samples; else each is held over the step that it ends
+    noise: Noise  # process noise
+    every: float  # least time between two rows of output, s; infinity for none
+    effects: Effects | None = None  # whose states join the 15
 
     def gravity_anomaly(self) -> float:
         """What the site's gravity has beyond normal gravity there, m/s²."""
@@ -69,22 +51,13 @@ class Parameters:
 
 
 class FilterEngine(Protocol):
-    """A filter in a run.
+    """A filter in a run."""
 
-    Attributes
-    ----------
-    core : Array
-        Totals, `filters.kalman.layout.CORE_*`.
-    sums, moments : Array
-        Of the block and of the errors, `filters.kalman.layout.SUM_*` and `MOMENT_*`.
-    out : Array
-        Rows of output, `filters.kalman.layout.OUT_*`.
-    """
-
-    core: Array
+    core: Array  # totals, `filters.kalman.layout.CORE_*`
+    # sums, moments: of the block and of the errors, `filters.kalman.layout.SUM_*` and `MOMENT_*`
     sums: Array
     moments: Array
-    out: Array
+    out: Array  # rows of output, `filters.kalman.layout.OUT_*`
 
     def start(self, nav: NavState, P0_sd: Array) -> None:
         """Begin with this belief; the first sample only sets the clock."""
@@ -195,12 +168,8 @@ class Compiled:
 class Stepwise:
     """A filter written as functions of one step: `start`, `predict`, `correct`, `common`, perhaps `alarm`.
 
-    Parameters
-    ----------
-    module : module
-        `filters.kalman.spkf`, `ekf` or `spkf_paper`.
-    parameters : Parameters
-        Of the run.
+    `module`: `filters.kalman.spkf`, `ekf` or `spkf_paper`.
+    `parameters`: of the run.
     """
 
     def __init__(self, module: ModuleType, parameters: Parameters) -> None:

@@ -19,22 +19,13 @@ _WORDS = 12
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What a unit read, on its way to the filter.
+    """What a unit read, on its way to the filter."""
 
-    Attributes
-    ----------
-    t : Array
-        s since the first sample, shape (N,), increasing.
-    gyro, accel : Array
-        rad/s and m/s², body axes, shape (N, 3).
-    temperature : Array
-        degC, shape (N,); NaN where it is not known.
-    """
-
-    t: Array
+    t: Array  # s since the first sample, shape (N,), increasing
+    # gyro, accel: rad/s and m/s², body axes, shape (N, 3)
     gyro: Array
     accel: Array
-    temperature: Array
+    temperature: Array  # degC, shape (N,); NaN where it is not known
 
     def part(self, which: slice | NDArray[np.bool_]) -> "Readings":
         """The samples of a stretch, as a record of the same kind."""
@@ -53,28 +44,17 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class FilterInput:
-    """Samples with what is known at each, as an engine takes them; arrays are C-contiguous float64.
+    """Samples with what is known at each, as an engine takes them; arrays are C-contiguous float64."""
 
-    Attributes
-    ----------
-    t, gyro, accel : Array
-        s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3).
-    known : Array
-        What the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all.
-    draws : Array
-        Standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones.
-    phi : Array
-        Regressor of the p extra states, (N, 6, p), accelerometer then gyro; empty without effects.
-    noise_scale : Array
-        Factor on the white noise of each channel, (N, 6), same order; empty without effects.
-    """
-
+    # t, gyro, accel: s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3)
     t: Array
     gyro: Array
     accel: Array
-    known: Array
-    draws: Array
+    known: Array  # what the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all
+    draws: Array  # standard normal draws of the pseudo-measurements, (N, 9), or empty, (0, 9), for exact ones
+    # regressor of the p extra states, (N, 6, p), accelerometer then gyro; empty without effects
     phi: Array = field(default_factory=lambda: np.empty((0, 6, 0)))
+    # factor on the white noise of each channel, (N, 6), same order; empty without effects
     noise_scale: Array = field(default_factory=lambda: np.empty((0, 6)))
 
 
@@ -83,17 +63,9 @@ def draws(seed: int, first: int, count: int) -> Array:
 
     Philox counts: a sample has twelve words of its own, nine are used, by the inverse of the normal distribution.
 
-    Parameters
-    ----------
-    seed : int
-        Key of the generator.
-    first, count : int
-        Samples.
-
-    Returns
-    -------
-    Array
-        Shape (count, 9).
+    `seed`: key of the generator.
+    `first`, `count`: samples.
+    Returns shape (count, 9).
     """
     # here, since a run on the exact reference draws nothing and should not wait for it
     from scipy.special import ndtri
@@ -106,19 +78,12 @@ def draws(seed: int, first: int, count: int) -> Array:
 class InputBuilder:
     """Makes the input of an engine from readings, in order, once the reference is found.
 
-    Parameters
-    ----------
-    settings : Settings
-        Of the run.
-    found : Reference
-        What is known of the motion.
-    effects : Effects or None
-        Those that join the filter.
-    times : SampleTimes
-        Told of the gaps that come of samples which the effects do not let pass.
-    marks : list of (float, str)
-        The operator's marks that are still to come, s and text; each is taken out when it counts, which is from the
-        first sample on that is not before it.
+    `settings`: of the run.
+    `found`: what is known of the motion.
+    `effects`: those that join the filter.
+    `times`: told of the gaps that come of samples which the effects do not let pass.
+    `marks`: the operator's marks that are still to come, s and text; each is taken out when it counts, which is from
+      the first sample on that is not before it.
     """
 
     def __init__(
@@ -144,20 +109,11 @@ class InputBuilder:
     def input(self, readings: Readings, index: int, before: float) -> FilterInput:
         """Input of the next readings.
 
-        Parameters
-        ----------
-        readings : Readings
-            The next ones, at least one.
-        index : int
-            Samples that the engine has used.
-        before : float
-            Time of the last of them, s; -inf for none.
-
-        Returns
-        -------
-        FilterInput
-            Of the readings that are used; those that effects flag are predicted through, as samples that are flagged in
-            the log are: the engine never sees them.
+        `readings`: the next ones, at least one.
+        `index`: samples that the engine has used.
+        `before`: time of the last of them, s; -inf for none.
+        Returns of the readings that are used; those that effects flag are predicted through, as samples that are
+          flagged in the log are: the engine never sees them.
         """
         known = self._known(readings, before if self._effects is None else self._shown_t)
         included: list[Array] = []

@@ -25,21 +25,11 @@ _MOVED = np.repeat([np.deg2rad(1.0), 30e-3 * STANDARD_GRAVITY], 3)
 class FirstRest:
     """Lets the samples of the first rest pass, and no other.
 
-    Parameters
-    ----------
-    period : float
-        Sample period, s.
-    spec : ImuSpec
-        Says how noisy a reading may be.
-
-    Attributes
-    ----------
-    over : bool
-        Whether the first rest has come and gone.
-    begun : float or None
-        Time of its first sample, s.
-    last_t : float or None
-        Time of the last sample that came, of the rest or not, s.
+    `period`: sample period, s.
+    `spec`: says how noisy a reading may be.
+    `over`: whether the first rest has come and gone.
+    `begun`: time of its first sample, s.
+    `last_t`: time of the last sample that came, of the rest or not, s.
     """
 
     def __init__(self, period: float, spec: ImuSpec) -> None:

@@ -22,21 +22,12 @@ _SAME = 1e-9
 def stretches(known: Array, count: int, begun: int, *, is_held: bool) -> list[tuple[int, int, bool]]:
     """Where biases are held: from the reference's end until all of it is known again.
 
-    Parameters
-    ----------
-    known : Array
-        What the reference says of samples, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all.
-    count : int
-        How many samples they are.
-    begun : int
-        Samples before them; the first of all only sets the clock, and is not held.
-    is_held : bool
-        Whether biases are held already.
-
-    Returns
-    -------
-    list of (int, int, bool)
-        First sample, last one exclusive, whether they are held; in order.
+    `known`: what the reference says of samples, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for
+      all.
+    `count`: how many samples they are.
+    `begun`: samples before them; the first of all only sets the clock, and is not held.
+    `is_held`: whether biases are held already.
+    Returns first sample, last one exclusive, whether they are held; in order.
     """
     over = known[:, reference.VARIANCES.start] <= reference.ENDED
     if not is_held and not over.any():
@@ -52,29 +43,15 @@ def stretches(known: Array, count: int, begun: int, *, is_held: bool) -> list[tu
 class HeldBiases:
     """Biases over samples that no reference knows anything of any more.
 
-    Parameters
-    ----------
-    belief : Belief
-        What the filter holds after the last sample with a reference.
-    noise : Noise
-        With the walk of the biases.
-    since : float
-        Time of that sample, s.
-    count : int
-        Samples up to it.
-    every : float
-        Least time between two rows of output, s.
-    next_out : float
-        When the next row is due, s.
-
-    Attributes
-    ----------
-    since, t : float
-        Time of the last sample with a reference, and of the last one at all, s.
-    count : int
-        Samples so far, those before included.
-    next_out : float
-        When the next row is due, s.
+    `belief`: what the filter holds after the last sample with a reference.
+    `noise`: with the walk of the biases.
+    `since`: time of that sample, s.
+    `count`: samples up to it.
+    `every`: least time between two rows of output, s.
+    `next_out`: when the next row is due, s.
+    `since`, `t`: time of the last sample with a reference, and of the last one at all, s.
+    `count`: samples so far, those before included.
+    `next_out`: when the next row is due, s.
     """
 
     def __init__(self, belief: Belief, noise: Noise, since: float, count: int, every: float, next_out: float) -> None:

@@ -35,12 +35,8 @@ _GROUPS = (
 class LongGaps:
     """Finds the samples at which navigation begins anew.
 
-    Parameters
-    ----------
-    period : float
-        Sample period, s.
-    moving : bool
-        Whether the unit may move: then all that the reference can know has to be known at such a sample.
+    `period`: sample period, s.
+    `moving`: whether the unit may move: then all that the reference can know has to be known at such a sample.
     """
 
     def __init__(self, period: float, *, moving: bool) -> None:
@@ -51,18 +47,9 @@ class LongGaps:
     def ends(self, t: Array, known: Array, before: float) -> list[int]:
         """Take the next samples; returns the first one behind each long gap at which navigation can begin anew.
 
-        Parameters
-        ----------
-        t : Array
-            s, shape (N,).
-        known : Array
-            What the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all.
-        before : float
-            Time of the sample before, s; -inf for none.
-
-        Returns
-        -------
-        list of int
+        `t`: s, shape (N,).
+        `known`: what the reference says, columns of `filters.motion.reference`, shape (N, 25), or (1, 25) for all.
+        `before`: time of the sample before, s; -inf for none.
         """
         steps = np.diff(t, prepend=before)
         behind = (steps > self._longest) & np.isfinite(steps)
@@ -86,20 +73,10 @@ def belief_behind(before: Belief, known: Array, noise: Noise, seconds: float) ->
     P_b + Q_b T for the biases, and nothing between them. What is not known keeps its mean and its covariance with the
     biases, R added: a unit at rest may have been moved by as much.
 
-    Parameters
-    ----------
-    before : Belief
-        What the filter held before the gap.
-    known : Array
-        What the reference says behind it, shape (25,).
-    noise : Noise
-        With the walk of the biases.
-    seconds : float
-        Length of the gap, s.
-
-    Returns
-    -------
-    Belief
+    `before`: what the filter held before the gap.
+    `known`: what the reference says behind it, shape (25,).
+    `noise`: with the walk of the biases.
+    `seconds`: length of the gap, s.
     """
     variances = known[reference.VARIANCES]
     row = row_of(before.nav)
@@ -115,18 +92,11 @@ def belief_behind(before: Belief, known: Array, noise: Noise, seconds: float) ->
 def resume_extra(extra: Array, across: Array, before: Augmented, effects: Effects, phi: Array, seconds: float) -> None:
     """Take states of effects over a long gap: they drift, and have nothing to do with navigation any more.
 
-    Parameters
-    ----------
-    extra, across : Array
-        As `filters.kalman.layout` says; changed in place.
-    before : Augmented
-        What the filter held before the gap.
-    effects : Effects
-        Whose states they are.
-    phi : Array
-        Regressor of the sample behind the gap, shape (6, p).
-    seconds : float
-        Length of the gap, s.
+    `extra`, `across`: as `filters.kalman.layout` says; changed in place.
+    `before`: what the filter held before the gap.
+    `effects`: whose states they are.
+    `phi`: regressor of the sample behind the gap, shape (6, p).
+    `seconds`: length of the gap, s.
     """
     after, p = augmentation.drift(before, effects.tau, effects.q, seconds), effects.mean.size
     own, cross = extra.reshape(-1, p), across.reshape(2 * p, layout.STRIDE)

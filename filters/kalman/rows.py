@@ -14,30 +14,15 @@ from filters.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What the filter holds after one sample.
+    """What the filter holds after one sample."""
 
-    Attributes
-    ----------
-    index : int
-        Number of the sample, from 0.
-    t : float
-        s since the first sample.
-    belief : Belief
-        After the update.
-    nu : Array
-        Innovation of the nine rows, m, m/s, rad; NaN where a row was not known; shape (9,).
-    nis : float
-        Normalised innovation squared; NaN without an update, as for the first sample, which only sets the clock.
-    dof : int
-        Rows of the update.
-    """
-
-    index: int
-    t: float
-    belief: Belief
-    nu: Array
+    index: int  # number of the sample, from 0
+    t: float  # s since the first sample
+    belief: Belief  # after the update
+    nu: Array  # innovation of the nine rows, m, m/s, rad; NaN where a row was not known; shape (9,)
+    # normalised innovation squared; NaN without an update, as for the first sample, which only sets the clock
     nis: float
-    dof: int
+    dof: int  # rows of the update
 
 
 def estimate_of(row: Array) -> Estimate:

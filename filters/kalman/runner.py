@@ -38,18 +38,10 @@ _LOUD, _DRIFTING = 3.0, 3.0
 class Estimator:
     """The filter with its reference and its convergence monitor; fed by `step` or `run`, read by everybody.
 
-    Parameters
-    ----------
-    settings : Settings
-        What decides the estimates.
-    every : float
-        Least time between two estimates that `step` and `run` give, s; 0 for each sample, infinity for none.
-
-    Raises
-    ------
-    ValueError
-        If the reference cannot be had: no motion given, or a rate too slow for it; or if the effects' numbers do not
-        belong together.
+    `settings`: what decides the estimates.
+    `every`: least time between two estimates that `step` and `run` give, s; 0 for each sample, infinity for none.
+    Raises ValueError if the reference cannot be had: no motion given, or a rate too slow for it; or if the effects'
+      numbers do not belong together.
     """
 
     def __init__(self, settings: Settings, every: float = 0.0) -> None:
@@ -391,28 +383,13 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature:
 
     A reference that has to be found first holds back the first samples, then all of them come at once.
 
-    Parameters
-    ----------
-    estimator : Estimator
-        Changed in place.
-    t : float
-        s since the first sample, increasing.
-    gyro, accel : Array
-        Angular rate (rad/s) and specific force (m/s²), body axes, shape (3,).
-    temperature : float
-        degC; NaN where it is not known. Effects look at it, the filter does not.
-
-    Returns
-    -------
-    list of Estimate
-        At most one every `estimator.every` s; none while the reference is being found.
-
-    Raises
-    ------
-    ValueError
-        If `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
-    DivergenceError
-        If the filter broke down; the message names the sample.
+    `estimator`: changed in place.
+    `t`: s since the first sample, increasing.
+    `gyro`, `accel`: angular rate (rad/s) and specific force (m/s²), body axes, shape (3,).
+    `temperature`: degC; NaN where it is not known. Effects look at it, the filter does not.
+    Returns at most one every `estimator.every` s; none while the reference is being found.
+    Raises ValueError if `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
+    Raises DivergenceError if the filter broke down; the message names the sample.
     """
     return list(run(estimator, np.array([t]), gyro[None], accel[None], np.array([temperature]), last=False))
 
@@ -451,12 +428,8 @@ def rows(
 def warm_up(say: Callable[[str], None] | None = None, *, effects: bool = False) -> None:
     """Load or compile the filter's step, which takes some seconds the first time on a machine.
 
-    Parameters
-    ----------
-    say : callable or None
-        Told how far compiling has come, a sentence at a time; never called where there is nothing to compile.
-    effects : bool
-        Whether effects will join the filter: theirs is a step of its own, compiled when it is first needed.
+    `say`: told how far compiling has come, a sentence at a time; never called where there is nothing to compile.
+    `effects`: whether effects will join the filter: theirs is a step of its own, compiled when it is first needed.
     """
     from filters.kalman.engines import compile_step
 

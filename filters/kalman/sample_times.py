@@ -10,15 +10,8 @@ from filters.types import Array
 class SampleTimes:
     """Looks at samples as they come, refuses those that no filter can use, and notes the gaps.
 
-    Parameters
-    ----------
-    period : float
-        Sample period, s.
-
-    Attributes
-    ----------
-    gaps : list of (float, float)
-        Time of the sample before each gap, and its length, s.
+    `period`: sample period, s.
+    `gaps`: time of the sample before each gap, and its length, s.
     """
 
     def __init__(self, period: float) -> None:
@@ -29,17 +22,9 @@ class SampleTimes:
     def check(self, t: Array, gyro: Array, seen: int) -> None:
         """Take the next samples, after `seen` others.
 
-        Parameters
-        ----------
-        t, gyro : Array
-            s since the first sample, and rad/s; shapes (N,), (N, 3).
-        seen : int
-            Samples before these.
-
-        Raises
-        ------
-        ValueError
-            If time does not increase, or the unit turns too far between two samples.
+        `t`, `gyro`: s since the first sample, and rad/s; shapes (N,), (N, 3).
+        `seen`: samples before these.
+        Raises ValueError if time does not increase, or the unit turns too far between two samples.
         """
         before = np.concatenate([[self._last_t], t[:-1]])
         steps = t - before
@@ -67,12 +52,9 @@ class SampleTimes:
     def note_left_out(self, arrived: Array, used: Array, t: Array) -> None:
         """Note the gaps that come of samples not being used.
 
-        Parameters
-        ----------
-        arrived, used : Array
-            Time of the sample before each one, of all that came and of those that are used; s, shape (N,).
-        t : Array
-            The samples, s, shape (N,).
+        `arrived`, `used`: time of the sample before each one, of all that came and of those that are used; s, shape
+          (N,).
+        `t`: the samples, s, shape (N,).
         """
         left_out = self.are_gaps(used, t) & ~self.are_gaps(arrived, t)
         new = [(float(used[k]), float(t[k] - used[k])) for k in np.flatnonzero(left_out)]

@@ -34,54 +34,24 @@ MAX_TURN = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """All that decides the estimates, apart from the samples.
+    """All that decides the estimates, apart from the samples."""
 
-    Attributes
-    ----------
-    period : float
-        Sample period the log was made for, s; a step above `GAP_PERIODS` times this is a gap.
-    filter : str
-        A name of `FILTERS`.
-    reference : str
-        "level", "gravity", "turned", "profile" or "trajectory".
-    site : Site
-        Position and gravity of the table.
-    measurements : str
-        "exact": the reference itself is fed. "drawn": with noise of covariance R.
-    seed : int
-        Of the drawn noise.
-    kappa : float
-        κ of equation (11).
-    spec : ImuSpec
-        Limits, and noise densities unless `noise` gives them.
-    noise : Noise or None
-        Process noise; None takes the specification's white noise and constant biases.
-    motion : Profile, Trajectory or None
-        For the references "profile" and "trajectory".
-    offset : float
-        Time of the first sample's clock at which a profile starts, s.
-    offset_sd : float or None
-        Its standard deviation, s; None takes the profile's own.
-    effects : callable or None
-        Makes the effects that join the filter, anew for each run; "spkf" alone takes them.
-    unread : tuple of bool
-        Of the six biases, accelerometer then gyro, body axes, those whose channels were not read: what is fed there is
-        what the reference says, and tells nothing of them. Empty if all were.
-    """
-
-    period: float
-    filter: str = "spkf"
-    reference: str = "level"
-    site: Site = PAPER_SITE
-    measurements: str = "exact"
-    seed: int = 0
-    kappa: float = 0.0
-    spec: ImuSpec = IMU400CD_200
-    noise: Noise | None = None
-    motion: Profile | Trajectory | None = None
-    offset: float = 0.0
-    offset_sd: float | None = None
+    period: float  # sample period the log was made for, s; a step above `GAP_PERIODS` times this is a gap
+    filter: str = "spkf"  # a name of `FILTERS`
+    reference: str = "level"  # "level", "gravity", "turned", "profile" or "trajectory"
+    site: Site = PAPER_SITE  # position and gravity of the table
+    measurements: str = "exact"  # "exact": the reference itself is fed. "drawn": with noise of covariance R.
+    seed: int = 0  # of the drawn noise
+    kappa: float = 0.0  # κ of equation (11)
+    spec: ImuSpec = IMU400CD_200  # limits, and noise densities unless `noise` gives them
+    noise: Noise | None = None  # process noise; None takes the specification's white noise and constant biases
+    motion: Profile | Trajectory | None = None  # for the references "profile" and "trajectory"
+    offset: float = 0.0  # time of the first sample's clock at which a profile starts, s
+    offset_sd: float | None = None  # its standard deviation, s; None takes the profile's own
+    # makes the effects that join the filter, anew for each run; "spkf" alone takes them
     effects: "MakeEffects | None" = None
+    # of the six biases, accelerometer then gyro, body axes, those whose channels were not read: what is fed there is
+    # what the reference says, and tells nothing of them. Empty if all were.
     unread: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:

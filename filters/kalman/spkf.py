@@ -26,55 +26,27 @@ class DivergenceError(ArithmeticError):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Estimate and its covariance.
+    """Estimate and its covariance."""
 
-    Attributes
-    ----------
-    nav : NavState
-        The 15 estimated quantities.
-    P : Array
-        Covariance of their errors, shape (15, 15), order of `filters.state`, SI.
-    """
-
-    nav: NavState
-    P: Array
+    nav: NavState  # the 15 estimated quantities
+    P: Array  # covariance of their errors, shape (15, 15), order of `filters.state`, SI
 
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """Reference minus prediction, before the update.
+    """Reference minus prediction, before the update."""
 
-    Attributes
-    ----------
-    nu : Array
-        Shape (m,): m, m/s, rad.
-    S : Array
-        Its covariance H P Hᵀ + R, shape (m, m).
-    nis : float
-        νᵀ S⁻¹ ν; chi-square with m degrees of freedom if ν is a draw from S.
-    accepted : bool
-        Whether it passed the gate; if not, the update was left out.
-    """
-
-    nu: Array
-    S: Array
-    nis: float
-    accepted: bool = True
+    nu: Array  # shape (m,): m, m/s, rad
+    S: Array  # its covariance H P Hᵀ + R, shape (m, m)
+    nis: float  # νᵀ S⁻¹ ν; chi-square with m degrees of freedom if ν is a draw from S
+    accepted: bool = True  # whether it passed the gate; if not, the update was left out
 
 
 def start(nav: NavState, P0_sd: Array) -> Belief:
     """Belief before the first sample.
 
-    Parameters
-    ----------
-    nav : NavState
-        What is known, or found by alignment.
-    P0_sd : Array
-        Standard deviations of its errors, shape (15,).
-
-    Returns
-    -------
-    Belief
+    `nav`: what is known, or found by alignment.
+    `P0_sd`: standard deviations of its errors, shape (15,).
     """
     return Belief(nav, np.diag(P0_sd**2))
 
@@ -97,33 +69,16 @@ def predict(
     χ⁰ = x̂, χ^{i, i+n} = x̂ ± (columns of L √(n+κ)), P = L Lᵀ; each integrated over dt; the mean is that of the
     differences to the propagated centre, which is exact where the plain sum of angles is not.
 
-    Parameters
-    ----------
-    belief : Belief
-        At the start of the step.
-    gyro, accel : Array
-        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
-        over the step, shape (3,).
-    dt : float
-        s, positive.
-    gravity : float
-        Local gravity, m/s².
-    Q_d : Array
-        Discrete process noise, shape (15, 15).
-    kappa : float
-        κ of (11); n + κ must be positive. 0 keeps every weight non-negative.
-
-    Returns
-    -------
-    Belief
-        At the end of the step.
-
-    Raises
-    ------
-    DivergenceError
-        If P has no Cholesky factor or the state is not finite.
-    ValueError
-        If `dt` or n + `kappa` is not positive.
+    `belief`: at the start of the step.
+    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
+      or held over the step, shape (3,).
+    `dt`: s, positive.
+    `gravity`: local gravity, m/s².
+    `Q_d`: discrete process noise, shape (15, 15).
+    `kappa`: κ of (11); n + κ must be positive. 0 keeps every weight non-negative.
+    Returns at the end of the step.
+    Raises DivergenceError if P has no Cholesky factor or the state is not finite.
+    Raises ValueError if `dt` or n + `kappa` is not positive.
     """
     if not dt > 0.0:
         raise ValueError(f"`dt` is {dt}, not positive")
@@ -147,24 +102,13 @@ def predict(
 def process_noise(noise: Noise, C_nb: Array, dt: float, held: float = 1.0, turned: float = 0.0) -> Array:
     """Q_d = G Q Gᵀ dt: white noise on velocity and attitude, turned into n, and the walk of the biases.
 
-    Parameters
-    ----------
-    noise : Noise
-        Densities, body axes. The paper's set has no bias walk.
-    C_nb : Array
-        Attitude, shape (3, 3).
-    dt : float
-        s.
-    held : float
-        How many sample periods one sample stands for. Across a gap it stands for many, and its noise, held,
-        adds up coherently: the variance grows with dt times this number.
-    turned : float
-        Angle that the unit may have turned unseen, in a gap, rad.
-
-    Returns
-    -------
-    Array
-        Shape (15, 15).
+    `noise`: densities, body axes. The paper's set has no bias walk.
+    `C_nb`: attitude, shape (3, 3).
+    `dt`: s.
+    `held`: how many sample periods one sample stands for. Across a gap it stands for many, and its noise, held, adds up
+      coherently: the variance grows with dt times this number.
+    `turned`: angle that the unit may have turned unseen, in a gap, rad.
+    Returns shape (15, 15).
     """
     Q_d = np.zeros((state.SIZE, state.SIZE))
     Q_d[state.VELOCITY, state.VELOCITY] = (C_nb * np.square(noise.accel_vrw) * dt * held) @ C_nb.T
@@ -185,33 +129,16 @@ def correct(
 ) -> tuple[Belief, Innovation]:
     """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
 
-    Parameters
-    ----------
-    belief : Belief
-        Predicted.
-    known : NavState
-        The reference.
-    rows : integer array
-        Indices of the error states that are known, shape (m,).
-    R_sd : Array
-        Standard deviations of those rows, m, m/s, rad about n, shape (m,).
-    drawn : Array or None
-        A draw from N(0, I), shape (m,): the pseudo-measurement is then the reference plus noise of covariance R, and
-        NIS is a test. None feeds the reference exact.
-    gate : float
-        NIS above which the update is left out.
-
-    Returns
-    -------
-    Belief
-        Corrected.
-    Innovation
-        Before the update.
-
-    Raises
-    ------
-    DivergenceError
-        If S has no Cholesky factor.
+    `belief`: predicted.
+    `known`: the reference.
+    `rows`: indices of the error states that are known, shape (m,).
+    `R_sd`: standard deviations of those rows, m, m/s, rad about n, shape (m,).
+    `drawn`: a draw from N(0, I), shape (m,): the pseudo-measurement is then the reference plus noise of covariance R,
+      and NIS is a test. None feeds the reference exact.
+    `gate`: NIS above which the update is left out.
+    Returns corrected.
+    Returns before the update.
+    Raises DivergenceError if S has no Cholesky factor.
     """
     nu = known.minus(belief.nav)[rows]
     if drawn is not None:
@@ -225,19 +152,10 @@ def correct(
 def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Array, Array, Innovation]:
     """Gain and covariance of (10), for any number of states n.
 
-    Parameters
-    ----------
-    P : Array
-        Covariance before, shape (n, n).
-    nu, rows, R_sd : Array
-        Innovation, which states it is of, standard deviations of the measurement; shape (m,).
-
-    Returns
-    -------
-    K, P : Array
-        Shapes (n, m) and (n, n).
-    innovation : Innovation
-        With S and NIS.
+    `P`: covariance before, shape (n, n).
+    `nu`, `rows`, `R_sd`: innovation, which states it is of, standard deviations of the measurement; shape (m,).
+    Returns `K, P`, shapes (n, m) and (n, n).
+    Returns `innovation`, with S and NIS.
     """
     PHt = P[:, rows]
     S = PHt[rows] + np.diag(R_sd**2)
@@ -252,20 +170,10 @@ def gain(P: Array, nu: Array, rows: NDArray[np.int_], R_sd: Array) -> tuple[Arra
 def gain_and_nis(L: Array, PHt: Array, nu: Array) -> tuple[Array, float]:
     """K = P Hᵀ S⁻¹ and νᵀ S⁻¹ ν, from the lower factor of S.
 
-    Parameters
-    ----------
-    L : Array
-        S = L Lᵀ, shape (m, m).
-    PHt : Array
-        P Hᵀ, shape (n, m).
-    nu : Array
-        Innovation, shape (m,).
-
-    Returns
-    -------
-    K : Array
-        Shape (n, m).
-    nis : float
+    `L`: S = L Lᵀ, shape (m, m).
+    `PHt`: P Hᵀ, shape (n, m).
+    `nu`: innovation, shape (m,).
+    Returns `K`, shape (n, m).
     """
     # here, since the compiled filter shares this module's records and should not wait for it
     from scipy import linalg

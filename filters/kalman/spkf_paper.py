@@ -34,41 +34,21 @@ _PITCH_LIMIT = np.deg2rad(89.99)
 
 @dataclass(frozen=True, slots=True)
 class PaperBelief:
-    """Estimate and its covariance in the paper's coordinates.
+    """Estimate and its covariance in the paper's coordinates."""
 
-    Attributes
-    ----------
-    x : Array
-        lat, lon (rad), h (m), V_N, V_E, V_D (m/s), roll, pitch, yaw (rad), b_a (m/s²), b_g (rad/s); shape (15,).
-        Longitude, roll and yaw within ±π.
-    P : Array
-        Covariance in the squares of those units, shape (15, 15).
-    """
-
+    # lat, lon (rad), h (m), V_N, V_E, V_D (m/s), roll, pitch, yaw (rad), b_a (m/s²), b_g (rad/s); shape (15,).
+    # Longitude, roll and yaw within ±π.
     x: Array
-    P: Array
+    P: Array  # covariance in the squares of those units, shape (15, 15)
 
 
 def start(nav: NavState, P0_sd: Array) -> PaperBelief:
     """Belief before the first sample.
 
-    Parameters
-    ----------
-    nav : NavState
-        The state to start from.
-    P0_sd : Array
-        Standard deviations of its 15 errors, m, m/s, rad about n, m/s², rad/s, shape (15,).
-
-    Returns
-    -------
-    PaperBelief
-
-    Raises
-    ------
-    ValueError
-        If `P0_sd` has another shape.
-    DivergenceError
-        If the pitch of `nav` is ±90°.
+    `nav`: the state to start from.
+    `P0_sd`: standard deviations of its 15 errors, m, m/s, rad about n, m/s², rad/s, shape (15,).
+    Raises ValueError if `P0_sd` has another shape.
+    Raises DivergenceError if the pitch of `nav` is ±90°.
     """
     if P0_sd.shape != (SIZE,):
         raise ValueError(f"`P0_sd` has shape {P0_sd.shape}, not ({SIZE},)")
@@ -91,33 +71,16 @@ def predict(
 
     χ⁰ = x̂, χ^{i, i+n} = x̂ ± (columns of L √(n+κ)), P = L Lᵀ; each integrated over dt by (1)-(4).
 
-    Parameters
-    ----------
-    belief : PaperBelief
-        At the start of the step.
-    gyro, accel : Array
-        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
-        over the step, shape (3,).
-    dt : float
-        s, positive.
-    gravity : float
-        Local gravity, m/s².
-    Q_d : Array
-        Discrete process noise in the errors of `filters.state`, shape (15, 15).
-    kappa : float
-        κ of (11); n + κ must be positive. 0 keeps every weight non-negative, `spkf.PAPER_KAPPA` is the paper's.
-
-    Returns
-    -------
-    PaperBelief
-        At the end of the step.
-
-    Raises
-    ------
-    DivergenceError
-        If P has no Cholesky factor, the state is not finite, or its pitch reaches ±90°.
-    ValueError
-        If `dt` or n + `kappa` is not positive.
+    `belief`: at the start of the step.
+    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
+      or held over the step, shape (3,).
+    `dt`: s, positive.
+    `gravity`: local gravity, m/s².
+    `Q_d`: discrete process noise in the errors of `filters.state`, shape (15, 15).
+    `kappa`: κ of (11); n + κ must be positive. 0 keeps every weight non-negative, `spkf.PAPER_KAPPA` is the paper's.
+    Returns at the end of the step.
+    Raises DivergenceError if P has no Cholesky factor, the state is not finite, or its pitch reaches ±90°.
+    Raises ValueError if `dt` or n + `kappa` is not positive.
     """
     if not dt > 0.0:
         raise ValueError(f"`dt` is {dt}, not positive")
@@ -149,34 +112,17 @@ def correct(
 ) -> tuple[PaperBelief, Innovation]:
     """Correction phase, equation (10) with H the identity on the known rows, P in Joseph's form.
 
-    Parameters
-    ----------
-    belief : PaperBelief
-        Predicted.
-    known : NavState
-        What is known; its biases mean nothing.
-    rows : integer array
-        Which of the states 0..8 are known, shape (m,). 6, 7, 8 are roll, pitch, yaw here.
-    R_sd : Array
-        Standard deviations of those rows, m, m/s, rad about n, shape (m,). Known rows of attitude that turn into
-        roll, pitch and yaw together are correlated, as T of the known attitude makes them.
-    drawn : Array or None
-        A draw from N(0, I), shape (m,): the pseudo-measurement is then the known state plus noise of covariance R.
-        None feeds the known state exact.
-    gate : float
-        NIS above which the update is not applied.
-
-    Returns
-    -------
-    PaperBelief
-        Corrected, or `belief` itself if the gate stayed shut.
-    Innovation
-        Before the update: m north, east, down, m/s, and rad of roll, pitch, yaw.
-
-    Raises
-    ------
-    DivergenceError
-        If S has no Cholesky factor, or the known or corrected pitch reaches ±90°.
+    `belief`: predicted.
+    `known`: what is known; its biases mean nothing.
+    `rows`: which of the states 0..8 are known, shape (m,). 6, 7, 8 are roll, pitch, yaw here.
+    `R_sd`: standard deviations of those rows, m, m/s, rad about n, shape (m,). Known rows of attitude that turn into
+      roll, pitch and yaw together are correlated, as T of the known attitude makes them.
+    `drawn`: a draw from N(0, I), shape (m,): the pseudo-measurement is then the known state plus noise of covariance R.
+      None feeds the known state exact.
+    `gate`: NIS above which the update is not applied.
+    Returns corrected, or `belief` itself if the gate stayed shut.
+    Returns before the update: m north, east, down, m/s, and rad of roll, pitch, yaw.
+    Raises DivergenceError if S has no Cholesky factor, or the known or corrected pitch reaches ±90°.
     """
     z = _from_nav(known)
     T_known = _to_paper(z)
@@ -207,14 +153,7 @@ def correct(
 def common(belief: PaperBelief) -> spkf.Belief:
     """Estimate and covariance in the errors of `filters.state`: metres and the rotation vector ε in n, to first order.
 
-    Parameters
-    ----------
-    belief : PaperBelief
-        In the paper's coordinates.
-
-    Returns
-    -------
-    spkf.Belief
+    `belief`: in the paper's coordinates.
     """
     x = belief.x
     nav = NavState(
@@ -248,22 +187,12 @@ def alarm(belief: PaperBelief) -> str | None:
 def integrate(x: Array, gyro: Array, accel: Array, dt: float, gravity: float) -> Array:
     """States after `dt`: equations (1)-(5) by the classical Runge-Kutta rule, all points in step.
 
-    Parameters
-    ----------
-    x : Array
-        States, shape (..., 15).
-    gyro, accel : Array
-        Readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3); or held
-        over the step, shape (3,).
-    dt : float
-        s, cut into substeps h <= min(dt, 0.2 rad/|ω|, 1 s), ω being the fastest of all points and of both ends.
-    gravity : float
-        Local gravity, m/s².
-
-    Returns
-    -------
-    Array
-        Same shape; angles on the branch they started on.
+    `x`: states, shape (..., 15).
+    `gyro`, `accel`: readings at the start and the end of the step, linear between, rad/s and m/s², body, shape (2, 3);
+      or held over the step, shape (3,).
+    `dt`: s, cut into substeps h <= min(dt, 0.2 rad/|ω|, 1 s), ω being the fastest of all points and of both ends.
+    `gravity`: local gravity, m/s².
+    Returns same shape; angles on the branch they started on.
     """
     gyro, accel = np.broadcast_to(gyro, (2, 3)), np.broadcast_to(accel, (2, 3))
     n = strapdown.substeps([reading - x[..., GYRO_BIAS] for reading in gyro], dt)
@@ -282,19 +211,10 @@ def integrate(x: Array, gyro: Array, accel: Array, dt: float, gravity: float) ->
 def derivative(x: Array, gyro: Array, accel: Array, gravity: float) -> Array:
     """Time derivative of the state, equations (1)-(5) as printed.
 
-    Parameters
-    ----------
-    x : Array
-        States, shape (..., 15).
-    gyro, accel : Array
-        Readings, rad/s and m/s², body, shape (3,).
-    gravity : float
-        Local gravity, m/s².
-
-    Returns
-    -------
-    Array
-        Units of the state per second, same shape.
+    `x`: states, shape (..., 15).
+    `gyro`, `accel`: readings, rad/s and m/s², body, shape (3,).
+    `gravity`: local gravity, m/s².
+    Returns units of the state per second, same shape.
     """
     phi, height, roll, pitch, yaw = (x[..., i] for i in (LATITUDE, HEIGHT, ROLL, PITCH, YAW))
     v_n, v_e, v_d = x[..., 3], x[..., 4], x[..., 5]

@@ -22,24 +22,13 @@ MAX_STEP = 1.0
 def propagate(state: NavState, gyro: Array, accel: Array, dt: float, gravity: float) -> NavState:
     """State after `dt`: equations (1)-(4) with the biases of (5) constant.
 
-    Parameters
-    ----------
-    state : NavState
-        One state, or many along leading axes.
-    gyro : Array
-        Measured angular rate, rad/s, body: held over the step, shape (3,); or at its start and end and linear between,
-        shape (2, 3), or (2, ..., 3) where each of many states has its own.
-    accel : Array
-        Measured specific force, m/s², body, likewise.
-    dt : float
-        s, positive.
-    gravity : float
-        Local gravity, m/s².
-
-    Returns
-    -------
-    NavState
-        Same leading shape.
+    `state`: one state, or many along leading axes.
+    `gyro`: measured angular rate, rad/s, body: held over the step, shape (3,); or at its start and end and linear
+      between, shape (2, 3), or (2, ..., 3) where each of many states has its own.
+    `accel`: measured specific force, m/s², body, likewise.
+    `dt`: s, positive.
+    `gravity`: local gravity, m/s².
+    Returns same leading shape.
     """
     rates = [reading - state.gyro_bias for reading in _ends(gyro)]
     forces = [reading - state.accel_bias for reading in _ends(accel)]
@@ -59,12 +48,8 @@ def _ends(reading: Array) -> Array:
 def substeps(rates: list[Array], dt: float) -> int:
     """Number of substeps that `dt` needs: none longer than 1 s, none that turns more than 0.2 rad.
 
-    Parameters
-    ----------
-    rates : list of Array
-        Angular rates at the start and the end, rad/s, shape (..., 3); the fastest counts.
-    dt : float
-        s.
+    `rates`: angular rates at the start and the end, rad/s, shape (..., 3); the fastest counts.
+    `dt`: s.
     """
     fastest = float(np.sqrt(max(np.max(np.sum(rate**2, axis=-1)) for rate in rates)))
     return max(1, int(np.ceil(dt * max(fastest / MAX_STEP_ANGLE, 1.0 / MAX_STEP) - 1e-9)))

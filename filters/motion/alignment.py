@@ -47,18 +47,10 @@ class Alignment(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Levelling:
-    """Still at unknown attitude; see `level_by_gravity`.
+    """Still at unknown attitude; see `level_by_gravity`."""
 
-    Attributes
-    ----------
-    site : Site
-        Where the unit stands.
-    accel_bias_sd : float
-        At the start, m/s².
-    """
-
-    site: Site
-    accel_bias_sd: float
+    site: Site  # where the unit stands
+    accel_bias_sd: float  # at the start, m/s²
 
     def enough(self, t: float, count: int) -> bool:
         """10 s and 10 samples."""
@@ -71,21 +63,11 @@ class Levelling:
 
 @dataclass(slots=True)
 class LevellingAtRest:
-    """As `Levelling`, at a rest that need not begin with the first sample.
+    """As `Levelling`, at a rest that need not begin with the first sample."""
 
-    Attributes
-    ----------
-    site : Site
-        Where the unit stands.
-    accel_bias_sd : float
-        At the start, m/s².
-    begun : float
-        Time of the rest's first sample, s; set by the first question.
-    """
-
-    site: Site
-    accel_bias_sd: float
-    begun: float = 0.0
+    site: Site  # where the unit stands
+    accel_bias_sd: float  # at the start, m/s²
+    begun: float = 0.0  # time of the rest's first sample, s; set by the first question
 
     def enough(self, t: float, count: int) -> bool:
         """10 s and 10 samples."""
@@ -105,24 +87,12 @@ def level_by_gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> S
     for, so tilt starts as uncertain as that bias makes it. The yaw row is kept with reference 0; without it the
     vertical gyro bias would not be seen. It is read to Earth rate's 0.004 deg/s, because true heading is unknown.
 
-    Parameters
-    ----------
-    site : Site
-        Where the unit stands.
-    mean_force_b : Array
-        Mean specific force, body axes, m/s², shape (3,).
-    accel_bias_sd : float
-        Standard deviation of the accelerometer bias at the start, m/s².
-
-    Returns
-    -------
-    Still
-        Rows position, velocity and yaw.
-
-    Raises
-    ------
-    ValueError
-        If the mean force is not within 10 % of gravity: then the unit does not stand still, or units are wrong.
+    `site`: where the unit stands.
+    `mean_force_b`: mean specific force, body axes, m/s², shape (3,).
+    `accel_bias_sd`: standard deviation of the accelerometer bias at the start, m/s².
+    Returns rows position, velocity and yaw.
+    Raises ValueError if the mean force is not within 10 % of gravity: then the unit does not stand still, or units are
+      wrong.
     """
     norm = float(np.linalg.norm(mean_force_b))
     if not 0.9 < norm / site.gravity < 1.1:
@@ -148,19 +118,10 @@ class InMotion:
     with how the velocity changed (`attitude_from_velocity`), over all up to 15 s of motion; a trajectory that never
     moves gives roll and pitch, and heading 0.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Its first row must give position and velocity.
-    site : Site
-        Gravity.
-    accel_bias_sd : float
-        At the start, m/s².
-
-    Raises
-    ------
-    ValueError
-        If the first row lacks position or velocity.
+    `trajectory`: its first row must give position and velocity.
+    `site`: gravity.
+    `accel_bias_sd`: at the start, m/s².
+    Raises ValueError if the first row lacks position or velocity.
     """
 
     def __init__(self, trajectory: Trajectory, site: Site, accel_bias_sd: float) -> None:
@@ -224,24 +185,11 @@ def attitude_from_velocity(trajectory: Trajectory, gravity: float, t: Array, gyr
     with C_b0b from the gyros, less their median while standing. All such pairs give C_nb(0) by least squares (singular
     value decomposition of Σ α βᵀ, Markley 1988).
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Known velocities.
-    gravity : float
-        m/s².
-    t, gyro, accel : Array
-        Samples, s, rad/s, m/s², body axes, shape (N,), (N, 3), (N, 3).
-
-    Returns
-    -------
-    Array
-        C_nb at t[0], shape (3, 3).
-
-    Raises
-    ------
-    ValueError
-        If fewer than three pairs of velocities lie within the samples.
+    `trajectory`: known velocities.
+    `gravity`: m/s².
+    `t`, `gyro`, `accel`: samples, s, rad/s, m/s², body axes, shape (N,), (N, 3), (N, 3).
+    Returns C_nb at t[0], shape (3, 3).
+    Raises ValueError if fewer than three pairs of velocities lie within the samples.
     """
     velocity = trajectory.values[:, 3:6]
     use = np.isfinite(velocity).all(axis=1) & (trajectory.t >= t[0]) & (trajectory.t <= t[-1])
@@ -279,22 +227,10 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
     Least squares of gyro = profile's rate(t - offset) + bias: first on a grid of 0.05 s by correlation, then by
     Gauss-Newton steps.
 
-    Parameters
-    ----------
-    profile : Profile
-        With moving segments.
-    t, gyro : Array
-        Samples, s and rad/s, body axes, shape (N,) and (N, 3).
-
-    Returns
-    -------
-    tuple of float
-        Offset and its standard deviation, s.
-
-    Raises
-    ------
-    ValueError
-        If the profile does not move, or the gyros do not follow it.
+    `profile`: with moving segments.
+    `t`, `gyro`: samples, s and rad/s, body axes, shape (N,) and (N, 3).
+    Returns offset and its standard deviation, s.
+    Raises ValueError if the profile does not move, or the gyros do not follow it.
     """
     grid = np.arange(0.0, profile.duration, _STEP)
     wanted = _rates(profile, grid)

@@ -54,12 +54,8 @@ class Turning(Path):
 class Starting:
     """Attitude at the first sample: the first one known, carried back by the gyros.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With attitudes.
-    site : Site
-        Where position is held.
+    `trajectory`: with attitudes.
+    `site`: where position is held.
     """
 
     def __init__(self, trajectory: Trajectory, site: Site) -> None:

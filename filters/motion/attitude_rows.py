@@ -28,38 +28,19 @@ _SAME = np.deg2rad(0.1)  # two rests' attitudes: what a measured one is worth
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """What rows of attitude say at the samples of a recording.
+    """What rows of attitude say at the samples of a recording."""
 
-    Attributes
-    ----------
-    quaternion : Array
-        w, x, y, z of C_nb, shape (N, 4).
-    rate : Array
-        Of the body relative to n, body axes, rad/s, shape (N, 3).
-    unknown : bool array
-        Samples in a gap, where both are only bridged, shape (N,).
-    """
-
-    quaternion: Array
-    rate: Array
-    unknown: NDArray[np.bool_]
+    quaternion: Array  # w, x, y, z of C_nb, shape (N, 4)
+    rate: Array  # of the body relative to n, body axes, rad/s, shape (N, 3)
+    unknown: NDArray[np.bool_]  # samples in a gap, where both are only bridged, shape (N,)
 
 
 def at_samples(t: Array, at: Array, C_nb: Array) -> Orientation:
     """Attitude and rate at samples.
 
-    Parameters
-    ----------
-    t : Array
-        Of the samples, s, shape (N,).
-    at : Array
-        Of the rows, s, increasing, shape (M,), M at least 2.
-    C_nb : Array
-        Of the rows, shape (M, 3, 3).
-
-    Returns
-    -------
-    Orientation
+    `t`: of the samples, s, shape (N,).
+    `at`: of the rows, s, increasing, shape (M,), M at least 2.
+    `C_nb`: of the rows, shape (M, 3, 3).
     """
     rows = Rotation.from_matrix(C_nb)
     step = np.diff(at)
@@ -117,19 +98,10 @@ def _smooth_rates(t: Array, at: Array, middle: Array, mean: Array) -> Array:
 def rests(t: Array, gyro: Array, force: Array, known: Orientation) -> NDArray[np.int_]:
     """Stretches at rest: readings as quiet as ever, and no turn that the rows would show.
 
-    Parameters
-    ----------
-    t : Array
-        s, shape (N,).
-    gyro, force : Array
-        Readings, rad/s and m/s², shape (N, 3).
-    known : Orientation
-        At the same samples.
-
-    Returns
-    -------
-    integer array
-        First sample of each stretch and the one after its last, shape (R, 2).
+    `t`: s, shape (N,).
+    `gyro`, `force`: readings, rad/s and m/s², shape (N, 3).
+    `known`: at the same samples.
+    Returns first sample of each stretch and the one after its last, shape (R, 2).
     """
     period = float(t[-1] - t[0]) / (t.size - 1)
     size = max(3, round(_WINDOW_S / period))

@@ -57,15 +57,8 @@ def body_rate(angles: Array, rates: Array) -> Array:
 
     ω = Rzᵀ Ryᵀ x̂ o' + Rzᵀ ŷ m' + ẑ i'.
 
-    Parameters
-    ----------
-    angles, rates : Array
-        As `Profile` gives them, rad and rad/s, shape (N, 3).
-
-    Returns
-    -------
-    Array
-        rad/s, shape (N, 3).
+    `angles`, `rates`: as `Profile` gives them, rad and rad/s, shape (N, 3).
+    Returns rad/s, shape (N, 3).
     """
     sin_m, cos_m = each(math.sin, angles[:, 1]), each(math.cos, angles[:, 1])
     sin_i, cos_i = each(math.sin, angles[:, 2]), each(math.cos, angles[:, 2])
@@ -76,15 +69,8 @@ def body_rate(angles: Array, rates: Array) -> Array:
 def attitudes(angles: Array) -> Array:
     """Attitudes C_nb = Rx(outer) Ry(middle) Rz(inner) of many angles; `attitude.table` for one.
 
-    Parameters
-    ----------
-    angles : Array
-        As `Profile` gives them, rad, shape (N, 3).
-
-    Returns
-    -------
-    Array
-        Shape (N, 3, 3).
+    `angles`: as `Profile` gives them, rad, shape (N, 3).
+    Returns shape (N, 3, 3).
     """
     (so, sm, si), (co, cm, ci) = ([each(f, column) for column in angles.T] for f in (math.sin, math.cos))
     C = np.empty((len(angles), 3, 3))
@@ -100,15 +86,8 @@ def angles_of(C_nb: Array) -> Array:
     middle = asin C₁₃, outer = atan2(-C₂₃, C₃₃), inner = atan2(-C₁₂, C₁₁); with middle at ±90° only the sum or the
     difference of the other two is known, and means little there.
 
-    Parameters
-    ----------
-    C_nb : Array
-        Shape (N, 3, 3).
-
-    Returns
-    -------
-    Array
-        rad, shape (N, 3), middle within ±π/2, the others within ±π.
+    `C_nb`: shape (N, 3, 3).
+    Returns rad, shape (N, 3), middle within ±π/2, the others within ±π.
     """
     middle = np.arcsin(np.clip(C_nb[:, 0, 2], -1.0, 1.0))
     outer = np.arctan2(-C_nb[:, 1, 2], C_nb[:, 2, 2])
@@ -132,19 +111,10 @@ def envelope(swing: Swing, tau: Array) -> tuple[Array, Array]:
 def piece_table(segments: Sequence[Segment], slew: float, accel: float) -> PieceTable:
     """Pieces of a row of segments and of the moves between them.
 
-    Parameters
-    ----------
-    segments : sequence of Segment
-        In order, at least one.
-    slew : float
-        Limit of the rate in moves, rad/s.
-    accel : float
-        Angular acceleration of moves and of ramps, rad/s².
-
-    Returns
-    -------
-    PieceTable
-        Ending with a rest that has no end.
+    `segments`: in order, at least one.
+    `slew`: limit of the rate in moves, rad/s.
+    `accel`: angular acceleration of moves and of ramps, rad/s².
+    Returns ending with a rest that has no end.
     """
     pieces: list[Piece] = []
     first = segments[0]

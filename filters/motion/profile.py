@@ -31,33 +31,16 @@ ACCEL = math.radians(100.0)
 class Profile:
     """Motion of a table; the module says what its segments mean.
 
-    Attributes
-    ----------
-    segments : tuple of Dwell, Rate, Sine or Sampled
-        In order, at least one.
-    sign : tuple of int
-        ±1 for each axis: table angle times sign is the rotation about north, east, down.
-    align : {"none", "marks", "gyro"}
-        How profile time is joined to the time of a log.
-    offset_sd : float or None
-        Standard deviation of that joint, s, where it is known.
-    slew : float
-        Limit of the rate in moves, rad/s.
-    accel : float
-        Angular acceleration of moves and of ramps, rad/s².
-
-    Raises
-    ------
-    ValueError
-        If one of them makes no sense.
+    Raises ValueError if one of them makes no sense.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[Segment, ...]  # in order, at least one
+    # ±1 for each axis: table angle times sign is the rotation about north, east, down
     sign: tuple[int, int, int] = (1, 1, 1)
-    align: str = "none"
-    offset_sd: float | None = None
-    slew: float = SLEW
-    accel: float = ACCEL
+    align: str = "none"  # how profile time is joined to the time of a log
+    offset_sd: float | None = None  # standard deviation of that joint, s, where it is known
+    slew: float = SLEW  # limit of the rate in moves, rad/s
+    accel: float = ACCEL  # angular acceleration of moves and of ramps, rad/s²
     _pieces: PieceTable = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -113,15 +96,8 @@ class Profile:
     def angles(self, t: ArrayLike) -> Array:
         """Rotations about north, east and down (outer, middle, inner times sign).
 
-        Parameters
-        ----------
-        t : array_like
-            Times, s, shape (N,) or a number.
-
-        Returns
-        -------
-        Array
-            rad, shape (N, 3).
+        `t`: times, s, shape (N,) or a number.
+        Returns rad, shape (N, 3).
         """
         piece, tau = self._located(t)
         c = self._pieces.cubics[piece]
@@ -135,15 +111,8 @@ class Profile:
     def rates(self, t: ArrayLike) -> Array:
         """Time derivatives of `angles`.
 
-        Parameters
-        ----------
-        t : array_like
-            Times, s, shape (N,) or a number.
-
-        Returns
-        -------
-        Array
-            rad/s, shape (N, 3); zero before the first segment and after the last.
+        `t`: times, s, shape (N,) or a number.
+        Returns rad/s, shape (N, 3); zero before the first segment and after the last.
         """
         piece, tau = self._located(t)
         c = self._pieces.cubics[piece]
@@ -192,23 +161,10 @@ def from_samples(
 ) -> Profile:
     """Profile of sampled table angles.
 
-    Parameters
-    ----------
-    t : array_like
-        s, increasing, shape (N,); the profile's clock starts with the first.
-    outer, middle, inner : array_like
-        Table angles, rad, shape (N,).
-    sign, align, offset_sd
-        As in `Profile`.
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    ValueError
-        If lengths differ, a number is not finite, or time does not increase.
+    `t`: s, increasing, shape (N,); the profile's clock starts with the first.
+    `outer`, `middle`, `inner`: Table angles, rad, shape (N,).
+    `sign`, `align`, `offset_sd`: as in `Profile`.
+    Raises ValueError if lengths differ, a number is not finite, or time does not increase.
     """
     columns = [np.asarray(v, np.float64) for v in (t, outer, middle, inner)]
     if any(column.shape != (columns[0].size,) for column in columns):

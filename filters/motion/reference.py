@@ -52,12 +52,8 @@ _TOLD = re.compile(r"^\s*(?:segment|dwell)\s+(\d+)\b(\s+ends\b)?", re.IGNORECASE
 class Reference(Protocol):
     """What the runner asks of a reference.
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    moving : bool
-        Whether the unit may move: readings are then taken as linear between samples.
+    `kind`: one of `KINDS`.
+    `moving`: whether the unit may move: readings are then taken as linear between samples.
     """
 
     @property
@@ -86,33 +82,15 @@ class Reference(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Known position, velocity and attitude of a unit at rest.
+    """Known position, velocity and attitude of a unit at rest."""
 
-    Attributes
-    ----------
-    kind : str
-        "level" or "gravity".
-    nav : NavState
-        The known navigation state; its biases are zero and mean nothing.
-    rows : integer array
-        Indices of the error states that are known, of 0..8, shape (m,).
-    R_sd : Array
-        Standard deviations of those rows, shape (m,).
-    P0_sd : Array
-        Standard deviations of the nine navigation states at the start, shape (9,).
-    seen : tuple of bool
-        For each body axis, whether its accelerometer bias can be told from attitude.
-    gravity : float
-        Local gravity, m/s².
-    """
-
-    kind: str
-    nav: NavState
-    rows: NDArray[np.int_]
-    R_sd: Array
-    P0_sd: Array
-    seen: tuple[bool, bool, bool]
-    gravity: float
+    kind: str  # "level" or "gravity"
+    nav: NavState  # the known navigation state; its biases are zero and mean nothing
+    rows: NDArray[np.int_]  # indices of the error states that are known, of 0..8, shape (m,)
+    R_sd: Array  # standard deviations of those rows, shape (m,)
+    P0_sd: Array  # standard deviations of the nine navigation states at the start, shape (9,)
+    seen: tuple[bool, bool, bool]  # for each body axis, whether its accelerometer bias can be told from attitude
+    gravity: float  # local gravity, m/s²
     moving: bool = False
 
     def start(self) -> tuple[NavState, Array]:
@@ -143,14 +121,7 @@ class Still:
 def level(site: Site) -> Still:
     """The paper's case: body axes on north, east, down; all nine rows known (section 4).
 
-    Parameters
-    ----------
-    site : Site
-        Where the table stands.
-
-    Returns
-    -------
-    Still
+    `site`: where the table stands.
     """
     nav = NavState.at_rest(site, np.eye(3))
     return Still("level", nav, np.arange(9), PAPER_R_SD, PAPER_R_SD, (True, True, True), site.gravity)
@@ -163,20 +134,12 @@ class TableMotion:
     quiet. Everywhere else only once aligned: with rate × `offset_sd` added to the standard deviation of attitude. Else
     the filter predicts only.
 
-    Parameters
-    ----------
-    profile : Profile
-        With `align` "none" (profile time is log time), "marks", or "gyro" (joined by `offset`).
-    site : Site
-        Where the table stands.
-    spec : ImuSpec
-        Decides what a quiet gyro is.
-    period : float
-        Sample period, s.
-    offset : float
-        Log time at which the profile starts, s.
-    offset_sd : float or None
-        Its standard deviation; None takes the profile's.
+    `profile`: with `align` "none" (profile time is log time), "marks", or "gyro" (joined by `offset`).
+    `site`: where the table stands.
+    `spec`: decides what a quiet gyro is.
+    `period`: sample period, s.
+    `offset`: Log time at which the profile starts, s.
+    `offset_sd`: its standard deviation; None takes the profile's.
     """
 
     kind = "profile"
@@ -309,38 +272,21 @@ class TableMotion:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """What is known of a motion, row by row.
+    """What is known of a motion, row by row."""
 
-    Attributes
-    ----------
-    t : Array
-        s since the log's first sample, shape (N,), increasing.
-    values : Array
-        Latitude, longitude (rad), height (m); velocity north, east, down (m/s); roll, pitch, yaw (3-2-1, rad) of C_nb.
-        Shape (N, 9), NaN where unknown.
-    """
-
-    t: Array
+    t: Array  # s since the log's first sample, shape (N,), increasing
+    # latitude, longitude (rad), height (m); velocity north, east, down (m/s); roll, pitch, yaw (3-2-1, rad) of C_nb.
+    # Shape (N, 9), NaN where unknown.
     values: Array
 
 
 @dataclass
 class Path:
-    """A trajectory: each of its rows is used once, at the first sample from its time on.
+    """A trajectory: each of its rows is used once, at the first sample from its time on."""
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        What is known.
-    nav : NavState
-        State at the first sample.
-    P0_sd : Array
-        Of its nine errors.
-    """
-
-    trajectory: Trajectory
-    nav: NavState
-    P0_sd: Array
+    trajectory: Trajectory  # what is known
+    nav: NavState  # state at the first sample
+    P0_sd: Array  # of its nine errors
     kind: str = "trajectory"
     moving: bool = True
     partial: dict[float, Array] = field(default_factory=dict)

@@ -26,18 +26,10 @@ AXES = ("outer", "middle", "inner")
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """At rest.
+    """At rest."""
 
-    Attributes
-    ----------
-    angles : tuple of float
-        Outer, middle, inner, rad.
-    seconds : float
-        At rest, without the move there.
-    """
-
-    angles: tuple[float, float, float]
-    seconds: float
+    angles: tuple[float, float, float]  # outer, middle, inner, rad
+    seconds: float  # at rest, without the move there
 
     def __post_init__(self) -> None:
         if len(self.angles) != 3 or not np.isfinite(self.angles).all():
@@ -47,21 +39,11 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """One axis at constant rate.
-
-    Attributes
-    ----------
-    axis : {"outer", "middle", "inner"}
-        Which.
-    rate : float
-        rad/s, not zero.
-    seconds : float
-        At that rate, without the ramps.
-    """
+    """One axis at constant rate."""
 
     axis: str
-    rate: float
-    seconds: float
+    rate: float  # rad/s, not zero
+    seconds: float  # at that rate, without the ramps
 
     def __post_init__(self) -> None:
         axis_number(self.axis)
@@ -72,24 +54,12 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Sine:
-    """One axis swinging.
-
-    Attributes
-    ----------
-    axis : {"outer", "middle", "inner"}
-        Which.
-    amplitude : float
-        rad, positive.
-    hz : float
-        Frequency.
-    seconds : float
-        At full amplitude, without the period before and the period after.
-    """
+    """One axis swinging."""
 
     axis: str
-    amplitude: float
-    hz: float
-    seconds: float
+    amplitude: float  # rad, positive
+    hz: float  # frequency
+    seconds: float  # at full amplitude, without the period before and the period after
 
     def __post_init__(self) -> None:
         axis_number(self.axis)
@@ -100,18 +70,10 @@ class Sine:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """Recorded or computed angles.
+    """Recorded or computed angles."""
 
-    Attributes
-    ----------
-    t : tuple of float
-        s, increasing, at least two. Only differences count: the segment starts with the first.
-    angles : tuple of tuple of float
-        Outer, middle, inner at those times, rad.
-    """
-
-    t: tuple[float, ...]
-    angles: tuple[tuple[float, float, float], ...]
+    t: tuple[float, ...]  # s, increasing, at least two. Only differences count: the segment starts with the first.
+    angles: tuple[tuple[float, float, float], ...]  # outer, middle, inner at those times, rad
 
     def __post_init__(self) -> None:
         t, angles = np.array(self.t), np.array(self.angles)

@@ -37,12 +37,8 @@ _STEP = 1e-3
 class Rests:
     """Rests of one unit as observations of its accelerometers.
 
-    Parameters
-    ----------
-    rests : sequence of Rest
-        Of all its logs.
-    gravity : float
-        m/s².
+    `rests`: of all its logs.
+    `gravity`: m/s².
     """
 
     def __init__(self, rests: Sequence[Rest], gravity: float) -> None:

@@ -27,61 +27,31 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A log that nothing was fitted to.
-
-    Attributes
-    ----------
-    run : Run
-    rests : tuple of Rest
-    observed : Rests
-        Its rests for the accelerometers.
-    turned : Turns or None
-        Its turns, None without gyros.
-    """
+    """A log that nothing was fitted to."""
 
     run: Run
     rests: tuple[Rest, ...]
-    observed: Rests
-    turned: Turns | None
+    observed: Rests  # its rests for the accelerometers
+    turned: Turns | None  # its turns, None without gyros
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What units turned by hand show.
+    """What units turned by hand show."""
 
-    Attributes
-    ----------
-    runs : tuple of Run
-        Logs that were fitted to, each a power-on.
-    rests : tuple of tuples of Rest
-        Of each of them.
-    directions : int
-        Distinct ones, of all together.
-    observed : Rests
-        For the accelerometers.
-    turned : Turns or None
-        For the gyros; None without them, or without a turn.
-    accelerometers, gyros : Choice or None
-        What was chosen.
-    heldout : HeldOut or None
-        The log that judges; without one, rests and turns are left out in turn.
-    norms, angles : Array
-        Errors after, of each rest (m/s²) and of each turn (rad), as they were judged.
-    figures : tuple of ErrorFigure
-        Of them.
-    """
-
-    runs: tuple[Run, ...]
-    rests: tuple[tuple[Rest, ...], ...]
-    directions: int
-    observed: Rests
-    turned: Turns | None
+    runs: tuple[Run, ...]  # logs that were fitted to, each a power-on
+    rests: tuple[tuple[Rest, ...], ...]  # of each of them
+    directions: int  # distinct ones, of all together
+    observed: Rests  # for the accelerometers
+    turned: Turns | None  # for the gyros; None without them, or without a turn
+    # accelerometers, gyros: what was chosen
     accelerometers: Choice
     gyros: Choice | None
-    heldout: HeldOut | None
+    heldout: HeldOut | None  # the log that judges; without one, rests and turns are left out in turn
+    # norms, angles: errors after, of each rest (m/s²) and of each turn (rad), as they were judged
     norms: Array
     angles: Array
-    figures: tuple[ErrorFigure, ...]
+    figures: tuple[ErrorFigure, ...]  # of them
 
 
 def calibrate(
@@ -92,21 +62,11 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a unit that was turned by hand between rests.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Logs of one unit to fit to, each a power-on.
-    heldout : Run or None
-        A log to judge on.
-    seed : int
-        Of intervals.
-    progress : callable
-        Told a share from 0 to 1 and what is being done.
-
-    Raises
-    ------
-    ValueError
-        If a log has no rests or lacks an accelerometer; the message names it.
+    `runs`: logs of one unit to fit to, each a power-on.
+    `heldout`: a log to judge on.
+    `seed`: of intervals.
+    `progress`: told a share from 0 to 1 and what is being done.
+    Raises ValueError if a log has no rests or lacks an accelerometer; the message names it.
     """
     progress(0.0, "looking for rests")
     found = tuple(_rests_of(run) for run in runs)

@@ -30,27 +30,13 @@ Groups = Sequence[Sequence[ChannelEffect]]
 
 @dataclass(frozen=True)
 class Choice:
-    """A triad that was chosen.
+    """A triad that was chosen."""
 
-    Attributes
-    ----------
-    triad : Triad
-        Its effects.
-    fit : Fit
-        To all observations.
-    undetermined : tuple of ChannelEffect
-        What the data cannot tell.
-    count : int
-        Observations whose logarithm is the price of a parameter: rests, or turns.
-    logs : int
-        How often the biases stand in the fit, once a log; 1 where the logs share them.
-    """
-
-    triad: Triad
-    fit: Fit
-    undetermined: tuple[ChannelEffect, ...]
-    count: int
-    logs: int = 1
+    triad: Triad  # its effects
+    fit: Fit  # to all observations
+    undetermined: tuple[ChannelEffect, ...]  # what the data cannot tell
+    count: int  # observations whose logarithm is the price of a parameter: rests, or turns
+    logs: int = 1  # how often the biases stand in the fit, once a log; 1 where the logs share them
 
     def places(self, effect: ChannelEffect) -> np.ndarray:
         """Where an effect's parameters stand in the fit: of a bias one a log."""
@@ -76,12 +62,8 @@ def places(triad: Triad, effect: ChannelEffect, logs: int) -> np.ndarray:
 def accelerometers(rests: Rests, directions: int) -> Choice:
     """Effects of the accelerometers that the rests ask for.
 
-    Parameters
-    ----------
-    rests : Rests
-        Of all logs that are fitted to.
-    directions : int
-        How many of them are distinct.
+    `rests`: of all logs that are fitted to.
+    `directions`: how many of them are distinct.
     """
     groups = accelerometer.FORMS if directions >= accelerometer.FEWEST else accelerometer.FORMS[:2]
     asked = tuple(chain.from_iterable(accelerometer.FORMS))

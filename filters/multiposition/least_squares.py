@@ -20,36 +20,16 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit, and its neighbourhood taken as linear.
+    """A fit, and its neighbourhood taken as linear."""
 
-    Attributes
-    ----------
-    theta : Array
-        Parameters, shape (p,).
-    covariance : Array
-        Of them, with the error of the model in it, shape (p, p).
-    residual : Array
-        Of the observations, shape (n,).
-    slope : Array
-        Derivative of the residuals, shape (n, p).
-    noise : Array
-        Variance of the residuals by noise alone, shape (n,).
-    excess : Array
-        Variance beyond it, of each group.
-    group : integer array
-        Of each observation, shape (n,).
-    prior : Array
-        Standard deviations that the fit began with, shape (p,).
-    """
-
-    theta: Array
-    covariance: Array
-    residual: Array
-    slope: Array
-    noise: Array
-    excess: Array
-    group: NDArray[np.int_]
-    prior: Array
+    theta: Array  # parameters, shape (p,)
+    covariance: Array  # of them, with the error of the model in it, shape (p, p)
+    residual: Array  # of the observations, shape (n,)
+    slope: Array  # derivative of the residuals, shape (n, p)
+    noise: Array  # variance of the residuals by noise alone, shape (n,)
+    excess: Array  # variance beyond it, of each group
+    group: NDArray[np.int_]  # of each observation, shape (n,)
+    prior: Array  # standard deviations that the fit began with, shape (p,)
 
     @property
     def variance(self) -> Array:
@@ -105,20 +85,12 @@ def fit(
 ) -> Fit:
     """Fit parameters and, unless it is given, the error of the model of each group.
 
-    Parameters
-    ----------
-    residuals : callable
-        See `Residuals`.
-    start : Array
-        Parameters to begin from, shape (p,).
-    noise : Array
-        Variance of the residuals by noise alone, shape (n,).
-    group : integer array
-        Group of each, from 0, shape (n,).
-    prior : Array
-        Wide standard deviations of the parameters about zero, shape (p,).
-    excess : Array or None
-        Variance beyond the noise, of each group; None has it fitted.
+    `residuals`: see `Residuals`.
+    `start`: parameters to begin from, shape (p,).
+    `noise`: variance of the residuals by noise alone, shape (n,).
+    `group`: group of each, from 0, shape (n,).
+    `prior`: wide standard deviations of the parameters about zero, shape (p,).
+    `excess`: variance beyond the noise, of each group; None has it fitted.
     """
     theta = start
     rounds = 1 if excess is not None else _ROUNDS

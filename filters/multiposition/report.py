@@ -36,14 +36,9 @@ _NEVER = ("mounting", "tilt", "lever_arm", "delay", "earth_rate")
 def report(found: Calibration, asked: Sequence[str], seed: int) -> Trace:
     """Everything that is known, as records for reports, files and the filter.
 
-    Parameters
-    ----------
-    found : Calibration
-        Of one unit.
-    asked : sequence of str
-        Effects whose smallest visible size is to be said.
-    seed : int
-        Of intervals.
+    `found`: of one unit.
+    `asked`: effects whose smallest visible size is to be said.
+    `seed`: of intervals.
     """
     judged = verdicts(found, seed)
     listed = [

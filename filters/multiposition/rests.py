@@ -30,26 +30,16 @@ _CLIPPED = 3
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """One rest.
+    """One rest."""
 
-    Attributes
-    ----------
-    first, last : int
-        Its samples, `last` not among them.
-    start_s, seconds : float
-        Since the run's first sample, and how long.
-    mean : Array
-        Of the six readings, instrument axes and sign, SI, shape (6,); NaN of a channel without data.
-    variance : Array
-        Of that mean by the noise of the readings, shape (6,).
-    """
-
+    # first, last: its samples, `last` not among them
     first: int
     last: int
+    # start_s, seconds: since the run's first sample, and how long
     start_s: float
     seconds: float
-    mean: Array
-    variance: Array
+    mean: Array  # of the six readings, instrument axes and sign, SI, shape (6,); NaN of a channel without data
+    variance: Array  # of that mean by the noise of the readings, shape (6,)
 
 
 def recorded(run: Run) -> NDArray[np.bool_]:
@@ -83,10 +73,7 @@ def _in_a_row(at: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def find_rests(run: Run) -> tuple[Rest, ...]:
     """Rests of a run, in order.
 
-    Parameters
-    ----------
-    run : Run
-        Readings; what it says of angles is not looked at.
+    `run`: readings; what it says of angles is not looked at.
     """
     have = np.flatnonzero(recorded(run))
     width = max(8, round(WINDOW_S * run.rate_hz))

@@ -21,18 +21,10 @@ _STRAIGHT = ("bias", "scale", "cross_axis", "g_sensitivity")
 
 @dataclass(frozen=True)
 class Triad:
-    """Three sensors of a kind with their effects.
+    """Three sensors of a kind with their effects."""
 
-    Attributes
-    ----------
-    channels : tuple of int
-        Numbers of the three.
-    effects : tuple of ChannelEffect
-        In the order of their parameters.
-    """
-
-    channels: tuple[int, ...]
-    effects: tuple[ChannelEffect, ...]
+    channels: tuple[int, ...]  # numbers of the three
+    effects: tuple[ChannelEffect, ...]  # in the order of their parameters
 
     @cached_property
     def size(self) -> int:
@@ -65,14 +57,9 @@ class Triad:
     def true(self, reading: Array, theta: Array, other: Array | None = None) -> Array:
         """What the triad truly sensed, shape (n, 3).
 
-        Parameters
-        ----------
-        reading : Array
-            Of the triad, SI, shape (n, 3).
-        theta : Array
-            Parameters, shape (p,).
-        other : Array or None
-            What the other triad truly sensed, shape (n, 3); zero where nothing depends on it.
+        `reading`: of the triad, SI, shape (n, 3).
+        `theta`: parameters, shape (p,).
+        `other`: what the other triad truly sensed, shape (n, 3); zero where nothing depends on it.
         """
         x = np.zeros((len(reading), 6))
         mine = list(self.channels)

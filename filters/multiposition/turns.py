@@ -35,35 +35,21 @@ _GAP_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class Turn:
-    """A turn between two rests that follow each other.
+    """A turn between two rests that follow each other."""
 
-    Attributes
-    ----------
-    log : int
-        Number of its log.
-    first, second : int
-        Numbers of the two rests, over all logs.
-    samples : slice
-        From the last sample of the first rest to the first of the second.
-    seconds : float
-    """
-
-    log: int
+    log: int  # number of its log
+    # first, second: numbers of the two rests, over all logs
     first: int
     second: int
-    samples: slice
+    samples: slice  # from the last sample of the first rest to the first of the second
     seconds: float
 
 
 class Turns:
     """Turns and rests of one unit as observations of its gyros.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Its logs. Each power-on has gyro biases of its own; parts of one share theirs.
-    rests : sequence of sequences of Rest
-        Of each log.
+    `runs`: its logs. Each power-on has gyro biases of its own; parts of one share theirs.
+    `rests`: of each log.
     """
 
     def __init__(self, runs: Sequence[Run], rests: Sequence[Sequence[Rest]]) -> None:
@@ -197,16 +183,10 @@ class Turns:
     def left_out(self, triad: Triad, made: Fit, number: int, up: Array) -> float:
         """Angle by which a turn misses with a fit to all others, rad.
 
-        Parameters
-        ----------
-        triad : Triad
-            Gyros.
-        made : Fit
-            To all turns and rests.
-        number : int
-            Of the turn.
-        up : Array
-            Directions of its two rests, shape (2, 3): those of accelerometers that were not fitted to them.
+        `triad`: gyros.
+        `made`: to all turns and rests.
+        `number`: of the turn.
+        `up`: directions of its two rests, shape (2, 3): those of accelerometers that were not fitted to them.
         """
         turn = self.turns[number]
         carried, _ = self._turned(triad, self.own(made.theta, turn.log), turn)

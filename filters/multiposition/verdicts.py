@@ -19,26 +19,15 @@ from filters.types import Array
 
 @dataclass(frozen=True)
 class Verdict:
-    """On one effect.
-
-    Attributes
-    ----------
-    effect : ChannelEffect
-    confirmed : bool or None
-        None where nothing judges it: without a log held out, and of the bias of each power-on.
-    refuted : bool
-        Whether it raises the error.
-    metric, unit : str
-        Which error.
-    with_it, without : float
-        That error with everything that was chosen, and without all that is not confirmed.
-    """
+    """On one effect."""
 
     effect: ChannelEffect
-    confirmed: bool | None
-    refuted: bool
+    confirmed: bool | None  # none where nothing judges it: without a log held out, and of the bias of each power-on
+    refuted: bool  # whether it raises the error
+    # metric, unit: which error
     metric: str
     unit: str
+    # with_it, without: that error with everything that was chosen, and without all that is not confirmed
     with_it: float
     without: float
 

@@ -41,20 +41,11 @@ class Sensed(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """Motion known at instants, straight lines between them; one row is rest.
+    """Motion known at instants, straight lines between them; one row is rest."""
 
-    Attributes
-    ----------
-    t : Array
-        s, increasing, shape (M,).
-    sensed : Array
-        As `Sensed.perfect`, shape (M, 6).
-    table_angles, table_rates : Array
-        As `Sensed.angles` and `Sensed.rates`, unwrapped, shape (M, 3).
-    """
-
-    t: Array
-    sensed: Array
+    t: Array  # s, increasing, shape (M,)
+    sensed: Array  # as `Sensed.perfect`, shape (M, 6)
+    # table_angles, table_rates: as `Sensed.angles` and `Sensed.rates`, unwrapped, shape (M, 3)
     table_angles: Array
     table_rates: Array
 
@@ -82,12 +73,8 @@ class RecordedMotion:
 def at_rest(accel: Array, site: Site) -> RecordedMotion:
     """Rest in an attitude that nobody knows: gravity has the direction of the mean reading, the site's magnitude.
 
-    Parameters
-    ----------
-    accel : Array
-        Readings, m/s², instrument axes and sign, shape (N, 3).
-    site : Site
-        Where; Earth rate, whose direction is not known, is left out.
+    `accel`: readings, m/s², instrument axes and sign, shape (N, 3).
+    `site`: where; Earth rate, whose direction is not known, is left out.
     """
     mean = accel.mean(axis=0)
     norm = float(np.linalg.norm(mean))
@@ -132,18 +119,10 @@ def _rotation_vectors(C: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class RecordedTemperature:
-    """Temperature of a recording, straight lines between its samples.
+    """Temperature of a recording, straight lines between its samples."""
 
-    Attributes
-    ----------
-    t : Array
-        s, increasing, shape (N,).
-    degc : Array
-        Shape (N,).
-    """
-
-    t: Array
-    degc: Array
+    t: Array  # s, increasing, shape (N,)
+    degc: Array  # shape (N,)
 
     def at(self, t: Array) -> Array:
         """Temperature, degC, shape (N,)."""
@@ -156,37 +135,20 @@ class RecordedTemperature:
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """A recording that is played.
+    """A recording that is played."""
 
-    Attributes
-    ----------
-    readings : callable
-        Readings at times since power-on, shape (N,): rad/s and m/s², instrument axes and sign, shape (N, 6); NaN after
-        its end.
-    motion : RecordedMotion
-        What there was to sense.
-    temperature : RecordedTemperature or None
-        None if it has none.
-    """
-
+    # readings at times since power-on, shape (N,): rad/s and m/s², instrument axes and sign, shape (N, 6); NaN after
+    # its end
     readings: Callable[[Array], Array]
-    motion: RecordedMotion
-    temperature: RecordedTemperature | None = None
+    motion: RecordedMotion  # what there was to sense
+    temperature: RecordedTemperature | None = None  # none if it has none
 
     def check_rest(self, perfect: Array, gravity: float) -> None:
         """Refuse to move a recording that is not of a unit at rest as the scenario has it.
 
-        Parameters
-        ----------
-        perfect : Array
-            What a perfect unit at rest on the level table reads, shape (6,).
-        gravity : float
-            m/s².
-
-        Raises
-        ------
-        ValueError
-            If it moves, or its gravity points elsewhere.
+        `perfect`: what a perfect unit at rest on the level table reads, shape (6,).
+        `gravity`: m/s².
+        Raises ValueError if it moves, or its gravity points elsewhere.
         """
         if self.motion.moves:
             raise ValueError(

@@ -57,23 +57,12 @@ them if it has `selectable` too), with `together` on those that a scenario names
 class Effect:
     """What a scenario asks of one effect.
 
-    Attributes
-    ----------
-    name : str
-        In `EFFECTS`.
-    channels : tuple of str
-        Of gx, gy, gz, ax, ay, az; empty for an effect that is everywhere by itself.
-    parameters : mapping
-        As its class names them, in the units of the names.
-
-    Raises
-    ------
-    ValueError
-        If a name, a channel, a parameter or a value does not fit; the message says what would.
+    Raises ValueError if a name, a channel, a parameter or a value does not fit; the message says what would.
     """
 
-    name: str
-    channels: tuple[str, ...] = ()
+    name: str  # in `EFFECTS`
+    channels: tuple[str, ...] = ()  # of gx, gy, gz, ax, ay, az; empty for an effect that is everywhere by itself
+    # as its class names them, in the units of the names
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -95,17 +84,9 @@ class Effect:
     def made(self, rate_hz: float, rng: Callable[[int], np.random.Generator]) -> list[tuple[int, Any]]:
         """The effect at work: an object for each channel, or one for all of them, under the first one's number.
 
-        Parameters
-        ----------
-        rate_hz : float
-            Of the readings.
-        rng : callable
-            Gives the generator of a channel's number.
-
-        Returns
-        -------
-        list of (int, object)
-            Number of the channel, and the object, in the order of the channels.
+        `rate_hz`: of the readings.
+        `rng`: gives the generator of a channel's number.
+        Returns number of the channel, and the object, in the order of the channels.
         """
         kind = EFFECTS[self.name]
         numbers = tuple(CHANNELS.index(channel) for channel in self.channels or kind.channels)

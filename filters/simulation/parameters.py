@@ -14,38 +14,20 @@ GYRO_CHANNELS, ACCEL_CHANNELS = CHANNELS[:3], CHANNELS[3:]
 
 @dataclass(frozen=True, slots=True)
 class ScenarioParameter:
-    """A parameter of an effect.
+    """A parameter of an effect."""
 
-    Attributes
-    ----------
-    key : str
-        What the effect calls it.
-    name : str
-        What a scenario calls it, unit and all; `{e}` stands for the unit of errors, dps or mg by the channel, and
-        `{x}` for that of inputs, dps or g.
-    default : float, str or None
-        None where it must be given.
-    inputs : int
-        Power of the input's unit in the parameter's.
-    factor : float
-        To SI, of what is left of the unit.
-    choices : tuple of str
-        Of a parameter that is a word.
-    least, most : float
-        Of a parameter that is a number, in its own unit.
-    above : bool
-        Whether `least` itself is too little.
-    """
-
-    key: str
+    key: str  # what the effect calls it
+    # what a scenario calls it, unit and all; `{e}` stands for the unit of errors, dps or mg by the channel, and `{x}`
+    # for that of inputs, dps or g
     name: str
-    default: float | str | None = None
-    inputs: int = 0
-    factor: float = 1.0
-    choices: tuple[str, ...] = ()
+    default: float | str | None = None  # none where it must be given
+    inputs: int = 0  # power of the input's unit in the parameter's
+    factor: float = 1.0  # to SI, of what is left of the unit
+    choices: tuple[str, ...] = ()  # of a parameter that is a word
+    # least, most: of a parameter that is a number, in its own unit
     least: float = -math.inf
     most: float = math.inf
-    above: bool = False
+    above: bool = False  # whether `least` itself is too little
 
     def name_on(self, channel: int) -> str:
         """Name in a scenario, for a channel's number."""
@@ -64,27 +46,13 @@ def positive(key: str, name: str, default: float | None = None) -> ScenarioParam
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What an effect is made from, on one channel.
+    """What an effect is made from, on one channel."""
 
-    Attributes
-    ----------
-    channel : int
-        Number in `CHANNELS`.
-    channels : tuple of int
-        All that the effect was asked for on.
-    values : dict
-        Key to value, SI; a word for a parameter that is one.
-    rate_hz : float
-        Of the readings.
-    rng : numpy.random.Generator
-        The effect's own, of this power-on.
-    """
-
-    channel: int
-    channels: tuple[int, ...]
-    values: dict[str, float | str]
-    rate_hz: float
-    rng: np.random.Generator
+    channel: int  # number in `CHANNELS`
+    channels: tuple[int, ...]  # all that the effect was asked for on
+    values: dict[str, float | str]  # key to value, SI; a word for a parameter that is one
+    rate_hz: float  # of the readings
+    rng: np.random.Generator  # the effect's own, of this power-on
 
     def number(self, key: str) -> float:
         """Value of a parameter that is a number."""
@@ -97,24 +65,11 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class TrueInputs:
-    """What there is to sense over N successive readings.
+    """What there is to sense over N successive readings."""
 
-    Attributes
-    ----------
-    t : Array
-        Since power-on, s, shape (N,).
-    perfect : Array
-        What an instrument without errors reads: rates (rad/s), accelerations (m/s²), its own axes and sign, (N, 6).
-    temperature : Array
-        Inside the case, degC, shape (N,).
-    temperature_rate : Array
-        K/s, shape (N,).
-    angles : Array
-        Rotations of the table about north, east, down, rad, shape (N, 3).
-    """
-
-    t: Array
+    t: Array  # since power-on, s, shape (N,)
+    # what an instrument without errors reads: rates (rad/s), accelerations (m/s²), its own axes and sign, (N, 6)
     perfect: Array
-    temperature: Array
-    temperature_rate: Array
-    angles: Array
+    temperature: Array  # inside the case, degC, shape (N,)
+    temperature_rate: Array  # K/s, shape (N,)
+    angles: Array  # rotations of the table about north, east, down, rad, shape (N, 3)

@@ -42,14 +42,9 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Constant biases of one unit, body axes.
+    """Constant biases of one unit, body axes."""
 
-    Attributes
-    ----------
-    accel_bias, gyro_bias : Array
-        m/s² and rad/s, shape (3,).
-    """
-
+    # accel_bias, gyro_bias: m/s² and rad/s, shape (3,)
     accel_bias: Array
     gyro_bias: Array
 
@@ -57,16 +52,8 @@ class Truth:
 def draw(seed: int, spec: ImuSpec = IMU400CD_200) -> Truth:
     """Biases of a unit: uniform within the specification's limits.
 
-    Parameters
-    ----------
-    seed : int
-        Equal seeds give equal units.
-    spec : ImuSpec
-        Limits.
-
-    Returns
-    -------
-    Truth
+    `seed`: equal seeds give equal units.
+    `spec`: limits.
     """
     rng = np.random.default_rng([seed, 0])
     return Truth(rng.uniform(-1, 1, 3) * spec.accel_bias_limit, rng.uniform(-1, 1, 3) * spec.gyro_bias_limit)
@@ -74,15 +61,10 @@ def draw(seed: int, spec: ImuSpec = IMU400CD_200) -> Truth:
 
 @dataclass(frozen=True, slots=True)
 class Temperature:
-    """Temperature inside the case since power-on.
+    """Temperature inside the case since power-on."""
 
-    Attributes
-    ----------
-    points : tuple of (float, float)
-        s and degC, times increasing; straight lines between them, constant before and after. Without any it warms up
-        by itself: 24 degC + 6 K (1 - exp(-t / 600 s)).
-    """
-
+    # s and degC, times increasing; straight lines between them, constant before and after. Without any it warms up by
+    # itself: 24 degC + 6 K (1 - exp(-t / 600 s)).
     points: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -110,54 +92,33 @@ class Temperature:
 
 @dataclass(frozen=True, slots=True)
 class PowerOn:
-    """What differs at one power-on.
+    """What differs at one power-on."""
 
-    Attributes
-    ----------
-    seed : int or None
-        Of noise and of random effects, instead of the scenario's.
-    temperature : Temperature or None
-        Instead of the scenario's.
-    accel_bias, gyro_bias : tuple of float or None
-        Instead of the scenario's, instrument axes, m/s² and rad/s; nothing from run to run is added to them.
-    """
-
-    seed: int | None = None
-    temperature: Temperature | None = None
+    seed: int | None = None  # of noise and of random effects, instead of the scenario's
+    temperature: Temperature | None = None  # instead of the scenario's
+    # accel_bias, gyro_bias: instead of the scenario's, instrument axes, m/s² and rad/s; nothing from run to run is
+    # added to them
     accel_bias: Triple | None = None
     gyro_bias: Triple | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault on the wire, for whoever puts readings on one.
+    """A fault on the wire, for whoever puts readings on one."""
 
-    Attributes
-    ----------
-    at : float
-        Since the first request for data, s.
-    kind : str
-        On the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between.
-        "bit_flips": one bit in each of the next `count` messages. "silence": nothing arrives for `seconds`, and what
-        was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
-        `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them.
-        "stutter": a packet stops half-way and goes on `seconds` later.
-        Of the unit: "reset": as after power-up. "mode_change": into the other mode. "pause": nothing for `seconds`.
-        Of the port: "hang_up": gone for `seconds`, and back under another name.
-    count : int
-    seconds : float
-    power : bool
-        With a hang-up: whether the unit loses its power too.
-    serial_number : int or None
-        With a hang-up: of the other unit that comes back.
-    """
-
-    at: float
+    at: float  # since the first request for data, s
+    # on the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes in between.
+    # "bit_flips": one bit in each of the next `count` messages. "silence": nothing arrives for `seconds`, and what was
+    # sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within `seconds`
+    # arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them. "stutter": a
+    # packet stops half-way and goes on `seconds` later. Of the unit: "reset": as after power-up. "mode_change": into
+    # the other mode. "pause": nothing for `seconds`. Of the port: "hang_up": gone for `seconds`, and back under another
+    # name.
     kind: str
     count: int = 0
     seconds: float = 0.0
-    power: bool = False
-    serial_number: int | None = None
+    power: bool = False  # with a hang-up: whether the unit loses its power too
+    serial_number: int | None = None  # with a hang-up: of the other unit that comes back
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_KINDS:
@@ -177,36 +138,17 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """What a unit and its line are like all the time, for whoever puts readings on a wire.
+    """What a unit and its line are like all the time, for whoever puts readings on a wire."""
 
-    Attributes
-    ----------
-    version : str or None
-        The unit's answer to the question for its version, instead of the usual one.
-    version_plain_text : bool
-        Whether that comes without header and checksum.
-    ping : {"keeps", "stops", "resets"}
-        What a ping does besides being answered: nothing; it ends the stream; it does what power-up does.
-    power_up_mode : {"voltage", "scaled"}
-        What packets mean after power-up.
-    auto_baud : bool
-        Whether the unit can change its speed.
-    reply_delay : float
-        How late it answers, s.
-    clock_skew_ppm : float
-        How much faster than the host's clock the unit's runs, millionths.
-    usb_bursts : float
-        Period of an adapter that hands on what has come all at once, s; 0: at once.
-    """
-
-    version: str | None = None
-    version_plain_text: bool = False
+    version: str | None = None  # the unit's answer to the question for its version, instead of the usual one
+    version_plain_text: bool = False  # whether that comes without header and checksum
+    # what a ping does besides being answered: nothing; it ends the stream; it does what power-up does
     ping: Literal["keeps", "stops", "resets"] = "stops"
-    power_up_mode: Literal["voltage", "scaled"] = "voltage"
-    auto_baud: bool = True
-    reply_delay: float = 0.0
-    clock_skew_ppm: float = 0.0
-    usb_bursts: float = 0.0
+    power_up_mode: Literal["voltage", "scaled"] = "voltage"  # what packets mean after power-up
+    auto_baud: bool = True  # whether the unit can change its speed
+    reply_delay: float = 0.0  # how late it answers, s
+    clock_skew_ppm: float = 0.0  # how much faster than the host's clock the unit's runs, millionths
+    usb_bursts: float = 0.0  # period of an adapter that hands on what has come all at once, s; 0: at once
 
     def __post_init__(self) -> None:
         if self.version is not None and not (self.version.isascii() and len(self.version) <= _VERSION_CHARACTERS):
@@ -220,46 +162,25 @@ class Personality:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A unit, what is done with it, and what is wrong with it.
+    """A unit, what is done with it, and what is wrong with it."""
 
-    Attributes
-    ----------
-    seed : int
-        Of all that is drawn.
-    spec : ImuSpec
-        Noise densities and bandwidths (0: no limit); bias limits, within which biases are drawn.
-    accel_bias, gyro_bias : tuple of float or None
-        Instrument axes and sign, m/s² and rad/s; drawn from the seed if None.
-    accel_bias_run_sd, gyro_bias_run_sd : float
-        Standard deviations of what comes to the biases at each power-on.
-    temperature : Temperature
-        Since power-on.
-    profile : Profile or None
-        Motion of the table from power-on; level and still without.
-    effects : tuple of Effect
-    power_ons : tuple of PowerOn
-        At least one.
-    faults : tuple of Fault
-    personality : Personality
-    site : Site
-    axes : AxisMap
-        Sign of the accelerometers, mounting on the table.
-    """
-
-    seed: int = 0
+    seed: int = 0  # of all that is drawn
+    # noise densities and bandwidths (0: no limit); bias limits, within which biases are drawn
     spec: ImuSpec = IMU400CD_200
+    # accel_bias, gyro_bias: instrument axes and sign, m/s² and rad/s; drawn from the seed if None
     accel_bias: Triple | None = None
     gyro_bias: Triple | None = None
+    # accel_bias_run_sd, gyro_bias_run_sd: standard deviations of what comes to the biases at each power-on
     accel_bias_run_sd: float = 0.0
     gyro_bias_run_sd: float = 0.0
-    temperature: Temperature = Temperature()
-    profile: Profile | None = None
+    temperature: Temperature = Temperature()  # since power-on
+    profile: Profile | None = None  # motion of the table from power-on; level and still without
     effects: tuple[Effect, ...] = ()
-    power_ons: tuple[PowerOn, ...] = (PowerOn(),)
+    power_ons: tuple[PowerOn, ...] = (PowerOn(),)  # at least one
     faults: tuple[Fault, ...] = ()
     personality: Personality = Personality()
     site: Site = PAPER_SITE
-    axes: AxisMap = field(default_factory=AxisMap)
+    axes: AxisMap = field(default_factory=AxisMap)  # sign of the accelerometers, mounting on the table
 
     def __post_init__(self) -> None:
         if self.seed < 0:

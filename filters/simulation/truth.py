@@ -24,35 +24,19 @@ _STEP_S = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Motion and its errors.
+    """Motion and its errors."""
 
-    Attributes
-    ----------
-    profile : Profile or None
-        Of the table; level and still without.
-    site : Site
-        Where it stands.
-    axes : AxisMap
-        How the instrument sits on it.
-    delays : Array
-        Of each channel, s, shape (6,).
-    lever : Array
-        From the centre of rotation to the accelerometers, instrument axes, m, shape (3,).
-    rotation : Array
-        Takes what is at the instrument's axes to what its sensors' axes see, shape (3, 3).
-    tilt : Array
-        Rotation of the base about north, east, down, rad, shape (3,).
-    gravity_ratio, earth_ratio : Array or float
-        Gravity over the site's; Earth rate over the true one, for each gyro, shape (3,).
-    """
-
-    profile: Profile | None
-    site: Site
-    axes: AxisMap
-    delays: Array = field(default_factory=lambda: np.zeros(6))
+    profile: Profile | None  # of the table; level and still without
+    site: Site  # where it stands
+    axes: AxisMap  # how the instrument sits on it
+    delays: Array = field(default_factory=lambda: np.zeros(6))  # of each channel, s, shape (6,)
+    # from the centre of rotation to the accelerometers, instrument axes, m, shape (3,)
     lever: Array = field(default_factory=lambda: np.zeros(3))
+    # takes what is at the instrument's axes to what its sensors' axes see, shape (3, 3)
     rotation: Array = field(default_factory=lambda: np.eye(3))
+    # rotation of the base about north, east, down, rad, shape (3,)
     tilt: Array = field(default_factory=lambda: np.zeros(3))
+    # gravity_ratio, earth_ratio: gravity over the site's; Earth rate over the true one, for each gyro, shape (3,)
     gravity_ratio: float = 1.0
     earth_ratio: Array = field(default_factory=lambda: np.ones(3))
 

@@ -46,28 +46,15 @@ _OF_NOISE = (NoiseLevel, NoiseCrosstalk, Bandwidth)
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Readings with what only a simulation knows, of the same N instants.
+    """Readings with what only a simulation knows, of the same N instants."""
 
-    Attributes
-    ----------
-    samples : Samples
-        Stamps, rates and specific forces, body axes.
-    number : integer array
-        Number of each reading since power-on, shape (N,); lost ones are missing.
-    temperature_degc : Array
-        Shape (N,).
-    angles, rates : Array
-        Rotations of the table about north, east, down and their derivatives, rad and rad/s, shape (N, 3).
-    truth : Truth
-        Biases.
-    """
-
-    samples: Samples
-    number: NDArray[np.int_]
-    temperature_degc: Array
+    samples: Samples  # stamps, rates and specific forces, body axes
+    number: NDArray[np.int_]  # number of each reading since power-on, shape (N,); lost ones are missing
+    temperature_degc: Array  # shape (N,)
+    # angles, rates: rotations of the table about north, east, down and their derivatives, rad and rad/s, shape (N, 3)
     angles: Array
     rates: Array
-    truth: Truth
+    truth: Truth  # biases
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,22 +71,14 @@ class _Block:
 class Unit:
     """A unit at one of its power-ons.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Unit, motion, effects.
-    power_on : int
-        Which, from 0.
-    rate_hz : float
-        Readings a second.
-    background : Background or None
-        A recording that is played in place of biases and noise that are drawn: the scenario's motion, its effects and
-        the biases that it names are added. Temperature is the scenario's where it has one, else the recording's.
-
-    Raises
-    ------
-    ValueError
-        If the scenario has no such power-on, the rate is not positive, or something can't be added to the recording.
+    `scenario`: unit, motion, effects.
+    `power_on`: which, from 0.
+    `rate_hz`: readings a second.
+    `background`: a recording that is played in place of biases and noise that are drawn: the scenario's motion, its
+      effects and the biases that it names are added. Temperature is the scenario's where it has one, else the
+      recording's.
+    Raises ValueError if the scenario has no such power-on, the rate is not positive, or something can't be added to the
+      recording.
     """
 
     def __init__(
@@ -161,14 +140,7 @@ class Unit:
     def record(self, count: int) -> Recording:
         """What arrives of readings 0 to `count` - 1, and the truth beside it; the unit is not used up.
 
-        Parameters
-        ----------
-        count : int
-            Readings made.
-
-        Returns
-        -------
-        Recording
+        `count`: readings made.
         """
         if count < 0:
             raise ValueError(f"`count` is {count}, negative")
@@ -258,16 +230,10 @@ class Unit:
 class StillUnit(Unit):
     """A still, level unit with nothing wrong but its biases, drawn within the specification, and noise.
 
-    Parameters
-    ----------
-    seed : int
-        Of biases and noise.
-    rate_hz : float
-        Readings a second of unit time.
-    site : Site
-        Where it stands.
-    spec : ImuSpec
-        Noise densities, bandwidths, bias limits.
+    `seed`: of biases and noise.
+    `rate_hz`: readings a second of unit time.
+    `site`: where it stands.
+    `spec`: noise densities, bandwidths, bias limits.
     """
 
     def __init__(self, seed: int, rate_hz: float, site: Site = PAPER_SITE, spec: ImuSpec = IMU400CD_200) -> None:
@@ -290,31 +256,16 @@ def simulate(
 
     Noise of a sample has standard deviation density · √rate: what a filter with that specification believes.
 
-    Parameters
-    ----------
-    profile : Profile or None
-        Motion from the first sample on; level and still without.
-    rate_hz, seconds : float
-        ``round(seconds * rate_hz)`` samples.
-    seed : int
-        Of noise, random effects, and biases that are not given.
-    spec : ImuSpec
-        Densities, bias limits.
-    truth : Truth or None
-        Biases, body axes; drawn within the limits if None.
-    effects : tuple of Effect
-        In the axes and sign of an instrument that sits straight on the table and reads +1 g when level.
-    site : Site
-        Where the table stands.
-    band_limit : bool
-        Whether the specification's bandwidths act, on signal and noise.
-
-    Returns
-    -------
-    Samples
-        Body axes.
-    Truth
-        Biases.
+    `profile`: motion from the first sample on; level and still without.
+    `rate_hz`, `seconds`: ``round(seconds * rate_hz)`` samples.
+    `seed`: of noise, random effects, and biases that are not given.
+    `spec`: densities, bias limits.
+    `truth`: biases, body axes; drawn within the limits if None.
+    `effects`: in the axes and sign of an instrument that sits straight on the table and reads +1 g when level.
+    `site`: where the table stands.
+    `band_limit`: whether the specification's bandwidths act, on signal and noise.
+    Returns body axes.
+    Returns biases.
     """
     if not band_limit:
         spec = replace(spec, gyro_bandwidth=0.0, accel_bandwidth=0.0)

@@ -42,48 +42,21 @@ class Remainder:
 
 @dataclass(frozen=True, kw_only=True)
 class Assessment:
-    """All that is known of a selection.
+    """All that is known of a selection."""
 
-    Attributes
-    ----------
-    selection : Selection
-        What was selected, with the design.
-    channels : tuple of int
-        Those with data.
-    screening : Screening
-        What was found beside it.
-    findings : tuple of Finding
-        The best score first, without those that are
-    refuted : tuple of Refuted
-        contradicted by the held-out run.
-    heldout : HeldOutRun or None
-        What nothing was fitted to.
-    errors : tuple of ErrorFigure
-        Before and after, on the held-out run or within the runs, with all that the runs at hand chose.
-    remainder : tuple of Remainder
-        What is not explained.
-    limits : tuple of LimitEntry
-        Of effects that were asked about.
-    experiment : SeparatingExperiment or None
-        The run to make next.
-    seed : int
-        Of intervals and bands.
-    common : tuple of CommonCause
-        What moves several channels at once and nothing logged explains.
-    """
-
-    selection: Selection
-    channels: tuple[int, ...]
-    screening: Screening
-    findings: tuple[Finding, ...]
-    refuted: tuple[Refuted, ...]
-    heldout: HeldOutRun | None
+    selection: Selection  # what was selected, with the design
+    channels: tuple[int, ...]  # those with data
+    screening: Screening  # what was found beside it
+    findings: tuple[Finding, ...]  # the best score first, without those that are
+    refuted: tuple[Refuted, ...]  # contradicted by the held-out run
+    heldout: HeldOutRun | None  # what nothing was fitted to
+    # before and after, on the held-out run or within the runs, with all that the runs at hand chose
     errors: tuple[ErrorFigure, ...]
-    remainder: tuple[Remainder, ...]
-    limits: tuple[LimitEntry, ...]
-    experiment: SeparatingExperiment | None
-    seed: int
-    common: tuple[CommonCause, ...] = ()
+    remainder: tuple[Remainder, ...]  # what is not explained
+    limits: tuple[LimitEntry, ...]  # of effects that were asked about
+    experiment: SeparatingExperiment | None  # the run to make next
+    seed: int  # of intervals and bands
+    common: tuple[CommonCause, ...] = ()  # what moves several channels at once and nothing logged explains
 
     @property
     def design(self) -> Design:
@@ -116,20 +89,12 @@ def assess(
 ) -> Assessment:
     """Assess a selection.
 
-    Parameters
-    ----------
-    chosen : Selection
-        What was selected.
-    channels : sequence of int
-        Those with data.
-    screening : Screening
-        What was found beside it.
-    heldout : Stack or None
-        A run that nothing was fitted to.
-    asked : sequence of str
-        Effects whose limit of detection is to be said.
-    seed : int
-        Of intervals and bands.
+    `chosen`: what was selected.
+    `channels`: those with data.
+    `screening`: what was found beside it.
+    `heldout`: a run that nothing was fitted to.
+    `asked`: effects whose limit of detection is to be said.
+    `seed`: of intervals and bands.
     """
     design = chosen.design
     found = findings_of(chosen)

@@ -45,12 +45,7 @@ def _term(form: Form, design: Design, channel: int) -> Term | None:
 def parameters_of(joint: JointChoice, channel: int) -> list[ParameterEntry]:
     """What the leading form has: its curve, its lag and play; how much is carried over, and its share of the evidence.
 
-    Parameters
-    ----------
-    joint : JointChoice
-        What was selected.
-    channel : int
-        Where.
+    `joint`: what was selected.
     """
     average = joint.average
     form, weight = average.families[0]

@@ -32,24 +32,12 @@ _Numbers = NDArray[np.int_]
 
 @dataclass(frozen=True)
 class BesideDrift:
-    """A channel under every drift of a grid.
+    """A channel under every drift of a grid."""
 
-    Attributes
-    ----------
-    drifts : tuple of Drift
-        None first.
-    values : Array
-        -2 log likelihood under each with what is selected, shape (m,).
-    gains : Array
-        How much a term lowers it, shape (m, terms).
-    price : Array
-        What each drift costs, shape (m,).
-    """
-
-    drifts: tuple[Drift, ...]
-    values: Array
-    gains: Array
-    price: Array
+    drifts: tuple[Drift, ...]  # none first
+    values: Array  # -2 log likelihood under each with what is selected, shape (m,)
+    gains: Array  # how much a term lowers it, shape (m, terms)
+    price: Array  # what each drift costs, shape (m,)
 
     @property
     def gain(self) -> Array:
@@ -75,16 +63,9 @@ def beside_drift(
 ) -> BesideDrift:
     """Judge terms of a channel beside drift.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    selection : sequence of Term
-        What is selected; what several channels share stays as it is fitted.
-    channel : int
-        Which.
-    terms : sequence of tuple of Term
-        Of that channel alone, slow; of several the gain of all together.
+    `design`: data and columns.
+    `selection`: what is selected; what several channels share stays as it is fitted.
+    `terms`: of that channel alone, slow; of several the gain of all together.
     """
     places = [np.concatenate([a.places[channel] for a in group]) for group in terms]
     distinct, inverse = np.unique(np.concatenate([np.zeros(0, int), *places]), return_inverse=True)
@@ -137,30 +118,14 @@ def fitted_beside(
 
 @dataclass(frozen=True)
 class Rows:
-    """A channel averaged over a second or more.
+    """A channel averaged over a second or more."""
 
-    Attributes
-    ----------
-    values : Array
-        Residual, columns of what is selected, other columns, SI, shape (m, 1 + selected + k).
-    t : Array
-        s since power-on, shape (m,).
-    starts : integer array
-        First row of each power-on.
-    variance : Array
-        Of the white noise of each row, infinite where there is no data, shape (m,).
-    selected : int
-        How many columns of what is selected there are.
-    seconds : float
-        Length of a row.
-    """
-
-    values: Array
-    t: Array
-    starts: _Numbers
-    variance: Array
-    selected: int
-    seconds: float
+    values: Array  # residual, columns of what is selected, other columns, SI, shape (m, 1 + selected + k)
+    t: Array  # s since power-on, shape (m,)
+    starts: _Numbers  # first row of each power-on
+    variance: Array  # of the white noise of each row, infinite where there is no data, shape (m,)
+    selected: int  # how many columns of what is selected there are
+    seconds: float  # length of a row
 
 
 def rows_of(design: Design, selection: Sequence[Term], channel: int, columns: Array) -> Rows:

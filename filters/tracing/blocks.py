@@ -30,23 +30,12 @@ _AT_ONCE = 1 << 18
 
 @dataclass(frozen=True, slots=True)
 class SlowInputs:
-    """Inputs with a memory, at the n blocks of a run: temperature, and what follows the table's motion.
-
-    Attributes
-    ----------
-    temperature : TemperatureHistory
-    since_motion : Array
-        s since the table last moved (since the run's start if it never did), shape (n,).
-    direction : Array
-        Sign of the last motion of each axis, 0 before the first, shape (n, 3).
-    trail : Array
-        What is sensed, followed from behind, shape (n, TRAILED, TRAILS), see `effects.inputs`.
-    """
+    """Inputs with a memory, at the n blocks of a run: temperature, and what follows the table's motion."""
 
     temperature: TemperatureHistory
-    since_motion: Array
-    direction: Array
-    trail: Array
+    since_motion: Array  # s since the table last moved (since the run's start if it never did), shape (n,)
+    direction: Array  # sign of the last motion of each axis, 0 before the first, shape (n, 3)
+    trail: Array  # what is sensed, followed from behind, shape (n, TRAILED, TRAILS), see `effects.inputs`
 
     def rows(self, blocks: NDArray[np.int_]) -> "SlowInputs":
         """Those of some blocks, by number, as often as named."""
@@ -57,49 +46,24 @@ class SlowInputs:
 
 @dataclass(frozen=True)
 class Blocks:
-    """A run in blocks.
+    """A run in blocks."""
 
-    Attributes
-    ----------
-    run : Run
-        Where they come from.
-    period : float
-        Length of a block, s.
-    t : Array
-        Middle of each, s since the power-on's first known sample, shape (n,).
-    y : Array
-        Mean residual, shape (n, 6); 0 where there is no weight.
-    weight : Array
-        Share of the samples that were there and good, 0 to 1, shape (n, 6); 0 if more than 15 % were flagged.
-    rough : Array
-        Sum of the squared differences of neighbouring samples, shape (n, 6), and
-    pairs : Array
-        how many, shape (n, 6).
-    edges : integer array
-        First sample of each block, and the end, shape (n + 1,).
-    slow_inputs : SlowInputs
-        What has a memory.
-    """
-
-    run: Run
-    period: float
-    t: Array
-    y: Array
+    run: Run  # where they come from
+    period: float  # length of a block, s
+    t: Array  # middle of each, s since the power-on's first known sample, shape (n,)
+    y: Array  # mean residual, shape (n, 6); 0 where there is no weight
+    # share of the samples that were there and good, 0 to 1, shape (n, 6); 0 if more than 15 % were flagged
     weight: Array
-    rough: Array
-    pairs: Array
-    edges: NDArray[np.int_]
-    slow_inputs: SlowInputs
+    rough: Array  # sum of the squared differences of neighbouring samples, shape (n, 6), and
+    pairs: Array  # how many, shape (n, 6)
+    edges: NDArray[np.int_]  # first sample of each block, and the end, shape (n + 1,)
+    slow_inputs: SlowInputs  # what has a memory
 
     def mean(self, columns: Sequence[tuple[Callable[[Inputs], Array], slice]], out: Array) -> None:
         """Block means of columns, functions of the drivers.
 
-        Parameters
-        ----------
-        columns : sequence of (callable, slice)
-            What gives the columns at the samples, shape (N, k), and where they go in `out`.
-        out : Array
-            Shape (n, K), filled in place.
+        `columns`: what gives the columns at the samples, shape (N, k), and where they go in `out`.
+        `out`: shape (n, K), filled in place.
         """
         if self.run.still:
             inputs = self._inputs_at_rest()
@@ -115,12 +79,8 @@ class Blocks:
     def at_samples(self, columns: Sequence[tuple[Callable[[Inputs], Array], int]], out: Array) -> None:
         """Functions of the drivers at the samples themselves, added to columns of `out`, shape (N, K).
 
-        Parameters
-        ----------
-        columns : sequence of (callable, int)
-            What gives one value a sample, and the column it is added to.
-        out : Array
-            Changed in place.
+        `columns`: what gives one value a sample, and the column it is added to.
+        `out`: changed in place.
         """
         if self.run.still:
             inputs, number = self._inputs_at_rest(), np.repeat(np.arange(self.t.size), np.diff(self.edges))
@@ -216,18 +176,9 @@ def _lever(axes: AxisMap, turning: Array, turning_dot: Array) -> Array:
 def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = None) -> Blocks:
     """Average a run.
 
-    Parameters
-    ----------
-    run : Run
-        With its flags.
-    block_s : float
-        Wanted length, s; a whole number of samples is taken, at least one.
-    before : ThermalMemory or None
-        What the part before it in its power-on hands on.
-
-    Returns
-    -------
-    Blocks
+    `run`: with its flags.
+    `block_s`: wanted length, s; a whole number of samples is taken, at least one.
+    `before`: what the part before it in its power-on hands on.
     """
     per = max(1, round(block_s * run.rate_hz))
     period = per / run.rate_hz
@@ -258,12 +209,8 @@ def average(run: Run, block_s: float = BLOCK_S, before: ThermalMemory | None = N
 def average_all(runs: Sequence[Run], block_s: float = BLOCK_S) -> list[Blocks]:
     """Average runs, of which parts of one power-on go on from each other's temperature; in the order given.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Whole power-ons and parts.
-    block_s : float
-        Wanted length, s.
+    `runs`: whole power-ons and parts.
+    `block_s`: wanted length, s.
     """
     out: dict[int, Blocks] = {}
     known: dict[str, ThermalMemory | None] = {}

@@ -37,24 +37,12 @@ _POINTS = 31
 
 @dataclass(frozen=True)
 class CandidateMotion:
-    """One run that can be made.
+    """One run that can be made."""
 
-    Attributes
-    ----------
-    description : str
-        What an operator does, without how long.
-    profile : Profile
-        Of the table.
-    thermal : tuple of (float, float) or None
-        Temperature in the case, s and degC; None where no temperature is known.
-    chamber : bool
-        Whether it takes a thermal chamber: more than power and a room.
-    """
-
-    description: str
-    profile: Profile
-    thermal: Thermal | None
-    chamber: bool = False
+    description: str  # what an operator does, without how long
+    profile: Profile  # of the table
+    thermal: Thermal | None  # temperature in the case, s and degC; None where no temperature is known
+    chamber: bool = False  # whether it takes a thermal chamber: more than power and a room
 
     @property
     def seconds(self) -> float:
@@ -101,25 +89,14 @@ class CandidateMotion:
 
 @dataclass(frozen=True)
 class ObservedRange:
-    """What the runs at hand went through.
+    """What the runs at hand went through."""
 
-    Attributes
-    ----------
-    room, working : float
-        Lowest and highest temperature, degC; NaN without temperature.
-    warm : float
-        The highest of a candidate, degC, above the room's by 10 K at least.
-    start : tuple of (float, float)
-        Temperature after a cold start, s and degC.
-    rate : float
-        Largest rate of an axis to ask for, rad/s.
-    """
-
+    # room, working: lowest and highest temperature, degC; NaN without temperature
     room: float
     working: float
-    warm: float
-    start: Thermal
-    rate: float
+    warm: float  # the highest of a candidate, degC, above the room's by 10 K at least
+    start: Thermal  # temperature after a cold start, s and degC
+    rate: float  # largest rate of an axis to ask for, rad/s
 
     @classmethod
     def of(cls, stack: Stack) -> "ObservedRange":
@@ -159,12 +136,8 @@ def _points(t: Array, T: Array) -> Thermal:
 def candidates(observed: ObservedRange, moving: bool) -> list[CandidateMotion]:
     """All candidates.
 
-    Parameters
-    ----------
-    observed : ObservedRange
-        What the runs at hand went through.
-    moving : bool
-        Whether candidates with motion are wanted.
+    `observed`: what the runs at hand went through.
+    `moving`: whether candidates with motion are wanted.
     """
     known = math.isfinite(observed.room)
     return (_thermal(observed) if known else []) + (_moving(observed, known) if moving else [])

@@ -31,59 +31,34 @@ _VERTICAL = 0.5  # of gravity: an axis that reads more of it does not show a sma
 
 @dataclass(frozen=True, kw_only=True)
 class CommonCause:
-    """What moves several channels at once.
+    """What moves several channels at once."""
 
-    Attributes
-    ----------
-    kind : str
-        event, drift, or remainder: what is shared though neither channel needs a drift.
-    channels : tuple of int
-        The leading one first.
-    coherence : float
-        Mean squared correlation of the channels with what they share, without their white noise, 0 to 1.
-    start, end : float
-        s since the start of the run; of an event that stays, `end` is that of its run.
-    stays : bool
-        Whether an event has no way back.
-    run : integer array
-        Number of the run of each point of the course, shape (n,).
-    t, course : Array
-        s since the start of that run, and the course, SI of the leading channel, shape (n,).
-    size, sd : Array
-        Of what is shared in each channel, SI, shape (k,): an event's step, a drift's standard deviation, signed.
-    p : float
-        Probability of as much by chance.
-    begins : float
-        When the run of an event began, s since that of its power-on.
-    tilt : float or None
-        rad that the unit would have to be tilted by; None where a tilt can't be the cause.
-    """
-
+    # event, drift, or remainder: what is shared though neither channel needs a drift
     kind: Literal["event", "drift", "remainder"]
-    channels: tuple[int, ...]
-    coherence: float
+    channels: tuple[int, ...]  # the leading one first
+    coherence: float  # mean squared correlation of the channels with what they share, without their white noise, 0 to 1
+    # start, end: s since the start of the run; of an event that stays, `end` is that of its run
     start: float
     end: float
-    stays: bool
-    run: NDArray[np.int_]
+    stays: bool  # whether an event has no way back
+    run: NDArray[np.int_]  # number of the run of each point of the course, shape (n,)
+    # t, course: s since the start of that run, and the course, SI of the leading channel, shape (n,)
     t: Array
     course: Array
+    # size, sd: of what is shared in each channel, SI, shape (k,): an event's step, a drift's standard deviation, signed
     size: Array
     sd: Array
-    p: float
-    begins: float = 0.0
-    tilt: float | None = None
+    p: float  # probability of as much by chance
+    begins: float = 0.0  # when the run of an event began, s since that of its power-on
+    tilt: float | None = None  # rad that the unit would have to be tilted by; None where a tilt can't be the cause
 
 
 def common_causes(chosen: Selection, channels: Sequence[int]) -> list[CommonCause]:
     """Common causes of a selection's runs, events first, by time.
 
-    Parameters
-    ----------
-    chosen : Selection
-        What was selected; what it explains, within a run or not, is not looked at but for steps and two-level noise.
-    channels : sequence of int
-        Those with data.
+    `chosen`: what was selected; what it explains, within a run or not, is not looked at but for steps and two-level
+      noise.
+    `channels`: those with data.
     """
     rows = common_rows.rows_of(chosen, channels)
     steps, cut = common_steps.common_steps(rows)

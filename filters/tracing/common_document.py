@@ -17,13 +17,8 @@ _SAME_S = 5.0
 def entries(causes: Sequence[CommonCause], runs: Sequence[str], has_temperature: bool) -> list[CommonEntry]:
     """Entries of the document.
 
-    Parameters
-    ----------
-    causes : sequence of CommonCause
-    runs : sequence of str
-        Names.
-    has_temperature : bool
-        Whether temperature was logged.
+    `runs`: names.
+    `has_temperature`: whether temperature was logged.
     """
     return [_entry(cause, runs, has_temperature) for cause in causes]
 

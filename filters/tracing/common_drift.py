@@ -30,30 +30,15 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class CommonDrift:
-    """A drift that channels share.
+    """A drift that channels share."""
 
-    Attributes
-    ----------
-    channels : tuple of int
-        The leading one first.
-    correlation : Array
-        Of each channel's drift with what is shared, signed, shape (k,).
-    correlation_sd : Array
-        Their standard deviations, shape (k,).
-    size : Array
-        Standard deviation of each channel's drift about the mean of a stretch, SI, shape (k,).
-    weights : Array
-        The shared course, in SI of the leading channel, is their sum over the channels' residuals, shape (k,).
-    p : float
-        Probability of as much by chance, over the whole trace.
-    """
-
-    channels: tuple[int, ...]
-    correlation: Array
-    correlation_sd: Array
-    size: Array
+    channels: tuple[int, ...]  # the leading one first
+    correlation: Array  # of each channel's drift with what is shared, signed, shape (k,)
+    correlation_sd: Array  # their standard deviations, shape (k,)
+    size: Array  # standard deviation of each channel's drift about the mean of a stretch, SI, shape (k,)
+    # the shared course, in SI of the leading channel, is their sum over the channels' residuals, shape (k,)
     weights: Array
-    p: float
+    p: float  # probability of as much by chance, over the whole trace
 
     @property
     def coherence(self) -> float:
@@ -63,27 +48,14 @@ class CommonDrift:
 
 @dataclass(frozen=True, slots=True)
 class _Spectra:
-    """All stretches' transforms, one after the other.
+    """All stretches' transforms, one after the other."""
 
-    Attributes
-    ----------
-    X : complex array
-        Of differences, over the root of the power around, shape (n, 6).
-    share : Array
-        Of that power which white noise does not explain, 0 to 1, shape (n, 6).
-    drift : Array
-        Power of the rows themselves that white noise does not explain, SI, shape (n, 6); it sums to the variance.
-    over : Array
-        Power over that of white noise, shape (n, 6).
-    cycles : Array
-        Frequency, cycles a row, shape (n,).
-    """
-
-    X: _Complex
-    share: Array
+    X: _Complex  # of differences, over the root of the power around, shape (n, 6)
+    share: Array  # of that power which white noise does not explain, 0 to 1, shape (n, 6)
+    # power of the rows themselves that white noise does not explain, SI, shape (n, 6); it sums to the variance
     drift: Array
-    over: Array
-    cycles: Array
+    over: Array  # power over that of white noise, shape (n, 6)
+    cycles: Array  # frequency, cycles a row, shape (n,)
 
     @property
     def fast(self) -> NDArray[np.bool_]:
@@ -94,10 +66,7 @@ class _Spectra:
 def common_drifts(rows: Rows) -> list[CommonDrift]:
     """Drifts that channels share, the surest first.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of all runs, cut at common steps.
+    `rows`: of all runs, cut at common steps.
     """
     spectra = _spectra(rows)
     if spectra is None:

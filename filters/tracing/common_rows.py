@@ -32,27 +32,14 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Rows:
-    """Residuals on a grid.
+    """Residuals on a grid."""
 
-    Attributes
-    ----------
-    period : float
-        Of a row, s.
-    channels : tuple of int
-        Those with data.
-    residual : tuple of Array
-        Of each run, SI, shape (n, 6), NaN where there is none; row k is from k to k + 1 periods after its start.
-    white : Array
-        Variance of a full row's white noise, SI, shape (6,).
-    stretches : tuple of Stretch
-        Where the table rests and there are data.
-    """
-
-    period: float
-    channels: tuple[int, ...]
+    period: float  # of a row, s
+    channels: tuple[int, ...]  # those with data
+    # of each run, SI, shape (n, 6), NaN where there is none; row k is from k to k + 1 periods after its start
     residual: tuple[Array, ...]
-    white: Array
-    stretches: tuple[Stretch, ...]
+    white: Array  # variance of a full row's white noise, SI, shape (6,)
+    stretches: tuple[Stretch, ...]  # where the table rests and there are data
 
     def of(self, stretch: Stretch) -> Array:
         """Rows of a stretch, shape (n, 6)."""
@@ -72,12 +59,8 @@ class Rows:
 def rows_of(chosen: Selection, channels: Sequence[int]) -> Rows:
     """Residuals of a selection's runs on a grid of 1 s, or of so much that no more than 20 000 rows come of it.
 
-    Parameters
-    ----------
-    chosen : Selection
-        What was selected.
-    channels : sequence of int
-        Those with data.
+    `chosen`: what was selected.
+    `channels`: those with data.
     """
     stack = chosen.design.stack
     period = max(_ROW_S, stack.period, stack.t.size * stack.period / _MOST)

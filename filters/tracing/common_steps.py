@@ -35,28 +35,17 @@ _USUAL = 3.0  # times as often as noise makes such steps
 
 @dataclass(frozen=True, slots=True)
 class CommonStep:
-    """A step of several channels.
+    """A step of several channels."""
 
-    Attributes
-    ----------
-    run, row : int
-        First row after it.
-    width : int
-        Rows over which the levels before and after were taken.
-    channels : tuple of int
-    size, sd : Array
-        Of each of the six channels, SI, shape (6,).
-    p : float
-        Probability of as much by chance, over the whole trace.
-    """
-
+    # run, row: first row after it
     run: int
     row: int
-    width: int
+    width: int  # rows over which the levels before and after were taken
     channels: tuple[int, ...]
+    # size, sd: of each of the six channels, SI, shape (6,)
     size: Array
     sd: Array
-    p: float
+    p: float  # probability of as much by chance, over the whole trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +63,7 @@ class _Differences:
 def common_steps(rows: Rows) -> tuple[list[CommonStep], Rows]:
     """Common steps, by time, and the rows cut at each of them.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of all runs.
+    `rows`: of all runs.
     """
     found: list[CommonStep] = []
     total = sum(s.end - s.first for s in rows.stretches)

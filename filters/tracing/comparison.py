@@ -32,45 +32,26 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """What was selected, and what was set aside for it.
-
-    Attributes
-    ----------
-    chosen : Selection
-    channels : list of int
-        Those with data.
-    lines : list of SpectralLine
-    drivers : list of NoiseDriver
-    held_out : Stack or None
-        The run that nothing was fitted to, without lines.
-    left : list of Run
-        Training runs without lines and without what effects say, for what is said of their noise: the unit's own, so
-        of those whose reference is noisy while they move only what is at rest.
-    """
+    """What was selected, and what was set aside for it."""
 
     chosen: Selection
-    channels: list[int]
+    channels: list[int]  # those with data
     lines: list[SpectralLine]
     drivers: list[NoiseDriver]
-    held_out: Stack | None
+    held_out: Stack | None  # the run that nothing was fitted to, without lines
+    # training runs without lines and without what effects say, for what is said of their noise: the unit's own, so of
+    # those whose reference is noisy while they move only what is at rest
     left: list[Run]
 
 
 def compare(runs: Sequence[Run], heldout: Run | None, block_s: float, least_s: float, progress: Progress) -> Compared:
     """Select effects.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Without faults.
-    heldout : Run or None
-        Nothing is fitted to it.
-    block_s : float
-        Length of a block, s.
-    least_s : float
-        Shorter data of a channel are not used, s.
-    progress : callable
-        Told a share from 0 to 1.
+    `runs`: without faults.
+    `heldout`: nothing is fitted to it.
+    `block_s`: length of a block, s.
+    `least_s`: shorter data of a channel are not used, s.
+    `progress`: told a share from 0 to 1.
     """
     everything = [*runs, *([heldout] if heldout else [])]
     if all(run.still for run in runs):

@@ -32,24 +32,12 @@ _AT_ONCE = 3_000_000  # numbers that are whitened together
 
 @dataclass(frozen=True)
 class Fit:
-    """Least-squares parameters of a selection.
+    """Least-squares parameters of a selection."""
 
-    Attributes
-    ----------
-    terms : tuple of Term
-        In order.
-    theta : tuple of Array
-        Parameters of each, SI, shape (k,).
-    covariance : Array
-        Of all parameters in order, shape (K, K).
-    offsets : tuple of int
-        Number of each term's first parameter.
-    """
-
-    terms: tuple[Term, ...]
-    theta: tuple[Array, ...]
-    covariance: Array
-    offsets: tuple[int, ...]
+    terms: tuple[Term, ...]  # in order
+    theta: tuple[Array, ...]  # parameters of each, SI, shape (k,)
+    covariance: Array  # of all parameters in order, shape (K, K)
+    offsets: tuple[int, ...]  # number of each term's first parameter
 
     def of(self, number: int) -> tuple[Array, Array]:
         """Parameters of a term and their covariance."""
@@ -60,29 +48,15 @@ class Fit:
 class Design:
     """Columns of all hypotheses, their Gram matrices, and fits of selections of them.
 
-    Parameters
-    ----------
-    stack : Stack
-        Data.
-    like : Design or None
-        One of the same blocks with other residuals, whose columns are taken.
-    left : Array or None
-        What selected effects left of the residual: noise is what varies in it, shape (n, 6).
-
-    Attributes
-    ----------
-    terms : list of Term
-        All hypotheses that the data can carry, with their columns.
-    columns : Array
-        Regressors, SI per SI of the parameters, shape (n, K); columns are added, never taken away.
-    lasting : int
-        How many columns were there before any was added.
-    sd : Array
-        Standard deviation of a full block's white noise, SI, shape (6,).
-    drift : list of Drift
-        Of the six channels; `set_drift` changes it.
-    multiplier : Array
-        Of the noise of each row, shape (n, 6); `set_multiplier` changes it.
+    `stack`: data.
+    `like`: one of the same blocks with other residuals, whose columns are taken.
+    `left`: what selected effects left of the residual: noise is what varies in it, shape (n, 6).
+    `terms`: all hypotheses that the data can carry, with their columns.
+    `columns`: regressors, SI per SI of the parameters, shape (n, K); columns are added, never taken away.
+    `lasting`: how many columns were there before any was added.
+    `sd`: standard deviation of a full block's white noise, SI, shape (6,).
+    `drift`: of the six channels; `set_drift` changes it.
+    `multiplier`: of the noise of each row, shape (n, 6); `set_multiplier` changes it.
     """
 
     def __init__(self, stack: Stack, like: "Design | None" = None, left: Array | None = None) -> None:
@@ -305,14 +279,8 @@ def parameters_on(
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Parameters of terms that act on a channel, and their columns there.
 
-    Parameters
-    ----------
-    terms : sequence of Term
-        In order.
-    firsts : sequence of int
-        From `first_parameters`; more may follow.
-    channel : int
-        Which.
+    `terms`: in order.
+    `firsts`: from `first_parameters`; more may follow.
     """
     rows, places = [], []
     for first, term in zip(firsts, terms, strict=False):

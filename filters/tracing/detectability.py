@@ -52,22 +52,12 @@ _MOST_SAMPLES = 400_000
 def limits(design: Design, channels: list[int], effect: str, found: Collection[object]) -> list[LimitEntry]:
     """Limits of one effect.
 
-    Parameters
-    ----------
-    design : Design
-        Of the runs.
-    channels : list of int
-        Those with data.
-    effect : str
-        In the catalogue.
-    found : collection
-        Keys of the terms that were found: they need no limit.
-
-    Returns
-    -------
-    list of LimitEntry
-        A deterministic effect of several parameters has a limit for each. One
-        without limit where the log can't show the effect at all, or it has no size to be too small.
+    `design`: of the runs.
+    `channels`: those with data.
+    `effect`: in the catalogue.
+    `found`: keys of the terms that were found: they need no limit.
+    Returns a deterministic effect of several parameters has a limit for each. One without limit where the log can't
+      show the effect at all, or it has no size to be too small.
     """
     if EFFECTS[effect].kind in ("run_specific", "drift"):
         return [_of_process(design, c, effect) for c in channels]
@@ -125,21 +115,11 @@ def _entry(effect: str, channels: list[str], limit: float, unit: str, words: str
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A parameter of an effect.
+    """A parameter of an effect."""
 
-    Attributes
-    ----------
-    effect : str
-        "bias", or its name in the catalogue.
-    channel : str
-        Such as "az"; empty where channels share it.
-    axis : str
-        What it is along, such as "z"; empty where it is not along anything.
-    """
-
-    effect: str
-    channel: str
-    axis: str
+    effect: str  # "bias", or its name in the catalogue
+    channel: str  # such as "az"; empty where channels share it
+    axis: str  # what it is along, such as "z"; empty where it is not along anything
 
 
 @dataclass(frozen=True)
@@ -156,21 +136,10 @@ def of_motion(
 ) -> list[dict[Quantity, float]]:
     """How well each quantity is told after each segment.
 
-    Parameters
-    ----------
-    profile : Profile
-        Made as it is written. Joined by marks, it counts at rest only.
-    spec : ImuSpec
-        White noise and limits of the biases.
-    axes : AxisMap or None
-        How the unit sits; by default as the table's axes.
-    site : Site
-        Where.
-
-    Returns
-    -------
-    list of dict
-        For each segment d of each quantity, from all segments up to it.
+    `profile`: made as it is written. Joined by marks, it counts at rest only.
+    `spec`: white noise and limits of the biases.
+    `axes`: how the unit sits; by default as the table's axes.
+    Returns for each segment d of each quantity, from all segments up to it.
     """
     stack, segment = _stack(profile, axes or AxisMap(), site)
     sd = np.repeat([spec.gyro_arw, spec.accel_vrw], 3) / np.sqrt(stack.period)

@@ -46,20 +46,12 @@ def guarded_score(
 
     Of one process or, if that passes, of two, for what is like 1/f needs more than one.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    terms : sequence of Term
-        What is selected already.
-    term : Term
-        The new one.
-    made : Array or None
-        Columns of its own, shape (n, k), of one that is not in the design.
-    price : float
-        What its parameters cost.
-    accept : float
-        At most this with one process, and two are not tried.
+    `design`: data and columns.
+    `terms`: what is selected already.
+    `term`: the new one.
+    `made`: columns of its own, shape (n, k), of one that is not in the design.
+    `price`: what its parameters cost.
+    `accept`: at most this with one process, and two are not tried.
     """
     (c,) = term.places
     own = made if made is not None else design.columns[:, term.places[c]]
@@ -80,16 +72,10 @@ def guarded_score(
 def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: float) -> float:
     """Score of a term that several channels share, each with its own best drift on both sides.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    terms : sequence of Term
-        What is selected already.
-    term : Term
-        The new one; its parameters are those of the joint fit.
-    price : float
-        What they cost.
+    `design`: data and columns.
+    `terms`: what is selected already.
+    `term`: the new one; its parameters are those of the joint fit.
+    `price`: what they cost.
     """
     fits = design.fit(terms), design.fit([*terms, term])
     # what depends on the attitude is as slow as drift; what depends on rates would be lost in means of a second

@@ -59,14 +59,7 @@ _SHAPES: dict[str, tuple[Callable[[Array, float, float], Array], int]] = {
 def proposed_form(found: Curve) -> str:
     """The simplest form that fits a curve, by BIC.
 
-    Parameters
-    ----------
-    found : Curve
-
-    Returns
-    -------
-    str
-        One of line, absolute value, quadratic, cubic, tanh, exponential, threshold, Gaussian bump, sine.
+    Returns one of line, absolute value, quadratic, cubic, tanh, exponential, threshold, Gaussian bump, sine.
     """
     span = max(float(np.ptp(found.x)), 1e-12)
     u = 2.0 * (found.x - found.x.min()) / span - 1.0

@@ -15,38 +15,21 @@ DRAWS = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorFigure:
-    """One figure of error, docs/formats.md.
+    """One figure of error, docs/formats.md."""
 
-    Attributes
-    ----------
-    metric : str
-        What it is,
-    channel : str or None
-        of which channel, "all" of free navigation, None of what is no channel's own,
-    unit : str
-        and its unit.
-    before, after, floor : float
-        Without and with the corrections, and what white noise alone leaves.
-    ci95, before_ci95 : tuple of float
-        Intervals of `after` and of `before`.
-    floor_band95 : tuple of float
-        Where 95 % of clean units would be.
-    n : int
-        Errors in it.
-    heldout : str
-        "run" for a power-on that nothing was fitted to, "part" for a later part of one, "folds" within the runs.
-    """
-
-    metric: str
-    channel: str | None
+    metric: str  # what it is,
+    channel: str | None  # of which channel, "all" of free navigation, None of what is no channel's own,
     unit: str
+    # before, after, floor: without and with the corrections, and what white noise alone leaves
     before: float
     after: float
     floor: float
+    # ci95, before_ci95: intervals of `after` and of `before`
     ci95: tuple[float, float]
     before_ci95: tuple[float, float]
-    floor_band95: tuple[float, float]
-    n: int
+    floor_band95: tuple[float, float]  # where 95 % of clean units would be
+    n: int  # errors in it
+    # "run" for a power-on that nothing was fitted to, "part" for a later part of one, "folds" within the runs
     heldout: HeldOut
 
     def entry(self) -> ErrorEntry:

@@ -73,12 +73,8 @@ class EvaluatedMotion:
 class CandidateRuns:
     """Candidates for a unit whose runs are in a design, made ready once for any number of effects.
 
-    Parameters
-    ----------
-    design : Design
-        Of the runs at hand, with their noise.
-    like : Run
-        One of them: how the unit sits.
+    `design`: of the runs at hand, with their noise.
+    `like`: one of them: how the unit sits.
     """
 
     def __init__(self, design: Design, like: Run) -> None:
@@ -93,16 +89,10 @@ class CandidateRuns:
     ) -> list[EvaluatedMotion]:
         """What each candidate adds, the best first.
 
-        Parameters
-        ----------
-        a : Term
-            What was found,
-        theta : Array
-            with its parameters, SI, shape (k,).
-        rivals : sequence of Term
-            At least one.
-        rest : sequence of Term
-            All else that was found.
+        `a`: what was found,
+        `theta`: with its parameters, SI, shape (k,).
+        `rivals`: at least one.
+        `rest`: all else that was found.
         """
         pairs = [_Pair(self.design, a, theta, b, rest) for b in rivals]
         lasting = list({term.key: term for pair in pairs for term in pair.lasting}.values())
@@ -188,29 +178,16 @@ def separating(
 ) -> SeparatingExperiment | None:
     """The run to make next to tell an effect from its rivals.
 
-    Parameters
-    ----------
-    design : Design
-        Of the runs at hand, with their noise.
-    a : Term
-        What was found,
-    theta : Array
-        with its parameters, SI, shape (k,).
-    rivals : sequence of Term
-        What would do in its place, the strongest first; none of them contains it. Whatever would have to be a hundred
-        times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a drift
-        of Earth rate. If that is `a`, the strongest rival takes its place.
-    run : Run
-        One of the runs at hand.
-    rest : sequence of Term
-        All else that was found.
-    candidate_runs : CandidateRuns or None
-        That of the design, where several effects are asked for.
-
-    Returns
-    -------
-    SeparatingExperiment or None
-        None if nothing would tell them apart at all.
+    `design`: of the runs at hand, with their noise.
+    `a`: what was found,
+    `theta`: with its parameters, SI, shape (k,).
+    `rivals`: what would do in its place, the strongest first; none of them contains it. Whatever would have to be a
+      hundred times of plausible size is left out, as long as two remain: such as a scale factor that makes all of a
+      drift of Earth rate. If that is `a`, the strongest rival takes its place.
+    `run`: one of the runs at hand.
+    `rest`: all else that was found.
+    `candidate_runs`: that of the design, where several effects are asked for.
+    Returns none if nothing would tell them apart at all.
     """
     a, theta, rivals = _possible(design, a, theta, rivals, rest)
     if not rivals:

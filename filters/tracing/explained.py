@@ -35,12 +35,8 @@ class _Part:
 def explained(blocks: Blocks, chosen: Selection) -> Array:
     """What the selected effects add to a run's readings, SI, shape (N, 6).
 
-    Parameters
-    ----------
-    blocks : Blocks
-        Of the run; any run, also one that nothing was fitted to.
-    chosen : Selection
-        With its joint fit.
+    `blocks`: of the run; any run, also one that nothing was fitted to.
+    `chosen`: with its joint fit.
     """
     parts = _parts(chosen)
     out = np.zeros((blocks.run.t.size, len(CHANNELS)))

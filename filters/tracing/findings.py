@@ -18,38 +18,23 @@ _MATERIAL_SHARE = 0.002  # of the most that it explains of any
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A selected term with all that is said of it.
-
-    Attributes
-    ----------
-    term : Term
-    theta, covariance : Array
-        Parameters, SI, shape (k,), and their covariance, shape (k, k).
-    score, gain : float
-        In chi-square, with and without the price of its parameters.
-    share : float or None
-        Of the excess of E10² over its floor, on its channels, that it removes on data to which it was not fitted, 0 to
-        1; None where there is no such excess, and until that is known.
-    rivals : tuple of Rival
-        What else would do.
-    channels : tuple of int
-        Those on which it matters.
-    joint : JointChoice or None
-        What it is an average of.
-    confirmed : bool or None
-        Whether it lowers the error of the held-out run beyond chance; None without one, or for what is run-specific.
-    """
+    """A selected term with all that is said of it."""
 
     term: Term
+    # theta, covariance: parameters, SI, shape (k,), and their covariance, shape (k, k)
     theta: Array
     covariance: Array
+    # score, gain: in chi-square, with and without the price of its parameters
     score: float
     gain: float
-    rivals: tuple[Rival, ...]
-    channels: tuple[int, ...]
+    rivals: tuple[Rival, ...]  # what else would do
+    channels: tuple[int, ...]  # those on which it matters
+    # whether it lowers the error of the held-out run beyond chance; None without one, or for what is run-specific
     confirmed: bool | None = None
+    # of the excess of E10² over its floor, on its channels, that it removes on data to which it was not fitted, 0 to 1;
+    # None where there is no such excess, and until that is known
     share: float | None = None
-    joint: JointChoice | None = None
+    joint: JointChoice | None = None  # what it is an average of
 
     @property
     def lasting(self) -> bool:

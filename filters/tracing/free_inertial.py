@@ -27,25 +27,13 @@ def free_drift(
     ε' = C δω, δv' = C δf + ε × f_n, δp' = δv with δω, δf what is left of the readings' errors when the bias filter's
     estimate at the start is taken off: a bias stays, a Gauss-Markov drift is forgotten at its own rate.
 
-    Parameters
-    ----------
-    stack : Stack
-        Of the held-out run alone.
-    before, after : Array
-        Residuals of all channels, instrument axes, SI, shape (n, 6).
-    white : Array
-        White densities, shape (6,).
-    drifts : sequence of Drift
-        Of the six channels, in the bias filter after.
-    seconds : float
-        Of free navigation, 10 or 60.
-    seed : int
-        Of the interval.
-
-    Returns
-    -------
-    ErrorFigure or None
-        None with fewer than two starts.
+    `stack`: of the held-out run alone.
+    `before`, `after`: residuals of all channels, instrument axes, SI, shape (n, 6).
+    `white`: white densities, shape (6,).
+    `drifts`: of the six channels, in the bias filter after.
+    `seconds`: of free navigation, 10 or 60.
+    `seed`: of the interval.
+    Returns none with fewer than two starts.
     """
     run = stack.blocks[0].run
     dt = stack.period

@@ -33,24 +33,12 @@ _FREE_S = (10.0, 60.0)  # of free navigation
 
 @dataclass(frozen=True)
 class HeldOutRun:
-    """The run, and the columns there of all findings that carry over.
+    """The run, and the columns there of all findings that carry over."""
 
-    Attributes
-    ----------
-    stack : Stack
-        Of the one run.
-    columns : ColumnsByTerm
-        By term's key and channel, shape (n, k).
-    white : Array
-        White densities, unit·√s, shape (6,).
-    is_part : bool
-        Whether it is a part of a power-on that the runs at hand have other parts of.
-    """
-
-    stack: Stack
-    columns: ColumnsByTerm
-    white: Array
-    is_part: bool = False
+    stack: Stack  # of the one run
+    columns: ColumnsByTerm  # by term's key and channel, shape (n, k)
+    white: Array  # white densities, unit·√s, shape (6,)
+    is_part: bool = False  # whether it is a part of a power-on that the runs at hand have other parts of
 
     @classmethod
     def of(cls, stack: Stack, design: Design, found: Sequence[Finding]) -> "HeldOutRun":
@@ -109,18 +97,11 @@ def held_out_errors(
 ) -> list[ErrorFigure]:
     """Errors of the held-out run before and after.
 
-    Parameters
-    ----------
-    run : HeldOutRun
-        With columns of the findings.
-    used : sequence of Finding
-        All that the runs at hand chose.
-    design : Design
-        Of the runs at hand, for drift.
-    channels : sequence of int
-        Those with data.
-    seed : int
-        Of intervals and bands.
+    `run`: with columns of the findings.
+    `used`: all that the runs at hand chose.
+    `design`: of the runs at hand, for drift.
+    `channels`: those with data.
+    `seed`: of intervals and bands.
     """
     stack = run.stack
     after = stack.y - run.correction(used)
@@ -144,16 +125,10 @@ def folded_errors(
 ) -> tuple[list[ErrorFigure], list[Finding]]:
     """Errors within the runs at hand, each cell under fits to the others; findings with the share that each removes.
 
-    Parameters
-    ----------
-    design : Design
-        Of the runs at hand.
-    found : sequence of Finding
-        All that was chosen.
-    channels : sequence of int
-        Those with data.
-    seed : int
-        Of intervals.
+    `design`: of the runs at hand.
+    `found`: all that was chosen.
+    `channels`: those with data.
+    `seed`: of intervals.
     """
     stack = design.stack
     own: _Folded = {}

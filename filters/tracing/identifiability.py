@@ -27,12 +27,8 @@ class UntestableEffect:
 def untestable(design: Design, channels: list[int]) -> list[UntestableEffect]:
     """Deterministic effects of the catalogue that the log at hand can't show, computed from its regressors.
 
-    Parameters
-    ----------
-    design : Design
-        Whitened without drift, before anything was selected.
-    channels : list of int
-        Those with data.
+    `design`: whitened without drift, before anything was selected.
+    `channels`: those with data.
     """
     best: dict[str, list[Term]] = {}
     for term in design.terms:

@@ -21,17 +21,9 @@ _NOT_IN_THE_FILTER = ("since_motion", "table_accel")  # drivers that follow the 
 def included_effects(assessment: Assessment) -> tuple[tuple[Included, ...], Array]:
     """Effects that join the filter.
 
-    Parameters
-    ----------
-    assessment : Assessment
-        With findings.
-
-    Returns
-    -------
-    tuple of Included
-        In order: constant states, drift, levels of noise, gates, tones.
-    Array
-        Correlation of all their states in order, shape (p, p).
+    `assessment`: with findings.
+    Returns in order: constant states, drift, levels of noise, gates, tones.
+    Returns correlation of all their states in order, shape (p, p).
     """
     chosen = assessment.selection
     fit = chosen.fit()

@@ -33,24 +33,12 @@ _LEAST = 8  # windows; fewer refute nothing
 
 @dataclass(frozen=True, kw_only=True)
 class Refuted:
-    """A finding that the held-out run contradicts.
-
-    Attributes
-    ----------
-    finding : Finding
-    metric : str
-        Of the errors,
-    channel : int
-        on the channel where they differ most,
-    after_with, after_without : float
-        with all that was chosen, and with what the effects file has, in
-    unit : str
-        this unit.
-    """
+    """A finding that the held-out run contradicts."""
 
     finding: Finding
-    metric: str
-    channel: int
+    metric: str  # of the errors,
+    channel: int  # on the channel where they differ most,
+    # after_with, after_without: with all that was chosen, and with what the effects file has, in
     after_with: float
     after_without: float
     unit: str
@@ -67,24 +55,12 @@ class _Verdict:
 
 @dataclass(frozen=True)
 class _Errors:
-    """Errors of the windows of a channel, over their floors.
+    """Errors of the windows of a channel, over their floors."""
 
-    Attributes
-    ----------
-    none : Array
-        Without any finding, shape (m,).
-    of : dict
-        What each finding says of them, by its term's key, shape (m,).
-    hold : Array
-        Standard deviation of the hold's bias in each, shape (m,).
-    scale : float
-        The nominal floor, SI.
-    """
-
-    none: Array
-    of: dict[object, Array]
-    hold: Array
-    scale: float
+    none: Array  # without any finding, shape (m,)
+    of: dict[object, Array]  # what each finding says of them, by its term's key, shape (m,)
+    hold: Array  # standard deviation of the hold's bias in each, shape (m,)
+    scale: float  # the nominal floor, SI
 
     def after(self, found: Iterable[Finding]) -> Array:
         """Errors with findings, shape (m,)."""
@@ -96,25 +72,13 @@ def judge(
 ) -> tuple[list[Finding], list[Refuted]]:
     """Judge findings on a run that nothing was fitted to.
 
-    Parameters
-    ----------
-    run : HeldOutRun
-        With columns of all of them.
-    found : sequence of Finding
-        All that the runs at hand chose; each is judged beside all others.
-    design : Design
-        Of the runs at hand, for noise and drift.
-    channels : collection of int
-        Those with data.
-    seed : int
-        Of intervals.
-
-    Returns
-    -------
-    list of Finding
-        Those that are not refuted, with `confirmed` and `share`.
-    list of Refuted
-        Those that are.
+    `run`: with columns of all of them.
+    `found`: all that the runs at hand chose; each is judged beside all others.
+    `design`: of the runs at hand, for noise and drift.
+    `channels`: those with data.
+    `seed`: of intervals.
+    Returns those that are not refuted, with `confirmed` and `share`.
+    Returns those that are.
     """
     lasting = [f for f in found if f.lasting]
     errors = {c: own for c in channels if (own := _errors(run, lasting, c)) is not None}

@@ -32,17 +32,9 @@ _Normal = tuple[Array, Array]  # A and b of normal equations A θ = b
 def transfer_gains(design: Design, terms: Sequence[Term]) -> dict[object, float]:
     """Gain of each term that carries over on power-ons that its fit has not seen, summed, by key.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    terms : sequence of Term
-        All that is selected.
-
-    Returns
-    -------
-    dict
-        Without the terms of which fewer than two power-ons are witnesses, or witnesses of too little.
+    `design`: data and columns.
+    `terms`: all that is selected.
+    Returns without the terms of which fewer than two power-ons are witnesses, or witnesses of too little.
     """
     lasting = [a for a in terms if not isinstance(a.hypothesis, RunSpecific)]
     if design.stack.begins.size < LEAST or not lasting:

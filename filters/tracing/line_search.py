@@ -35,12 +35,8 @@ _OF_RATE = 0.45  # where differences of a measured attitude have a spectrum that
 def lines_of(runs: Sequence[Run], left: Sequence[Run]) -> list[SpectralLine]:
     """Lines in the spectra of some runs together.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Which say what the motion is.
-    left : sequence of Run
-        The same less what effects say of them, in which lines are sought; of runs at rest the same again.
+    `runs`: which say what the motion is.
+    `left`: the same less what effects say of them, in which lines are sought; of runs at rest the same again.
     """
     series = [(run.rate_hz, residual_of(run)) for run in left]
     if all(run.still for run in runs) or not spectra.usable(series):

@@ -47,18 +47,9 @@ class NoiseDriver:
 def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[NoiseDriver]]:
     """Multipliers of the noise of every block, and what they follow.
 
-    Parameters
-    ----------
-    design : Design
-        Columns of the drivers.
-    channels : list of int
-        Those with data.
-
-    Returns
-    -------
-    Array
-        Shape (n, 6), 1 where the noise is even.
-    list of NoiseDriver
+    `design`: columns of the drivers.
+    `channels`: those with data.
+    Returns shape (n, 6), 1 where the noise is even.
     """
     multiplier, found = np.ones_like(design.stack.y), []
     edges = _window_edges(design)
@@ -75,29 +66,14 @@ def noise_drivers(design: Design, channels: list[int]) -> tuple[Array, list[Nois
 
 @dataclass(frozen=True)
 class _Windows:
-    """One channel in windows of 2 s.
-
-    Attributes
-    ----------
-    channel : int
-    log_variance : Array
-        Of first differences, less its median over the good windows, shape (W,).
-    columns : Array
-        Means of the design's columns, shape (W, K).
-    good : boolean array
-        Windows with enough differences, shape (W,).
-    sd : float
-        Of `log_variance` in even noise.
-    cell : integer array
-        Number of the cell for folds, shape (W,).
-    """
+    """One channel in windows of 2 s."""
 
     channel: int
-    log_variance: Array
-    columns: Array
-    good: _Bools
-    sd: float
-    cell: NDArray[np.int_]
+    log_variance: Array  # of first differences, less its median over the good windows, shape (W,)
+    columns: Array  # means of the design's columns, shape (W, K)
+    good: _Bools  # windows with enough differences, shape (W,)
+    sd: float  # of `log_variance` in even noise
+    cell: NDArray[np.int_]  # number of the cell for folds, shape (W,)
 
     def of(self, term: Term) -> Array:
         """Columns of a term, shape (W, k)."""

@@ -14,39 +14,25 @@ _LEAST_CORRELATION = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseFinding:
-    """A finding on the noise, with its one parameter.
+    """A finding on the noise, with its one parameter."""
 
-    Attributes
-    ----------
-    effect, label : str
-        bandwidth or noise_crosstalk, and words for a sentence.
-    channels : tuple of str
-        One, or the two that are correlated.
-    name, unit : str
-        Of the parameter,
-    value, sd : float
-        and what it is.
-    score : float
-        Drop of chi-square.
-    """
-
+    # effect, label: bandwidth or noise_crosstalk, and words for a sentence
     effect: str
     label: str
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # one, or the two that are correlated
+    # name, unit: of the parameter,
     name: str
     unit: str
+    # value, sd: and what it is
     value: float
     sd: float
-    score: float
+    score: float  # drop of chi-square
 
 
 def noise_findings(runs: Sequence[Run]) -> list[NoiseFinding]:
     """What the noise of runs shows that their specification does not say.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Without faults and lines; the first one's band limits are what is expected.
+    `runs`: without faults and lines; the first one's band limits are what is expected.
     """
     series = [(run.rate_hz, residual_of(run)) for run in runs]
     found = []

@@ -21,18 +21,10 @@ _LEAST = 30
 
 @dataclass(frozen=True, slots=True)
 class ReferenceNoise:
-    """Variance at rest over variance in motion, at most 1.
+    """Variance at rest over variance in motion, at most 1."""
 
-    Attributes
-    ----------
-    of_blocks : Array
-        Of means over blocks, shape (6,).
-    of_samples : Array
-        Of differences of neighbouring samples, shape (6,).
-    """
-
-    of_blocks: Array
-    of_samples: Array
+    of_blocks: Array  # of means over blocks, shape (6,)
+    of_samples: Array  # of differences of neighbouring samples, shape (6,)
 
     def counted(self, blocks: Blocks) -> Blocks:
         """Blocks with the weight that their reference's noise leaves them; others as they are."""
@@ -53,10 +45,7 @@ EXACT = ReferenceNoise(np.ones(len(CHANNELS)), np.ones(len(CHANNELS)))
 def reference_noise(left: Sequence[Blocks]) -> ReferenceNoise:
     """How much more residuals of runs with a measured attitude scatter in motion.
 
-    Parameters
-    ----------
-    left : sequence of Blocks
-        Of what effects leave of the runs.
+    `left`: of what effects leave of the runs.
     """
     measured = [b for b in left if b.run.attitude is not None]
     if not measured:

@@ -25,24 +25,12 @@ def perfect(run: Run, rows: slice = slice(None)) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """What a perfect unit senses at n samples of a run, or at all of them at rest (n = 1), instrument axes.
+    """What a perfect unit senses at n samples of a run, or at all of them at rest (n = 1), instrument axes."""
 
-    Attributes
-    ----------
-    reading : Array
-        rad/s and m/s², shape (n, 6).
-    spin : Array
-        Earth rate in it, rad/s, shape (n, 3).
-    tilt : Array
-        Reading of the accelerometers per rad of tilt about north and about east, m/s², shape (n, 3, 2).
-    turning : Array
-        Rate of the table, body axes, rad/s, shape (n, 3).
-    """
-
-    reading: Array
-    spin: Array
-    tilt: Array
-    turning: Array
+    reading: Array  # rad/s and m/s², shape (n, 6)
+    spin: Array  # Earth rate in it, rad/s, shape (n, 3)
+    tilt: Array  # reading of the accelerometers per rad of tilt about north and about east, m/s², shape (n, 3, 2)
+    turning: Array  # rate of the table, body axes, rad/s, shape (n, 3)
 
 
 def sensed(run: Run, rows: slice) -> Sensed:

@@ -24,56 +24,26 @@ class RunSeries:
 
 @dataclass(frozen=True, kw_only=True)
 class SeparatingExperiment:
-    """The run to make next to tell an effect from its rivals.
+    """The run to make next to tell an effect from its rivals."""
 
-    Attributes
-    ----------
-    a, b : str
-        Effects; b is the hardest of the rivals that it separates.
-    profile : Profile
-        What the table does.
-    thermal : tuple of (float, float) or None
-        Temperature in the case; None where no temperature is known.
-    duration_s : float
-        Of the run.
-    d_expected : float
-        Standard deviations between a and b that it adds.
-    motion : str
-        What an operator does, a sentence; it says so if nothing separates them.
-    leaves : tuple of str
-        Effects of the rivals that stay possible.
-    """
-
+    # a, b: effects; b is the hardest of the rivals that it separates
     a: str
     b: str
-    profile: Profile
-    thermal: Thermal | None
-    duration_s: float
-    d_expected: float
-    motion: str
-    leaves: tuple[str, ...]
+    profile: Profile  # what the table does
+    thermal: Thermal | None  # temperature in the case; None where no temperature is known
+    duration_s: float  # of the run
+    d_expected: float  # standard deviations between a and b that it adds
+    motion: str  # what an operator does, a sentence; it says so if nothing separates them
+    leaves: tuple[str, ...]  # effects of the rivals that stay possible
 
 
 @dataclass(frozen=True)
 class Trace:
-    """All that a trace gives.
+    """All that a trace gives."""
 
-    Attributes
-    ----------
-    document : TraceFindings
-        Contracts section 6 but for what only the reader of the logs knows (runs, notes) and for the experiment.
-    included : tuple of Included
-        What joins the filter.
-    correlation : Array
-        Of all states of `included` in order, shape (p, p).
-    series : tuple of RunSeries
-        Residuals of all runs, the held-out one last.
-    experiment : SeparatingExperiment or None
-        What would tell rivals apart; None without any.
-    """
-
+    # contracts section 6 but for what only the reader of the logs knows (runs, notes) and for the experiment
     document: TraceFindings
-    included: tuple[Included, ...]
-    correlation: Array
-    series: tuple[RunSeries, ...]
-    experiment: SeparatingExperiment | None = None
+    included: tuple[Included, ...]  # what joins the filter
+    correlation: Array  # of all states of `included` in order, shape (p, p)
+    series: tuple[RunSeries, ...]  # residuals of all runs, the held-out one last
+    experiment: SeparatingExperiment | None = None  # what would tell rivals apart; None without any

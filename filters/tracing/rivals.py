@@ -25,16 +25,8 @@ class Rival:
 def rivals(chosen: Selection, term: Term) -> list[Rival]:
     """Effects that would explain the same, the best first, one form of each.
 
-    Parameters
-    ----------
-    chosen : Selection
-        With the term in it.
-    term : Term
-        Whose place they would take.
-
-    Returns
-    -------
-    list of Rival
+    `chosen`: with the term in it.
+    `term`: whose place they would take.
     """
     design = chosen.design
     if isinstance(term.hypothesis, RunSpecific):

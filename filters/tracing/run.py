@@ -13,69 +13,34 @@ from filters.types import Array
 
 @dataclass(frozen=True)
 class Run:
-    """A power-on as recorded, or a part of one, with what is known of its motion.
+    """A power-on as recorded, or a part of one, with what is known of its motion."""
 
-    Attributes
-    ----------
-    name : str
-        What it is called in a report.
-    t : Array
-        s since the first sample, shape (N,), increasing.
-    reading : Array
-        Rates (rad/s) and accelerations (m/s²), instrument axes and sign, shape (N, 6).
-    temperature : Array or None
-        degC, shape (N,).
-    angles, rates : Array
-        Rotations of the table about north, east, down, rad, unwrapped, and rad/s; shape (N, 3), or (1, 3) at rest.
-        Where `attitude` says how the unit is turned, on no table: zeros, and rates about the body's axes.
-    axes : AxisMap
-        Sign and mounting.
-    site : Site
-        Where.
-    C_nb : Array or None
-        Attitude of a unit at rest that does not sit as the table's angles say, shape (3, 3).
-    lsb : Array or None
-        Of a count, SI, shape (6,).
-    bandwidth : Array or None
-        First-order band limits of the specification, Hz, shape (6,).
-    latency : Array
-        Known delays of the six channels, s.
-    flagged : bool array or None
-        Readings not to be used, shape (N, 6).
-    averaged : bool
-        Whether samples are means over so many packets as fell into a period: then their steps differ by a packet.
-    unread : tuple of int
-        Numbers of channels that the recording lacks; their readings are zeros, and all flagged.
-    power_on : str
-        Which power-on it is a part of: runs of the same one share their biases and go on from each other's drift and
-        temperature. Empty: it is a power-on by itself.
-    begins : float
-        When its first sample was taken, s since the first known sample of the power-on.
-    history_known : bool
-        Whether what came before it in its power-on is known: the part that it follows is among the runs.
-    attitude : Array or None
-        Quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4).
-    """
-
-    name: str
-    t: Array
-    reading: Array
-    temperature: Array | None
+    name: str  # what it is called in a report
+    t: Array  # s since the first sample, shape (N,), increasing
+    reading: Array  # rates (rad/s) and accelerations (m/s²), instrument axes and sign, shape (N, 6)
+    temperature: Array | None  # degC, shape (N,)
+    # angles, rates: rotations of the table about north, east, down, rad, unwrapped, and rad/s; shape (N, 3), or (1, 3)
+    # at rest. Where `attitude` says how the unit is turned, on no table: zeros, and rates about the body's axes.
     angles: Array
     rates: Array
-    axes: AxisMap
+    axes: AxisMap  # sign and mounting
     site: Site
-    C_nb: Array | None = None
-    lsb: Array | None = None
-    bandwidth: Array | None = None
-    latency: Array = field(default_factory=lambda: np.zeros(6))
-    flagged: NDArray[np.bool_] | None = None
+    C_nb: Array | None = None  # attitude of a unit at rest that does not sit as the table's angles say, shape (3, 3)
+    lsb: Array | None = None  # of a count, SI, shape (6,)
+    bandwidth: Array | None = None  # first-order band limits of the specification, Hz, shape (6,)
+    latency: Array = field(default_factory=lambda: np.zeros(6))  # known delays of the six channels, s
+    flagged: NDArray[np.bool_] | None = None  # readings not to be used, shape (N, 6)
+    # whether samples are means over so many packets as fell into a period: then their steps differ by a packet
     averaged: bool = False
+    # numbers of channels that the recording lacks; their readings are zeros, and all flagged
     unread: tuple[int, ...] = ()
+    # which power-on it is a part of: runs of the same one share their biases and go on from each other's drift and
+    # temperature. Empty: it is a power-on by itself.
     power_on: str = ""
-    begins: float = 0.0
+    begins: float = 0.0  # when its first sample was taken, s since the first known sample of the power-on
+    # whether what came before it in its power-on is known: the part that it follows is among the runs
     history_known: bool = False
-    attitude: Array | None = None
+    attitude: Array | None = None  # quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4)
 
     @property
     def still(self) -> bool:

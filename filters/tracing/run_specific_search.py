@@ -20,19 +20,9 @@ _TONES_A_BAND = 3
 def search(design: Design, terms: Sequence[Term], channel: int) -> list[tuple[Term, float]]:
     """Run-specific effects of a channel that are not selected yet.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    terms : sequence of Term
-        What is selected.
-    channel : int
-        Where.
-
-    Returns
-    -------
-    list of (Term, float)
-        Each with its gain. Its columns are its hypothesis' `made`; its places number them, none is in the design.
+    `design`: data and columns.
+    `terms`: what is selected.
+    Returns each with its gain. Its columns are its hypothesis' `made`; its places number them, none is in the design.
     """
     stack = design.stack
     on = [a for a in terms if channel in a.places]

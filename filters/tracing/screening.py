@@ -23,25 +23,13 @@ class FaultOfRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screening:
-    """What is said of runs beside effects on the mean of their readings.
-
-    Attributes
-    ----------
-    faults : tuple of FaultOfRun
-    lines : tuple of SpectralLine
-    noise_drivers : tuple of NoiseDriver
-        What the level of the noise follows.
-    noise_findings : tuple of NoiseFinding
-        Its colour, and its correlation between channels.
-    untestable : tuple of UntestableEffect
-        What these runs can't show.
-    """
+    """What is said of runs beside effects on the mean of their readings."""
 
     faults: tuple[FaultOfRun, ...]
     lines: tuple[SpectralLine, ...]
-    noise_drivers: tuple[NoiseDriver, ...]
-    noise_findings: tuple[NoiseFinding, ...]
-    untestable: tuple[UntestableEffect, ...]
+    noise_drivers: tuple[NoiseDriver, ...]  # what the level of the noise follows
+    noise_findings: tuple[NoiseFinding, ...]  # its colour, and its correlation between channels
+    untestable: tuple[UntestableEffect, ...]  # what these runs can't show
 
     def concerns(self, channel: int) -> bool:
         """Whether lines, an uneven level or a structure of its noise, or coarse steps explain what a channel shows.

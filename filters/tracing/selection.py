@@ -59,54 +59,29 @@ _ORDER = (
 
 @dataclass(frozen=True, kw_only=True)
 class Weak:
-    """What scored and was not accepted.
-
-    Attributes
-    ----------
-    term : Term
-    score : float
-        Without the guard,
-    guarded : float
-        and with it; 0 where it did not come so far.
-    why : str
-        In words.
-    theta, covariance : Array
-        Parameters as they would be, SI, shape (k,), and their covariance, shape (k, k).
-    limit : float or None
-        Size of the first parameter, SI, that would have been accepted; None where size is not what it lacks.
-    """
+    """What scored and was not accepted."""
 
     term: Term
-    score: float
-    guarded: float
-    why: str
+    score: float  # without the guard,
+    guarded: float  # and with it; 0 where it did not come so far
+    why: str  # in words
+    # theta, covariance: parameters as they would be, SI, shape (k,), and their covariance, shape (k, k)
     theta: Array
     covariance: Array
+    # size of the first parameter, SI, that would have been accepted; None where size is not what it lacks
     limit: float | None
 
 
 @dataclass
 class Selection:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    design : Design
-        Data and columns.
-    terms : list of Term
-        Accepted, in order.
-    weak : list of Weak
-    unseen_gain : dict
-        Gain on cells that the fit had not seen, by term's key.
-    averages : dict
-        Averages of thermal forms, by term's key.
-    """
-
-    design: Design
-    terms: list[Term] = field(default_factory=list)
+    design: Design  # data and columns
+    terms: list[Term] = field(default_factory=list)  # accepted, in order
     weak: list[Weak] = field(default_factory=list)
+    # gain on cells that the fit had not seen, by term's key
     unseen_gain: dict[object, float] = field(default_factory=dict)
-    averages: dict[object, JointChoice] = field(default_factory=dict)
+    averages: dict[object, JointChoice] = field(default_factory=dict)  # averages of thermal forms, by term's key
 
     def price(self, term: Term) -> float:
         """What a term's parameters and its choice cost."""
@@ -139,18 +114,9 @@ def select(
 ) -> Selection:
     """Find what the data show.
 
-    Parameters
-    ----------
-    design : Design
-        With the noise's multipliers set; its drifts are set here.
-    channels : sequence of int
-        Those with data.
-    progress : callable
-        Told a share from 0 to 1.
-
-    Returns
-    -------
-    Selection
+    `design`: with the noise's multipliers set; its drifts are set here.
+    `channels`: those with data.
+    `progress`: told a share from 0 to 1.
     """
     chosen = Selection(design)
     usable = [a for a in design.terms if any(c in channels for c in a.places)]
@@ -454,20 +420,11 @@ def weak_of(
 ) -> Weak:
     """A term that is not accepted, with its size and the size that would have been.
 
-    Parameters
-    ----------
-    chosen : Selection
-        Data.
-    rest : sequence of Term
-        What it is fitted beside.
-    term : Term
-        Which.
-    score, guarded : float
-        Without the guard and with it; `guarded` 0 where it did not come so far.
-    why : str
-        In words.
-    drift : Drift or None
-        That of its channel beside it; None: as it is.
+    `chosen`: data.
+    `rest`: what it is fitted beside.
+    `score`, `guarded`: without the guard and with it; `guarded` 0 where it did not come so far.
+    `why`: in words.
+    `drift`: that of its channel beside it; None: as it is.
     """
     design, h = chosen.design, term.hypothesis
     if len(term.places) > 1:

@@ -24,14 +24,9 @@ Joining = Sequence[tuple[str, tuple[str, ...]]]
 def sentence(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
     """The result in a few sentences, the last of which says what to do next.
 
-    Parameters
-    ----------
-    d : TraceFindings
-        All but its sentence.
-    next_run : str
-        What an operator does to tell rivals apart; empty where nothing would, or nothing is to be told apart.
-    joining : sequence of (str, tuple of str)
-        Effects that join the filter, with their channels.
+    `d`: all but its sentence.
+    `next_run`: what an operator does to tell rivals apart; empty where nothing would, or nothing is to be told apart.
+    `joining`: effects that join the filter, with their channels.
     """
     told = [_found(d), *_refuted(d), _common(d), _next(d, next_run=next_run, joining=joining)]
     return " ".join(text for text in told if text)
@@ -159,14 +154,8 @@ def _next(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
 def next_run(motion: str, d_expected: float, pair: Sequence[str]) -> str:
     """What an operator does to tell a pair of effects apart, without its full stop; empty if it would not.
 
-    Parameters
-    ----------
-    motion : str
-        Of the separating experiment.
-    d_expected : float
-        Of it.
-    pair : sequence of str
-        The two effects.
+    `motion`: of the separating experiment.
+    `pair`: the two effects.
     """
     if d_expected < SEPARATES:
         return ""

@@ -18,51 +18,26 @@ FOLDS = 5
 
 @dataclass(frozen=True)
 class Stack:
-    """Blocks of all runs, one after the other.
-
-    Attributes
-    ----------
-    blocks : tuple of Blocks
-    t : Array
-        s since the first known sample of its power-on, shape (n,).
-    part_t : Array
-        s since its run's first sample, shape (n,).
-    run : integer array
-        Number of the run, shape (n,).
-    starts : integer array
-        First row of each run.
-    power_on : integer array
-        Number of the power-on, shape (n,): of each there is one bias.
-    begins : integer array
-        First row of each power-on.
-    y, weight : Array
-        Residual and weight, shape (n, 6).
-    cell : integer array
-        Number of the 20 s cell, shape (n,).
-    period : float
-        Of a block, s.
-    """
+    """Blocks of all runs, one after the other."""
 
     blocks: tuple[Blocks, ...]
-    t: Array
-    part_t: Array
-    run: NDArray[np.int_]
-    starts: NDArray[np.int_]
-    power_on: NDArray[np.int_]
-    begins: NDArray[np.int_]
+    t: Array  # s since the first known sample of its power-on, shape (n,)
+    part_t: Array  # s since its run's first sample, shape (n,)
+    run: NDArray[np.int_]  # number of the run, shape (n,)
+    starts: NDArray[np.int_]  # first row of each run
+    power_on: NDArray[np.int_]  # number of the power-on, shape (n,): of each there is one bias
+    begins: NDArray[np.int_]  # first row of each power-on
+    # y, weight: residual and weight, shape (n, 6)
     y: Array
     weight: Array
-    cell: NDArray[np.int_]
-    period: float
+    cell: NDArray[np.int_]  # number of the 20 s cell, shape (n,)
+    period: float  # of a block, s
 
     @classmethod
     def of(cls, blocks: Sequence[Blocks]) -> "Stack":
         """Runs one after the other; cells are numbered on from run to run.
 
-        Raises
-        ------
-        ValueError
-            If parts of a power-on do not follow each other in time.
+        Raises ValueError if parts of a power-on do not follow each other in time.
         """
         first_runs = _first_runs(blocks)
         sizes = [b.t.size for b in blocks]

@@ -28,19 +28,9 @@ _END_S = 3.0
 def step(design: Design, selection: Sequence[Term], channel: int) -> Step | None:
     """The most likely step beside drift.
 
-    Parameters
-    ----------
-    design : Design
-        Data, columns, and the channel's drift.
-    selection : sequence of Term
-        What is selected.
-    channel : int
-        Where.
-
-    Returns
-    -------
-    Step or None
-        None if no power-on is long enough.
+    `design`: data, columns, and the channel's drift.
+    `selection`: what is selected.
+    Returns none if no power-on is long enough.
     """
     stack = design.stack
     rows = rows_of(design, selection, channel, np.zeros((stack.t.size, 0)))

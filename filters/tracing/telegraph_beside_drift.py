@@ -26,19 +26,9 @@ _SURE = 4.0
 def telegraph(design: Design, selection: Sequence[Term], channel: int) -> tuple[Telegraph, float] | None:
     """The most likely two levels beside drift, and their gain.
 
-    Parameters
-    ----------
-    design : Design
-        Data, columns, and the channel's drift.
-    selection : sequence of Term
-        What is selected.
-    channel : int
-        Where.
-
-    Returns
-    -------
-    Telegraph and float, or None
-        None if nothing switches often enough.
+    `design`: data, columns, and the channel's drift.
+    `selection`: what is selected.
+    Returns none if nothing switches often enough.
     """
     rows = rows_of(design, [], channel, design.unexplained(selection, channel)[:, None])
     found = []

@@ -19,48 +19,26 @@ from filters.types import Array
 
 @dataclass(frozen=True, slots=True)
 class TemperatureHistory:
-    """Temperature of a run at its n blocks, and what remembers it; NaN without a temperature.
+    """Temperature of a run at its n blocks, and what remembers it; NaN without a temperature."""
 
-    Attributes
-    ----------
-    level, rate : Array
-        degC and K/s, shape (n,).
-    lagged, plays : Array
-        As in `filters.effects.inputs.Inputs`, shapes (n, LAGS) and (n, BANKS).
-    end : ThermalMemory or None
-        What the part that follows goes on from; None without a temperature.
-    """
-
+    # level, rate: degC and K/s, shape (n,)
     level: Array
     rate: Array
+    # lagged, plays: as in `filters.effects.inputs.Inputs`, shapes (n, LAGS) and (n, BANKS)
     lagged: Array
     plays: Array
-    end: "ThermalMemory | None" = None
+    end: "ThermalMemory | None" = None  # what the part that follows goes on from; None without a temperature
 
 
 @dataclass(frozen=True, slots=True)
 class ThermalMemory:
-    """What a part of a power-on hands on to the next.
+    """What a part of a power-on hands on to the next."""
 
-    Attributes
-    ----------
-    t : float
-        Of its last block, s since the power-on's first known sample.
-    level : float
-        Smooth temperature then, degC.
-    start : float
-        Smooth temperature at the first known sample, degC: where the plays were at rest.
-    lagged : Array
-        T_tau for `LAGS` then, degC.
-    plays : Array
-        Each play operator then, K from `start`, shape (BANKS · PLAYS,).
-    """
-
-    t: float
-    level: float
-    start: float
-    lagged: Array
-    plays: Array
+    t: float  # of its last block, s since the power-on's first known sample
+    level: float  # smooth temperature then, degC
+    start: float  # smooth temperature at the first known sample, degC: where the plays were at rest
+    lagged: Array  # T_tau for `LAGS` then, degC
+    plays: Array  # each play operator then, K from `start`, shape (BANKS · PLAYS,)
 
 
 def history(
@@ -68,19 +46,12 @@ def history(
 ) -> TemperatureHistory:
     """Temperature of a run's blocks, its rate, lagged temperatures and plays.
 
-    Parameters
-    ----------
-    run : Run
-        With its temperature.
-    t : Array
-        Middle of each block, s since the power-on's first known sample, shape (n,).
-    period : float
-        Of a block, s.
-    edges : integer array
-        First sample of each block, and the end, shape (n + 1,).
-    before : ThermalMemory or None
-        What the part before it in its power-on hands on; None where nothing is known of what came before: lags then
-        start in equality, plays at rest.
+    `run`: with its temperature.
+    `t`: middle of each block, s since the power-on's first known sample, shape (n,).
+    `period`: of a block, s.
+    `edges`: first sample of each block, and the end, shape (n + 1,).
+    `before`: what the part before it in its power-on hands on; None where nothing is known of what came before: lags
+      then start in equality, plays at rest.
     """
     n = t.size
     nan = np.full(n, np.nan)
@@ -103,17 +74,9 @@ def history(
 def smoothed(raw: Array, period: float) -> tuple[Array, Array]:
     """Smooth temperature and its rate by local straight lines, symmetric in time, so that neither lags.
 
-    Parameters
-    ----------
-    raw : Array
-        degC, shape (n,), evenly spaced.
-    period : float
-        s.
-
-    Returns
-    -------
-    Array, Array
-        degC and K/s, each (n,).
+    `raw`: degC, shape (n,), evenly spaced.
+    `period`: s.
+    Returns degC and K/s, each (n,).
     """
     # takes half a second to load, and runs without temperature need it not
     from scipy.signal import savgol_filter
@@ -145,20 +108,11 @@ def lagged_after(before: ThermalMemory, t: float, level: float) -> Array:
 def plays(u: Array, at: Array | None = None) -> tuple[Array, Array]:
     """Banks of play operators P(k) = min(max(P(k-1), u(k) - r), u(k) + r).
 
-    Parameters
-    ----------
-    u : Array
-        Temperature less that of the start, K, shape (n,).
-    at : Array or None
-        Where each operator was before, K, shape (BANKS · PLAYS,); without, as at the start. A straight way from there
-        needs no more: play is the same at any speed.
-
-    Returns
-    -------
-    Array
-        Mean of the operators of a bank over its width, shape (n, BANKS).
-    Array
-        Where each operator ends, K.
+    `u`: temperature less that of the start, K, shape (n,).
+    `at`: where each operator was before, K, shape (BANKS · PLAYS,); without, as at the start. A straight way from there
+      needs no more: play is the same at any speed.
+    Returns mean of the operators of a bank over its width, shape (n, BANKS).
+    Returns where each operator ends, K.
     """
     widths = np.array([width for width, _ in BANKS])
     at = np.array(PLAYS_AT_START if at is None else at, np.float64)

@@ -41,27 +41,15 @@ _SAME = 0.02  # share of evidence below which a form is not told of
 
 @dataclass(frozen=True)
 class Form:
-    """One form: its columns, and how it fits.
+    """One form: its columns, and how it fits."""
 
-    Attributes
-    ----------
-    order : int
-        Of the curve, 0 to 3.
-    lag, bank : int or None
-        Number in `LAGS` and in `BANKS`.
-    score : float
-        -2 log likelihood and prices: the less the better.
-    weight : float
-        Its share of the evidence.
-    theta, covariance : Array
-        Factors of its columns in the channel's unit of error, shape (k,), and their covariance.
-    """
-
-    order: int
+    order: int  # of the curve, 0 to 3
+    # lag, bank: number in `LAGS` and in `BANKS`
     lag: int | None
     bank: int | None
-    score: float = np.inf
-    weight: float = 0.0
+    score: float = np.inf  # -2 log likelihood and prices: the less the better
+    weight: float = 0.0  # its share of the evidence
+    # theta, covariance: factors of its columns in the channel's unit of error, shape (k,), and their covariance
     theta: Array = field(default_factory=lambda: np.zeros(0))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -91,27 +79,15 @@ class Form:
 
 @dataclass(frozen=True)
 class Average:
-    """What forms say together of a channel.
+    """What forms say together of a channel."""
 
-    Attributes
-    ----------
-    forms : tuple of Form
-        Those that carry weight, the most first.
-    weights : Array
-        Of the columns of `thermal_average.columns`, in the channel's unit of error, shape (K,).
-    covariance : Array
-        Within and between forms, shape (K, K).
-    score, none : float
-        Of the best form, and of no form at all.
-    low, high : float
-        Range of temperature, degC.
-    """
-
-    forms: tuple[Form, ...]
-    weights: Array
-    covariance: Array
+    forms: tuple[Form, ...]  # those that carry weight, the most first
+    weights: Array  # of the columns of `thermal_average.columns`, in the channel's unit of error, shape (K,)
+    covariance: Array  # within and between forms, shape (K, K)
+    # score, none: of the best form, and of no form at all
     score: float
     none: float
+    # low, high: range of temperature, degC
     low: float
     high: float
 
@@ -132,33 +108,17 @@ class Average:
 
 @dataclass(frozen=True)
 class Rows:
-    """Means of some seconds of a channel: what forms are fitted to.
+    """Means of some seconds of a channel: what forms are fitted to."""
 
-    Attributes
-    ----------
-    y : Array
-        Residual in the channel's unit of error, shape (n,).
-    beside : Array
-        Columns of what else is there, shape (n, m).
-    instead : Array
-        Columns of what the forms are to take the place of, shape (n, k).
-    columns : Array
-        Those of `thermal_average.columns`, shape (n, K).
-    t, variance : Array
-        s; of the white noise, unit²; shape (n,).
-    begins : integer array
-        First row of each power-on.
-    low, high : float
-        Range of temperature, degC.
-    """
-
-    y: Array
-    beside: Array
-    instead: Array
-    columns: Array
+    y: Array  # residual in the channel's unit of error, shape (n,)
+    beside: Array  # columns of what else is there, shape (n, m)
+    instead: Array  # columns of what the forms are to take the place of, shape (n, k)
+    columns: Array  # those of `thermal_average.columns`, shape (n, K)
+    # t, variance: s; of the white noise, unit²; shape (n,)
     t: Array
     variance: Array
-    begins: NDArray[np.int_]
+    begins: NDArray[np.int_]  # first row of each power-on
+    # low, high: range of temperature, degC
     low: float
     high: float
 
@@ -166,18 +126,10 @@ class Rows:
 def rows_of(design: Design, channel: int, y: Array, beside: Array, instead: Array) -> Rows | None:
     """Rows of a channel; None where temperature is not known or does not go far enough.
 
-    Parameters
-    ----------
-    design : Design
-        Data.
-    channel : int
-        Which.
-    y : Array
-        Its residual, SI, shape (n,).
-    beside : Array
-        Columns to be fitted beside the forms, SI, shape (n, m).
-    instead : Array
-        Columns that the forms are to take the place of, shape (n, k).
+    `design`: data.
+    `y`: its residual, SI, shape (n,).
+    `beside`: columns to be fitted beside the forms, SI, shape (n, m).
+    `instead`: columns that the forms are to take the place of, shape (n, k).
     """
     stack = design.stack
     temperature = np.concatenate([b.slow_inputs.temperature.level for b in stack.blocks])
@@ -316,12 +268,8 @@ def _weighed(fitted: Sequence[_Fitted], forms: Sequence[Form], scores: Array, we
 def score_before(rows: Rows, price: float) -> float:
     """Score of what the forms are to take the place of, beside its best walk.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of the channel.
-    price : float
-        What its parameters and its choice cost.
+    `rows`: of the channel.
+    `price`: what its parameters and its choice cost.
     """
     raw = np.column_stack([rows.y, rows.beside, rows.instead])
     made = (whiten(raw, rows.t, rows.begins, rows.variance, walk) for walk in walks(rows))

@@ -25,12 +25,8 @@ _CERTAIN = 1e-3
 def choose_jointly(chosen: Selection, channels: Sequence[int]) -> None:
     """Let averages take the place of thermal effects where they have more evidence; `chosen` is changed.
 
-    Parameters
-    ----------
-    chosen : Selection
-        What the greedy selection found.
-    channels : sequence of int
-        Those with data.
+    `chosen`: what the greedy selection found.
+    `channels`: those with data.
     """
     for c in channels:
         own = [a for a in chosen.on(c) if replaceable(a)]

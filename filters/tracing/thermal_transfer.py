@@ -30,18 +30,11 @@ _NOTHING = 1e-12
 
 @dataclass(frozen=True)
 class JointChoice:
-    """An average that was selected, and what of it is carried over.
+    """An average that was selected, and what of it is carried over."""
 
-    Attributes
-    ----------
-    average : Average
-        The forms, and what they say together.
-    theta, sd : Array
-        Amplitudes of the mean and of its spreads as they are carried over to other runs, and their standard deviations,
-        shape (k,).
-    """
-
-    average: Average
+    average: Average  # the forms, and what they say together
+    # theta, sd: amplitudes of the mean and of its spreads as they are carried over to other runs, and their standard
+    # deviations, shape (k,)
     theta: Array
     sd: Array
 
@@ -54,14 +47,8 @@ class JointChoice:
 def carried_over(rows: Rows, found: Average, channel: int) -> float:
     """Amplitude with which an average is carried over to other runs.
 
-    Parameters
-    ----------
-    rows : Rows
-        What it was fitted to.
-    found : Average
-        The average.
-    channel : int
-        Which: how large hysteresis may be is the catalogue's plausible size.
+    `rows`: what it was fitted to.
+    `channel`: which: how large hysteresis may be is the catalogue's plausible size.
     """
     own = rows.columns @ found.weights
     if not went_one_way(rows) or not np.ptp(own) > 0.0:
@@ -121,14 +108,9 @@ def way_back(rows: Rows) -> Array:
 def spreads(back: Array, covariance: Array, count: int = 2) -> list[Array]:
     """Directions in which the forms differ most on the way back, each one standard deviation long; (K,) each.
 
-    Parameters
-    ----------
-    back : Array
-        From `way_back`.
-    covariance : Array
-        Of the columns' factors, shape (K, K).
-    count : int
-        At most so many.
+    `back`: from `way_back`.
+    `covariance`: of the columns' factors, shape (K, K).
+    `count`: at most so many.
     """
     root = np.asarray(np.linalg.qr(back - back.mean(axis=0)).R)
     values, vectors = np.linalg.eigh(root @ covariance @ root.T)

@@ -33,27 +33,12 @@ def trace(
 ) -> Trace:
     """Trace what the model of constant biases lacks.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Power-ons to learn from, or parts of them, at least one.
-    heldout : Run or None
-        A power-on, or a part of one, that nothing is fitted to; without one, folds of the runs judge.
-    asked : sequence of str
-        Effects whose limit of detection is to be said.
-    seed : int
-        Of intervals and bands.
-    progress : callable
-        Told a share from 0 to 1 and what is being done.
-
-    Returns
-    -------
-    Trace
-
-    Raises
-    ------
-    ValueError
-        If there is no run, or one is too short.
+    `runs`: power-ons to learn from, or parts of them, at least one.
+    `heldout`: a power-on, or a part of one, that nothing is fitted to; without one, folds of the runs judge.
+    `asked`: effects whose limit of detection is to be said.
+    `seed`: of intervals and bands.
+    `progress`: told a share from 0 to 1 and what is being done.
+    Raises ValueError if there is no run, or one is too short.
     """
     _check(runs, heldout)
     runs = in_order(runs)

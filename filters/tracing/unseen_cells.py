@@ -26,20 +26,12 @@ def unseen_gain(
 
     Both fits, without and with it, are joint over all channels that shared effects tie to the term's.
 
-    Parameters
-    ----------
-    design : Design
-        Data and columns.
-    selection : sequence of Term
-        What is there already.
-    term : Term
-        The new one.
-    made : Array or None
-        Columns of its own, shape (n, k), of one that is not in the design.
-    drifts : sequence of Drift or None
-        Of the six channels; by default the design's.
-    spared : int
-        How many best cells are left out of the second figure.
+    `design`: data and columns.
+    `selection`: what is there already.
+    `term`: the new one.
+    `made`: columns of its own, shape (n, k), of one that is not in the design.
+    `drifts`: of the six channels; by default the design's.
+    `spared`: how many best cells are left out of the second figure.
     """
     drifts = design.drift if drifts is None else drifts
     stack, tied = design.stack, _tied(selection, term)

@@ -64,16 +64,10 @@ class Correction:
 def windows(stack: Stack, r: Array, channel: int, seconds: float = WINDOW_S) -> Windows:
     """Windowed means of a channel's residual.
 
-    Parameters
-    ----------
-    stack : Stack
-        Blocks.
-    r : Array
-        Residual of the channel, SI, shape (n,), or several of them, shape (n, k).
-    channel : int
-        Whose weights count.
-    seconds : float
-        Longest window.
+    `stack`: blocks.
+    `r`: residual of the channel, SI, shape (n,), or several of them, shape (n, k).
+    `channel`: whose weights count.
+    `seconds`: longest window.
     """
     edges = _edges(_windows_of(stack, seconds))
     w = stack.weight[:, channel]
@@ -110,23 +104,11 @@ def _regimes(blocks: Blocks) -> Array:
 def e10(stack: Stack, before: Array, after: Array, channel: int, white: float, seed: int) -> ErrorFigure | None:
     """Error of 10 s means after a bias hold of 60 s, on a run.
 
-    Parameters
-    ----------
-    stack : Stack
-        Of the held-out run alone.
-    before, after : Array
-        Residual of the channel without and with the correction, SI, shape (n,).
-    channel : int
-        Which.
-    white : float
-        White density, unit·√s.
-    seed : int
-        Of the floor's band and the interval.
-
-    Returns
-    -------
-    ErrorFigure or None
-        None if less than two windows follow the hold.
+    `stack`: of the held-out run alone.
+    `before`, `after`: residual of the channel without and with the correction, SI, shape (n,).
+    `white`: white density, unit·√s.
+    `seed`: of the floor's band and the interval.
+    Returns none if less than two windows follow the hold.
     """
     both = after_hold(stack, np.column_stack([before, after]), channel)
     if both is None or both.seconds.size < 2:
@@ -165,34 +147,18 @@ def _e10_figure(
 
 @dataclass(frozen=True, slots=True)
 class AfterHold:
-    """Errors of the windows that follow a bias hold.
+    """Errors of the windows that follow a bias hold."""
 
-    Attributes
-    ----------
-    errors : Array
-        Of each residual, SI, shape (m, k).
-    seconds : Array
-        How long each window lasts, shape (m,).
-    hold_sd : float
-        Standard deviation of the first residual's hold as its own windows show it, SI.
-    """
-
-    errors: Array
-    seconds: Array
-    hold_sd: float
+    errors: Array  # of each residual, SI, shape (m, k)
+    seconds: Array  # how long each window lasts, shape (m,)
+    hold_sd: float  # standard deviation of the first residual's hold as its own windows show it, SI
 
 
 def after_hold(stack: Stack, columns: Array, channel: int) -> AfterHold | None:
     """Errors of windowed means once the mean of the first 60 s is taken off; None where most of those are missing.
 
-    Parameters
-    ----------
-    stack : Stack
-        Of one run.
-    columns : Array
-        Residuals of the channel, SI, shape (n, k).
-    channel : int
-        Which.
+    `stack`: of one run.
+    `columns`: residuals of the channel, SI, shape (n, k).
     """
     w = stack.weight[:, channel]
     hold = (stack.part_t < HOLD_S) & (w > 0.0)
@@ -209,12 +175,8 @@ def after_hold(stack: Stack, columns: Array, channel: int) -> AfterHold | None:
 def share_of(removed: float, excess: float, n: int) -> float | None:
     """Share of an excess of mean squares over the floor that is removed; None where chance explains the excess.
 
-    Parameters
-    ----------
-    removed, excess : float
-        In squares of the floor.
-    n : int
-        Errors in the mean.
+    `removed`, `excess`: in squares of the floor.
+    `n`: errors in the mean.
     """
     if n == 0 or excess <= 2.0 * float(np.sqrt(2.0 / n)):
         return None
@@ -223,21 +185,13 @@ def share_of(removed: float, excess: float, n: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class FoldedErrors:
-    """Errors of a channel within runs: each cell under fits to the other folds.
-
-    Attributes
-    ----------
-    figure : ErrorFigure
-    before, after : Array
-        Errors of the windows over their floors, without and with the columns, shape (m,).
-    of : Array
-        What each group of columns says of them, shape (m, groups).
-    """
+    """Errors of a channel within runs: each cell under fits to the other folds."""
 
     figure: ErrorFigure
+    # before, after: errors of the windows over their floors, without and with the columns, shape (m,)
     before: Array
     after: Array
-    of: Array
+    of: Array  # what each group of columns says of them, shape (m, groups)
 
     def removed(self, group: int) -> float:
         """How much less the mean square is with a group of columns than without it, in squares of the floor."""
@@ -254,25 +208,12 @@ def folded(
 ) -> FoldedErrors | None:
     """The same on one run: five folds of 20 s cells, bias and effects fitted on the others; shows no transfer.
 
-    Parameters
-    ----------
-    stack : Stack
-        Of the run, or runs.
-    y : Array
-        Residual of the channel, SI, shape (n,).
-    groups : sequence of Array
-        Columns of each of what was found on it, shape (n, k).
-    channel : int
-        Which.
-    white : float
-        White density, unit·√s.
-    seed : int
-        Of the interval.
-
-    Returns
-    -------
-    FoldedErrors or None
-        None if a fold has too little to fit, or less than four windows remain.
+    `stack`: of the run, or runs.
+    `y`: residual of the channel, SI, shape (n,).
+    `groups`: columns of each of what was found on it, shape (n, k).
+    `white`: white density, unit·√s.
+    `seed`: of the interval.
+    Returns none if a fold has too little to fit, or less than four windows remain.
     """
     residuals = _folded_residuals(stack, y, groups, channel)
     if residuals is None:
@@ -331,25 +272,12 @@ def nis(
 ) -> ErrorFigure | None:
     """√(NIS/dof) of windowed means in the bias filter, without drift before, with it and the correction's states after.
 
-    Parameters
-    ----------
-    stack : Stack
-        Of the held-out run alone.
-    before, after : Array
-        Residual of the channel without and with the correction, SI, shape (n,).
-    channel : int
-        Which.
-    white : float
-        White density, unit·√s.
-    drift : Drift
-        Of the filter after.
-    correction : Correction or None
-        What is not known of it; None if that is nothing.
-
-    Returns
-    -------
-    ErrorFigure or None
-        None with less than four windows.
+    `stack`: of the held-out run alone.
+    `before`, `after`: residual of the channel without and with the correction, SI, shape (n,).
+    `white`: white density, unit·√s.
+    `drift`: of the filter after.
+    `correction`: what is not known of it; None if that is nothing.
+    Returns none with less than four windows.
     """
     made = _before_and_after(stack, before, after, channel, white, drift, correction, _windows_of(stack, WINDOW_S))
     n = made[1].error.size

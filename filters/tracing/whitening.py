@@ -115,23 +115,12 @@ def whiten(
 ) -> tuple[Array, float]:
     """Whiten columns.
 
-    Parameters
-    ----------
-    columns : Array
-        Residual and regressors, shape (n, k).
-    t : Array
-        s, shape (n,), increasing within a power-on.
-    starts : integer array
-        First row of each power-on: bias and drift begin anew there, and go on through a gap anywhere else.
-    variance : Array
-        Of the white noise of each row, shape (n,); infinite where there is no data.
-    drift : Drift
-        What g is.
-
-    Returns
-    -------
-    Array, float
-        Normalised innovations, shape (n, k), zero where there is none; sum of the logarithms of their variances.
+    `columns`: residual and regressors, shape (n, k).
+    `t`: s, shape (n,), increasing within a power-on.
+    `starts`: first row of each power-on: bias and drift begin anew there, and go on through a gap anywhere else.
+    `variance`: of the white noise of each row, shape (n,); infinite where there is no data.
+    `drift`: what g is.
+    Returns normalised innovations, shape (n, k), zero where there is none; sum of the logarithms of their variances.
     """
     out = np.empty_like(columns)
     k = columns.shape[1]
@@ -145,17 +134,9 @@ def whitened_parts(
 ) -> Iterator[Array]:
     """Normalised innovations of columns that come in parts, row after row, as `whiten` gives them of all at once.
 
-    Parameters
-    ----------
-    parts : iterable of Array
-        Consecutive rows of the columns, shape (m, k) each.
-    t, starts, variance, drift
-        As in `whiten`, of all rows.
-
-    Yields
-    ------
-    Array
-        Shape (m, k).
+    `parts`: consecutive rows of the columns, shape (m, k) each.
+    `t`, `starts`, `variance`, `drift`: as in `whiten`, of all rows.
+    Yields shape (m, k).
     """
     at, state, b, g = 0, np.zeros(5), np.zeros(0), np.zeros(0)
     for part in parts:
@@ -292,21 +273,11 @@ def best_drift(
 ) -> tuple[float, Drift, float]:
     """Most likely drift of a channel whose regressors are fitted anew for each.
 
-    Parameters
-    ----------
-    columns : Array
-        Residual, then regressors, shape (n, k).
-    t, starts, variance : Array
-        As in `whiten`.
-    period : float
-        Of a row, s.
-    taus : sequence of float
-        Time constants to try, s.
-
-    Returns
-    -------
-    float, Drift, float
-        -2 log likelihood of the best, the best, -2 log likelihood without drift.
+    `columns`: residual, then regressors, shape (n, k).
+    `t`, `starts`, `variance`: as in `whiten`.
+    `period`: of a row, s.
+    `taus`: time constants to try, s.
+    Returns -2 log likelihood of the best, the best, -2 log likelihood without drift.
     """
     finite = variance[np.isfinite(variance)]
     unit = np.sqrt(np.median(finite) * period)
@@ -345,14 +316,9 @@ def refined(columns: Array, t: Array, starts: NDArray[np.int_], variance: Array,
 
     A level of the grid is up to √2 wrong, and so then is every covariance that is made of it.
 
-    Parameters
-    ----------
-    columns, t, starts, variance
-        As in `best_drift`.
-    found : Drift
-        The best of the grid,
-    best : float
-        with its -2 log likelihood.
+    `columns`, `t`, `starts`, `variance`: as in `best_drift`.
+    `found`: the best of the grid,
+    `best`: with its -2 log likelihood.
     """
     place, value = np.log([found.tau, found.level]), best
     # level with the time constant: the rate at which the drift grows is known best
@@ -381,10 +347,7 @@ def _minus_two_log(columns: Array, t: Array, starts: NDArray[np.int_], variance:
 class DriftPairs:
     """Likelihood of sums of two drifts, each evaluated once: what is like 1/f needs more than one.
 
-    Parameters
-    ----------
-    columns, t, starts, variance, period
-        As in `best_drift`.
+    `columns`, `t`, `starts`, `variance`, `period`: as in `best_drift`.
     """
 
     def __init__(self, columns: Array, t: Array, starts: NDArray[np.int_], variance: Array, period: float) -> None:

@@ -22,21 +22,11 @@ _DIFFUSE = 1e8
 
 @dataclass(frozen=True, slots=True)
 class Foretold:
-    """What the filter found at windows' ends, but for the first of each power-on, which tells it the bias.
+    """What the filter found at windows' ends, but for the first of each power-on, which tells it the bias."""
 
-    Attributes
-    ----------
-    window : integer array
-        Number of each, shape (m,).
-    error : Array
-        Mean of the window less what was foretold, SI, shape (m,).
-    sd : Array
-        Standard deviation that was foretold, SI, shape (m,).
-    """
-
-    window: NDArray[np.int_]
-    error: Array
-    sd: Array
+    window: NDArray[np.int_]  # number of each, shape (m,)
+    error: Array  # mean of the window less what was foretold, SI, shape (m,)
+    sd: Array  # standard deviation that was foretold, SI, shape (m,)
 
     @property
     def normalised(self) -> Array:
@@ -56,26 +46,13 @@ def foretell(
 ) -> Foretold:
     """Run the filter over a channel's blocks.
 
-    Parameters
-    ----------
-    columns : Array
-        Residual with the correction, then the correction's regressors, SI, shape (n, 1 + k).
-    t : Array
-        s, shape (n,), increasing within a power-on.
-    weight : Array
-        Share of each block that is good, 0 to 1, shape (n,).
-    sd : float
-        Standard deviation of a full block's white noise, SI.
-    ends, begins : boolean array
-        Whether a window ends with the block; whether a power-on begins with it; shape (n,).
-    drift : Drift
-        Of the channel.
-    covariance : Array or None
-        Of the correction's parameters, shape (k, k); None without regressors.
-
-    Returns
-    -------
-    Foretold
+    `columns`: residual with the correction, then the correction's regressors, SI, shape (n, 1 + k).
+    `t`: s, shape (n,), increasing within a power-on.
+    `weight`: share of each block that is good, 0 to 1, shape (n,).
+    `sd`: standard deviation of a full block's white noise, SI.
+    `ends`, `begins`: whether a window ends with the block; whether a power-on begins with it; shape (n,).
+    `drift`: of the channel.
+    `covariance`: of the correction's parameters, shape (k, k); None without regressors.
     """
     columns = np.ascontiguousarray(columns, np.float64)
     count = int(ends.sum())

@@ -26,18 +26,11 @@ def over(
 ) -> None:
     """Print what a job finds in each log and end with the worst exit code.
 
-    Parameters
-    ----------
-    logs : list of Path
-        At least one.
-    job : callable
-        Takes a path and a callable for its progress; returns a document.
-    text : callable
-        Makes text of a document, so many columns wide.
-    json : bool
-        Print the documents instead: one, or a list of several.
-    fine : callable
-        Whether a document tells of nothing wrong.
+    `logs`: at least one.
+    `job`: takes a path and a callable for its progress; returns a document.
+    `text`: makes text of a document, so many columns wide.
+    `json`: print the documents instead: one, or a list of several.
+    `fine`: whether a document tells of nothing wrong.
     """
     documents: list[D] = []
     code = FINE

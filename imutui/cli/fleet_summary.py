@@ -19,23 +19,12 @@ _MOST = 12
 def summarise(results: Path, report: Path | None, *, force: bool, json: bool) -> None:
     """Print the summary of a campaign's rows, and write its page.
 
-    Parameters
-    ----------
-    results : Path
-        Folder of a campaign, or its `results.json`.
-    report : Path or None
-        Folder for the page.
-    force : bool
-        Replace a page that is there.
-    json : bool
-        Print the document instead of text.
-
-    Raises
-    ------
-    UnreadableLogError
-        If `results` holds no rows.
-    typer.Exit
-        With 1 if no row has a result, with 2 if the page cannot or must not be made.
+    `results`: folder of a campaign, or its `results.json`.
+    `report`: folder for the page.
+    `force`: replace a page that is there.
+    `json`: print the document instead of text.
+    Raises UnreadableLogError if `results` holds no rows.
+    Raises typer.Exit with 1 if no row has a result, with 2 if the page cannot or must not be made.
     """
     from imutui.cli.exit_codes import FINDINGS, fail, say
     from imutui.jobs.campaign import row_file, summary

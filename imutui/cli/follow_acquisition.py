@@ -43,14 +43,9 @@ def follow(
 ) -> None:
     """Start an acquisition, show it until it ends, print its result, and exit.
 
-    Parameters
-    ----------
-    plan : Plan
-        With `record` set.
-    json : bool
-        Print the document instead of a table.
-    add : callable
-        Adds to the result document before it is printed.
+    `plan`: with `record` set.
+    `json`: print the document instead of a table.
+    `add`: adds to the result document before it is printed.
     """
     interrupted, terminated = False, threading.Event()
     connection = _started(plan)

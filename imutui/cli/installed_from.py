@@ -15,10 +15,7 @@ NAME = "imutui"
 def command_for(extra: str) -> str:
     """A command of the shell that installs an extra beside the running program.
 
-    Parameters
-    ----------
-    extra : str
-        Its name in pyproject.toml.
+    `extra`: its name in pyproject.toml.
     """
     try:
         distribution = importlib.metadata.distribution(NAME)
@@ -41,14 +38,8 @@ def _installer() -> list[str]:
 def _what(origin: dict[str, Any], extra: str, needed: list[str]) -> list[str]:
     """What is to be installed: the extra from the folder, file or repository that the program came from.
 
-    Parameters
-    ----------
-    origin : dict
-        Content of direct_url.json (PEP 610); empty if the program came from an index.
-    extra : str
-        Its name.
-    needed : list of str
-        Requirements of the extra, which do where the origin is gone.
+    `origin`: content of direct_url.json (PEP 610); empty if the program came from an index.
+    `needed`: requirements of the extra, which do where the origin is gone.
     """
     url = str(origin.get("url", ""))
     if not origin:

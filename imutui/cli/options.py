@@ -99,10 +99,7 @@ def effects_of(text: str | None) -> bytes | None:
 def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
     """What --filter, --reference and --set replace of a log's own settings.
 
-    Raises
-    ------
-    ConfigError
-        If --set names what a log that is made has for good, or there is no such filter.
+    Raises ConfigError if --set names what a log that is made has for good, or there is no such filter.
     """
     from imutui.config import ALLOWED, ConfigError, parse_pairs
 
@@ -135,10 +132,7 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
 def parse_site(text: str | None) -> tuple[float, float, float] | None:
     """Latitude, longitude (degrees) and height (m) of "LAT,LON,H".
 
-    Raises
-    ------
-    ValueError
-        If the text does not read so.
+    Raises ValueError if the text does not read so.
     """
     if text is None:
         return None

@@ -31,30 +31,14 @@ _OWN_MOTION = ("profile", "trajectory")
 
 @dataclass(frozen=True, slots=True)
 class PlayedRecording:
-    """A recording in the instrument's axes and sign.
+    """A recording in the instrument's axes and sign."""
 
-    Attributes
-    ----------
-    name : str
-        Of its file.
-    t : np.ndarray
-        s since the part that is played begins, shape (N,), increasing.
-    values : np.ndarray
-        deg/s and g, shape (N, 6).
-    degc : np.ndarray or None
-        Shape (N,); None if it has no temperature.
-    simulated : bool
-        Whether it says that no sensor made it.
-    motion : RecordedMotion or None
-        Where it says how it moved.
-    """
-
-    name: str
-    t: np.ndarray
-    values: np.ndarray
-    degc: np.ndarray | None
-    simulated: bool
-    motion: RecordedMotion | None
+    name: str  # of its file
+    t: np.ndarray  # s since the part that is played begins, shape (N,), increasing
+    values: np.ndarray  # deg/s and g, shape (N, 6)
+    degc: np.ndarray | None  # shape (N,); None if it has no temperature
+    simulated: bool  # whether it says that no sensor made it
+    motion: RecordedMotion | None  # where it says how it moved
 
     def background(self, site: Site, rate_hz: float = LOOP_HZ) -> Background:
         """The recording as what a scenario adds to; without a motion of its own it is at rest."""
@@ -71,16 +55,10 @@ class PlayedReadings:
     Slower recordings are held between samples, so that every reading was really made; faster ones are averaged
     over the unit's period. The recording ends; the unit is then silent.
 
-    Parameters
-    ----------
-    t : np.ndarray
-        s, shape (N,), increasing.
-    values : np.ndarray
-        deg/s and g, instrument axes, shape (N, 6).
-    degc : np.ndarray or None
-        Shape (N,).
-    rate_hz : float
-        Rate of the unit's loop.
+    `t`: s, shape (N,), increasing.
+    `values`: deg/s and g, instrument axes, shape (N, 6).
+    `degc`: shape (N,).
+    `rate_hz`: rate of the unit's loop.
     """
 
     def __init__(self, t: np.ndarray, values: np.ndarray, degc: np.ndarray | None, rate_hz: float = LOOP_HZ) -> None:
@@ -109,22 +87,11 @@ class PlayedReadings:
 def load(path: Path, start: float, axes: AxisMap, site: Site) -> PlayedRecording:
     """A recording from a log, or from an NPZ or CSV file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    start : float
-        Where in it to begin, s after its first sample.
-    axes : AxisMap
-        Of the unit that plays it. A log of a known instrument is played in the unit's own sign; for the motion that an
-        NPZ or CSV file knows the sign that fits its readings is taken.
-    site : Site
-        Where it stood.
-
-    Raises
-    ------
-    UnreadableLogError, ImportDataError
-        If there is nothing to play.
+    `start`: where in it to begin, s after its first sample.
+    `axes`: of the unit that plays it. A log of a known instrument is played in the unit's own sign; for the motion that
+      an NPZ or CSV file knows the sign that fits its readings is taken.
+    `site`: where it stood.
+    Raises UnreadableLogError, ImportDataError if there is nothing to play.
     """
     if path.suffix.lower() == ".mcap":
         return _from_log(path, start, axes.accel_sign)

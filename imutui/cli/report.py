@@ -61,12 +61,8 @@ def write_page(
 ) -> tuple[list[Path], list[str]]:
     """Write the page of results into a folder, printed too where a browser is at hand.
 
-    Returns
-    -------
-    list of Path
-        What was written, the page first.
-    list of str
-        What was left out, sentences.
+    Returns what was written, the page first.
+    Returns what was left out, sentences.
     """
     from imutui.jobs import page_data
     from imutui.report import page, printing

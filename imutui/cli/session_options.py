@@ -61,22 +61,12 @@ _OF_INSTRUMENT = {
 def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
     """Plan of an acquisition from configuration, flags, and the fields that are no setting.
 
-    Parameters
-    ----------
-    config : Config
-        Effective settings.
-    site : tuple of float or None
-        Latitude, longitude, height of a flag.
-    checked : bool
-        Whether to refuse here what the filter could not run with. That loads the filters, which takes a second or
-        two; a plan that only fills a form is checked by the acquisition, when it is started.
-    **fields
-        Of the plan.
-
-    Raises
-    ------
-    ValueError
-        If something asked cannot be; the message names it.
+    `config`: effective settings.
+    `site`: latitude, longitude, height of a flag.
+    `checked`: whether to refuse here what the filter could not run with. That loads the filters, which takes a second
+      or two; a plan that only fills a form is checked by the acquisition, when it is started.
+    `**fields`: of the plan.
+    Raises ValueError if something asked cannot be; the message names it.
     """
     chosen = tuple(field for field, key in _OF_INSTRUMENT.items() if config.settings[key].source != "default")
     plan = Plan(

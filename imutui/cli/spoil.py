@@ -30,10 +30,7 @@ _SPOIL = 4
 class SpoilError(Exception):
     """The file or its function is not what it should be; the message says what, where, and what it may be.
 
-    Attributes
-    ----------
-    exit_code : int
-        2 where another name would do, 3 where the file's content is wrong.
+    `exit_code`: 2 where another name would do, 3 where the file's content is wrong.
     """
 
     def __init__(self, exit_code: int, message: str) -> None:
@@ -51,21 +48,11 @@ class Readings(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ErrorFunction:
-    """A function of a file that makes errors.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    file : str
-        As it was named.
-    make : callable
-        From a seed to the error of one power-on.
-    """
+    """A function of a file that makes errors."""
 
     name: str
-    file: str
-    make: Callable[[int], Error]
+    file: str  # as it was named
+    make: Callable[[int], Error]  # from a seed to the error of one power-on
 
     def __str__(self) -> str:
         return f"{self.file}:{self.name}"
@@ -79,10 +66,7 @@ def seed_of(seed: int, power_on: int) -> int:
 def load(spec: str) -> ErrorFunction:
     """Function named as FILE.py:NAME.
 
-    Raises
-    ------
-    SpoilError
-        If there is no such file or function, or the file does not run.
+    Raises SpoilError if there is no such file or function, or the file does not run.
     """
     file, _, name = spec.rpartition(":")
     if not file or not name.isidentifier():
@@ -105,19 +89,10 @@ def load(spec: str) -> ErrorFunction:
 class Spoiled:
     """Readings with an error added, which is asked for once a sample, in order, whatever the host asks for.
 
-    Parameters
-    ----------
-    readings : Readings
-        Without it.
-    unit : Unit
-        Whose readings they are: its temperature, motion and seed.
-    function : ErrorFunction
-        Makes the error of this power-on.
-
-    Raises
-    ------
-    SpoilError
-        If the function fails, here or at a later sample.
+    `readings`: without it.
+    `unit`: whose readings they are: its temperature, motion and seed.
+    `function`: makes the error of this power-on.
+    Raises SpoilError if the function fails, here or at a later sample.
     """
 
     def __init__(self, readings: Readings, unit: Unit, function: ErrorFunction) -> None:

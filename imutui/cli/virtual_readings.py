@@ -26,30 +26,14 @@ _ROOM = Temperature(((0.0, 25.0),))
 
 @dataclass(frozen=True, slots=True)
 class UnitOnTheLine:
-    """What the virtual instrument measures, and what it says of that.
+    """What the virtual instrument measures, and what it says of that."""
 
-    Attributes
-    ----------
-    readings : Source
-        What it measures.
-    version : str
-        How its version text begins.
-    source : str
-        Where the readings come from, in words; "" where the version says enough.
-    line : FaultyLine or None
-        What happens on the wire.
-    seed : int
-        Of the time counter's start.
-    personality : Personality
-        What the unit is like.
-    """
-
-    readings: Source
-    version: str
-    source: str = ""
-    line: FaultyLine | None = None
-    seed: int = 0
-    personality: Personality = field(default_factory=Personality)
+    readings: Source  # what it measures
+    version: str  # how its version text begins
+    source: str = ""  # where the readings come from, in words; "" where the version says enough
+    line: FaultyLine | None = None  # what happens on the wire
+    seed: int = 0  # of the time counter's start
+    personality: Personality = field(default_factory=Personality)  # what the unit is like
 
     def options(self, serial_number: int) -> UnitOptions:
         """Which unit this is."""
@@ -70,16 +54,10 @@ class UnitOnTheLine:
 class SimulatedReadings:
     """A unit at one of the power-ons of a scenario.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Without anything in it: still, level, biases and noise of Table 1.
-    power_on : int
-        Which, from 0.
-    background : Background or None
-        A recording that is played in place of biases and noise.
-    rate_hz : float
-        Rate of the unit's loop.
+    `scenario`: without anything in it: still, level, biases and noise of Table 1.
+    `power_on`: which, from 0.
+    `background`: a recording that is played in place of biases and noise.
+    `rate_hz`: rate of the unit's loop.
     """
 
     def __init__(
@@ -132,24 +110,14 @@ def on_the_line(
 ) -> UnitOnTheLine:
     """The unit that the options of `imutui virtual` ask for.
 
-    Parameters
-    ----------
-    scenario : Path or None
-        File of a scenario.
-    power_on : int
-        Which of its power-ons, from 0.
-    seed : int or None
-        Wins over the scenario's.
-    recording : Path or None
-        What to play instead of made noise.
-    start : float
-        Where in the recording to begin, s.
-    spoil : ErrorFunction or None
-        What to add besides.
-    rate_hz : float
-        Rate of the unit's loop.
-    plain : Scenario or None
-        The unit without a scenario: how it reads, sits, and what it promises; None: an IMU400CD.
+    `scenario`: file of a scenario.
+    `power_on`: which of its power-ons, from 0.
+    `seed`: wins over the scenario's.
+    `recording`: what to play instead of made noise.
+    `start`: where in the recording to begin, s.
+    `spoil`: what to add besides.
+    `rate_hz`: rate of the unit's loop.
+    `plain`: the unit without a scenario: how it reads, sits, and what it promises; None: an IMU400CD.
     """
     made = scenario_of(scenario, seed, plain)
     played = None if recording is None else load(recording, start, made.axes, made.site)

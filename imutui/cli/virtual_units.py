@@ -115,23 +115,12 @@ def instrument_of(recording: Path | None) -> str:
 def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_number: int | None) -> VirtualSetting:
     """A unit that sends a recorded stream as it is, once it is told the stream's own rate; quiet at power-up.
 
-    Parameters
-    ----------
-    path : Path
-        The stream's bytes.
-    scenario : Path or None
-        What happens on the wire; it can't change readings.
-    seed : int or None
-        Wins over the scenario's.
-    serial_number : int or None
-        None: that of the recorded unit.
-
-    Raises
-    ------
-    ValueError
-        If the scenario makes readings.
-    ImportDataError
-        If there is nothing to play.
+    `path`: the stream's bytes.
+    `scenario`: what happens on the wire; it can't change readings.
+    `seed`: wins over the scenario's.
+    `serial_number`: none: that of the recorded unit.
+    Raises ValueError if the scenario makes readings.
+    Raises ImportDataError if there is nothing to play.
     """
     from imutui.logbook.importer import ImportDataError
 

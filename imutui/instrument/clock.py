@@ -42,59 +42,32 @@ _POLL_UNCERTAINTY_NS = 20e6
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A stretch without packets, or with damaged ones, longer than between two that follow each other.
+    """A stretch without packets, or with damaged ones, longer than between two that follow each other."""
 
-    Attributes
-    ----------
-    seconds : float
-        From the last packet's sampling before it to the first one's after it.
-    lost_min, lost_max : int
-        Bounds of how many packets the unit sent and the host did not get: equal where the bytes decide it.
-    """
-
-    seconds: float
+    seconds: float  # from the last packet's sampling before it to the first one's after it
+    # lost_min, lost_max: bounds of how many packets the unit sent and the host did not get: equal where the bytes
+    # decide it
     lost_min: int
     lost_max: int
 
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """When a packet's sample was taken.
+    """When a packet's sample was taken."""
 
-    Attributes
-    ----------
-    monotonic_ns : int
-        Host's monotonic clock, ns; never later than the arrival.
-    by_host : bool
-        Whether the counter could not help, so that the instant is the time of arrival less the line's time.
-    uncertainty_ns : int
-        How far from the truth it may be.
-    gap : Gap or None
-        What is missing, or may be, before this one.
-    """
-
-    monotonic_ns: int
-    by_host: bool
-    uncertainty_ns: int = 0
-    gap: Gap | None = None
+    monotonic_ns: int  # host's monotonic clock, ns; never later than the arrival
+    by_host: bool  # whether the counter could not help, so that the instant is the time of arrival less the line's time
+    uncertainty_ns: int = 0  # how far from the truth it may be
+    gap: Gap | None = None  # what is missing, or may be, before this one
 
 
 def arrival_before(host_ns: int, ticks: int, last_ticks: int, counter: CounterSpec) -> int:
     """When a packet arrived that was only recognised together with a later one.
 
-    Parameters
-    ----------
-    host_ns : int
-        When the later one arrived.
-    ticks, last_ticks : int
-        Time counters of the earlier and the later one, less than a wrap apart.
-    counter : CounterSpec
-        What they count.
-
-    Returns
-    -------
-    int
-        Monotonic, ns.
+    `host_ns`: when the later one arrived.
+    `ticks`, `last_ticks`: time counters of the earlier and the later one, less than a wrap apart.
+    `counter`: what they count.
+    Returns monotonic, ns.
     """
     return host_ns - round(counter.step(ticks, last_ticks) * counter.tick_ns)
 
@@ -114,16 +87,10 @@ class _Packet:
 class Clock:
     """Stamps the packets of a stream, in order.
 
-    Parameters
-    ----------
-    line_ns : float
-        Time that a packet spends on the line, subtracted from its arrival.
-    counter : CounterSpec
-        What the packets' counter counts.
-    polled : bool
-        Whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
-    period_ns : float
-        From packet to packet of the stream, as far as the unit was told; 0 if it was not.
+    `line_ns`: time that a packet spends on the line, subtracted from its arrival.
+    `counter`: what the packets' counter counts.
+    `polled`: whether packets come on request: then steps are longer than the counter's wrap and arrival alone counts.
+    `period_ns`: from packet to packet of the stream, as far as the unit was told; 0 if it was not.
     """
 
     def __init__(self, line_ns: float, counter: CounterSpec, *, polled: bool = False, period_ns: float = 0.0) -> None:
@@ -171,20 +138,12 @@ class Clock:
     ) -> list[Stamp]:
         """Take one packet; returns stamps of the oldest packets that have none yet, as far as they are sure.
 
-        Parameters
-        ----------
-        ticks : int
-            Its counter, 0 to 65535.
-        host_ns : int
-            Monotonic clock when its last byte was read.
-        contiguous : bool
-            Whether it followed the previous packet without a byte between.
-        quiet : bool
-            Whether the host waited since then, and found the line without a byte.
-        behind : bool
-            Whether more had arrived already when it was read, so that the host is late.
-        requested_ns : int or None
-            When it was asked for, of a polled packet.
+        `ticks`: its counter, 0 to 65535.
+        `host_ns`: monotonic clock when its last byte was read.
+        `contiguous`: whether it followed the previous packet without a byte between.
+        `quiet`: whether the host waited since then, and found the line without a byte.
+        `behind`: whether more had arrived already when it was read, so that the host is late.
+        `requested_ns`: when it was asked for, of a polled packet.
         """
         arrival = host_ns - self._line_ns
         if self._polled:
@@ -217,10 +176,7 @@ class Clock:
 
         The length of the tick stays known.
 
-        Parameters
-        ----------
-        lossy : bool
-            Whether packets may have been sent meanwhile: the next stamp has the gap. Otherwise none was asked for.
+        `lossy`: whether packets may have been sent meanwhile: the next stamp has the gap. Otherwise none was asked for.
         """
         stamps = self.release()
         self._gap_from_ns = self._last if lossy and self._last else None

@@ -13,26 +13,14 @@ SPAN = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class CounterSpec:
-    """A counter of 16 bits that steps from packet to packet.
+    """A counter of 16 bits that steps from packet to packet."""
 
-    Attributes
-    ----------
-    tick_ns : float
-        Nominal length of a tick, ns.
-    tick_tolerance : float
-        One standard deviation of what a unit's tick differs from that, as a part of it.
-    direction : int
-        +1 if it counts up, -1 if it counts down.
-    may_count_packets : bool
-        Whether units of the kind are known whose counter counts packets instead: its step tells.
-    counts_packets : bool
-        Whether it does: then it tells how many are missing even where the unit may have paused.
-    """
-
-    tick_ns: float
-    tick_tolerance: float
-    direction: int
+    tick_ns: float  # nominal length of a tick, ns
+    tick_tolerance: float  # one standard deviation of what a unit's tick differs from that, as a part of it
+    direction: int  # +1 if it counts up, -1 if it counts down
+    # whether units of the kind are known whose counter counts packets instead: its step tells
     may_count_packets: bool = False
+    # whether it does: then it tells how many are missing even where the unit may have paused
     counts_packets: bool = False
 
     def step(self, before: Ticks, after: Ticks) -> Ticks:

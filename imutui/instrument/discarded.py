@@ -5,15 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Discarded:
-    """Bytes dropped while looking for the next packet or reply.
+    """Bytes dropped while looking for the next packet or reply."""
 
-    Attributes
-    ----------
-    data : bytes
-        The bytes, so that a log can hold everything that was on the line.
-    bad_checksum : bool
-        Whether a packet or reply was due among them, began rightly and had a wrong sum.
-    """
-
-    data: bytes
-    bad_checksum: bool
+    data: bytes  # the bytes, so that a log can hold everything that was on the line
+    bad_checksum: bool  # whether a packet or reply was due among them, began rightly and had a wrong sum

@@ -20,36 +20,22 @@ KINDS = LINE_KINDS + UNIT_KINDS
 
 @dataclass(frozen=True, slots=True)
 class LineFault:
-    """A fault at a time.
+    """A fault at a time."""
 
-    Attributes
-    ----------
-    at : float
-        Since the first request for data, s.
-    kind : str
-        Of the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes come in between.
-        "bit_flips": a bit is turned in each of the next `count` messages. "silence": nothing arrives for `seconds`,
-        and what was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
-        `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them, or
-        with a reply between them. "stutter": a packet stops after half of its bytes; the others, and what is behind
-        them, arrive `seconds` later.
-        Of the unit: "reset": it is as after power-up. "mode_change": it falls into the other mode, a stream goes on.
-        "pause": it sends nothing for `seconds`, and then goes on with the newest reading.
-        Of the port: "hang_up": it is gone for `seconds` and comes back under another name.
-    count : int
-    seconds : float
-    power : bool
-        Whether a unit whose port hung up has lost its power too, and comes back as after power-up.
-    serial_number : int or None
-        That of another unit, which comes back in its place, from power-up.
-    """
-
-    at: float
+    at: float  # since the first request for data, s
+    # of the line: "drop_bytes": the next `count` bytes are lost. "garbage": `count` random bytes come in between.
+    # "bit_flips": a bit is turned in each of the next `count` messages. "silence": nothing arrives for `seconds`, and
+    # what was sent is lost. "lose_packets": the next `count` packets vanish whole. "stall": what is sent within
+    # `seconds` arrives at their end, at once. "backlog": the next `count` packets arrive with the last of them, or with
+    # a reply between them. "stutter": a packet stops after half of its bytes; the others, and what is behind them,
+    # arrive `seconds` later. Of the unit: "reset": it is as after power-up. "mode_change": it falls into the other
+    # mode, a stream goes on. "pause": it sends nothing for `seconds`, and then goes on with the newest reading. Of the
+    # port: "hang_up": it is gone for `seconds` and comes back under another name.
     kind: str
     count: int = 0
     seconds: float = 0.0
-    power: bool = False
-    serial_number: int | None = None
+    power: bool = False  # whether a unit whose port hung up has lost its power too, and comes back as after power-up
+    serial_number: int | None = None  # that of another unit, which comes back in its place, from power-up
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -59,16 +45,10 @@ class LineFault:
 class FaultyLine:
     """Bytes on their way from a unit to its host.
 
-    Parameters
-    ----------
-    faults : sequence of LineFault
-        In any order.
-    fate : callable or None
-        Of what was measured at a time since the first request: whether it is lost, and how late it arrives, s.
-    seed : int
-        Of garbage, of the bits that are turned, and of the phase of bursts.
-    bursts_s : float
-        What arrives is handed on so often, all at once, as the latency timer of an adapter does; 0: at once.
+    `faults`: in any order.
+    `fate`: of what was measured at a time since the first request: whether it is lost, and how late it arrives, s.
+    `seed`: of garbage, of the bits that are turned, and of the phase of bursts.
+    `bursts_s`: what arrives is handed on so often, all at once, as the latency timer of an adapter does; 0: at once.
     """
 
     def __init__(

@@ -27,21 +27,11 @@ class InstrumentError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class PacketDetails:
-    """What packets of some units have beside their readings, in counts.
+    """What packets of some units have beside their readings, in counts."""
 
-    Attributes
-    ----------
-    rate_temperatures : tuple of int
-        Of the rate sensors X, Y, Z.
-    board_temperature : int
-        Of the board.
-    status : int
-        The unit's status word, 16 bits.
-    """
-
-    rate_temperatures: Triple
+    rate_temperatures: Triple  # of the rate sensors X, Y, Z
     board_temperature: int
-    status: int
+    status: int  # the unit's status word, 16 bits
 
 
 class DataPacket(Protocol):
@@ -190,21 +180,11 @@ class Host(Protocol):
     ) -> Identity:
         """Find the unit, identify it, and set it up; it sends nothing by itself afterwards.
 
-        Parameters
-        ----------
-        baud : int or None
-            Wanted speed; None to leave the unit at its own, where its kind has one.
-        accept : callable
-            Raises InstrumentError to refuse a unit, before anything of it is changed for longer.
-        thorough : bool
-            Whether to look for it at every speed.
-        patience_s : float
-            How long a reply may take.
-
-        Raises
-        ------
-        InstrumentError
-            If nothing answers, garbage answers, or another model does.
+        `baud`: wanted speed; None to leave the unit at its own, where its kind has one.
+        `accept`: raises InstrumentError to refuse a unit, before anything of it is changed for longer.
+        `thorough`: whether to look for it at every speed.
+        `patience_s`: how long a reply may take.
+        Raises InstrumentError if nothing answers, garbage answers, or another model does.
         """
         ...
 
@@ -219,10 +199,7 @@ class Host(Protocol):
     def leave(self) -> str:
         """Stop, and leave the unit as it was found, as far as something was changed.
 
-        Returns
-        -------
-        str
-            What the unit does not take back, in words; "" if it is as it was.
+        Returns what the unit does not take back, in words; "" if it is as it was.
         """
         ...
 

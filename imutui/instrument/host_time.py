@@ -55,15 +55,8 @@ class _Block:
 class HostTime:
     """When the unit's counter stood where, on the host's monotonic clock.
 
-    Parameters
-    ----------
-    counter : CounterSpec
-        How long its tick is, nominally, and how well that is known.
-
-    Attributes
-    ----------
-    tick_ns : float
-        Length of a tick of the counter.
+    `counter`: how long its tick is, nominally, and how well that is known.
+    `tick_ns`: length of a tick of the counter.
     """
 
     def __init__(self, counter: CounterSpec) -> None:
@@ -100,12 +93,8 @@ class HostTime:
     def anchor(self, arrivals: list[float], ticks: list[int]) -> None:
         """Begin with the least late of some arrivals; the length of the tick stays as known.
 
-        Parameters
-        ----------
-        arrivals : list of float
-            Host's time when each packet could have arrived had nothing held it up, ns.
-        ticks : list of int
-            Counter's steps since the first of them, of each.
+        `arrivals`: host's time when each packet could have arrived had nothing held it up, ns.
+        `ticks`: counter's steps since the first of them, of each.
         """
         self._origin = int(arrivals[0])
         since = [a - self._origin - t * self.tick_ns for a, t in zip(arrivals, ticks, strict=True)]

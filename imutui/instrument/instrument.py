@@ -30,75 +30,37 @@ class Scaling(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """A kind of unit.
+    """A kind of unit."""
 
-    Attributes
-    ----------
-    name : str
-        How a command line calls it.
-    models : tuple of str
-        What the models of such units begin with, in capitals.
-    model : str
-        What a unit is that does not say its model.
-    is_one_model : bool
-        Whether every unit that its host accepts is of `model`, whatever it says of itself.
-    power_up_bauds : tuple of int
-        Speeds of a line to a unit that was just switched on; the first is where to begin.
-    packet_bytes : int
-        Of a data packet on the line.
-    rates_hz : tuple of float
-        Rates of a stream; at each of them every packet is a sample.
-    low_pass_loop_hz : float or None
-        Rate of the loop that runs its low-pass filters, first order, at the limits of its specification, Hz; None where
-        the filters are others, or can be set.
-    accel_sign : int
-        +1 if it reads specific force, -1 if its sign is the other.
-    turns_axes : bool
-        Whether its own configuration can turn the axes of its packets.
-    mode, mode_words : str
-        What its packets are, in two words and in a line.
-    counter : CounterSpec
-        What its packets' counter counts.
-    count_limits : tuple of int
-        Least and largest count; a reading there says only "this or more".
-    rate_range_dps, accel_range_g : float
-        Ranges, unless the configuration has others, from which `scaling` has the size of a count where units differ.
-    scaling : callable
-        Makes the scaling from the ranges, deg/s and g.
-    zeroes_rates : bool
-        Whether it has a command that zeroes its rate sensors.
-    check_zeroing : callable
-        Raises ValueError for an argument of zeroing that cannot be sent.
-    zeroing_patience_s : callable
-        How long a unit may take to zero its rate sensors, by the argument, s.
-    status_names : callable or None
-        Names of the bits that are set in a packet's status word; None where packets have no details, see
-        `host.PacketDetails`.
-    host : callable
-        Makes the host side for an open port, and the rate of a stream, Hz, or None if packets are asked for.
-    """
-
-    name: str
-    models: tuple[str, ...]
-    model: str
-    is_one_model: bool
-    power_up_bauds: tuple[int, ...]
-    packet_bytes: int
-    rates_hz: tuple[float, ...]
+    name: str  # how a command line calls it
+    models: tuple[str, ...]  # what the models of such units begin with, in capitals
+    model: str  # what a unit is that does not say its model
+    is_one_model: bool  # whether every unit that its host accepts is of `model`, whatever it says of itself
+    power_up_bauds: tuple[int, ...]  # speeds of a line to a unit that was just switched on; the first is where to begin
+    packet_bytes: int  # of a data packet on the line
+    rates_hz: tuple[float, ...]  # rates of a stream; at each of them every packet is a sample
+    # rate of the loop that runs its low-pass filters, first order, at the limits of its specification, Hz; None where
+    # the filters are others, or can be set
     low_pass_loop_hz: float | None
-    accel_sign: int
-    turns_axes: bool
+    accel_sign: int  # +1 if it reads specific force, -1 if its sign is the other
+    turns_axes: bool  # whether its own configuration can turn the axes of its packets
+    # mode, mode_words: what its packets are, in two words and in a line
     mode: str
     mode_words: str
-    counter: CounterSpec
-    count_limits: tuple[int, int]
+    counter: CounterSpec  # what its packets' counter counts
+    count_limits: tuple[int, int]  # least and largest count; a reading there says only "this or more"
+    # rate_range_dps, accel_range_g: ranges, unless the configuration has others, from which `scaling` has the size of a
+    # count where units differ
     rate_range_dps: float
     accel_range_g: float
-    scaling: Callable[[float, float], Scaling]
-    zeroes_rates: bool
-    check_zeroing: Callable[[int], None]
-    zeroing_patience_s: Callable[[int], float]
+    scaling: Callable[[float, float], Scaling]  # makes the scaling from the ranges, deg/s and g
+    zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
+    check_zeroing: Callable[[int], None]  # raises ValueError for an argument of zeroing that cannot be sent
+    zeroing_patience_s: Callable[[int], float]  # how long a unit may take to zero its rate sensors, by the argument, s
+    # names of the bits that are set in a packet's status word; None where packets have no details, see
+    # `host.PacketDetails`
     status_names: Callable[[int], tuple[str, ...]] | None
+    # makes the host side for an open port, and the rate of a stream, Hz, or None if packets are asked for
     host: Callable[[Port, float | None], Host]
 
     @property

@@ -18,15 +18,8 @@ _ALIKE = 1.6
 class PacketGrid:
     """Regular grid of a stream's packets, in ticks of the unit's counter.
 
-    Parameters
-    ----------
-    line_ticks : float
-        Time that a packet spends on the line: none follows sooner.
-
-    Attributes
-    ----------
-    spacing : float
-        Ticks from packet to packet in the mean; 0 until `learn` is told.
+    `line_ticks`: time that a packet spends on the line: none follows sooner.
+    `spacing`: ticks from packet to packet in the mean; 0 until `learn` is told.
     """
 
     def __init__(self, line_ticks: float) -> None:
@@ -44,10 +37,7 @@ class PacketGrid:
     def learn(self, steps: Sequence[int]) -> None:
         """Find the grid from a stretch of packets that follow each other.
 
-        Parameters
-        ----------
-        steps : sequence of int
-            Ticks from each to the next, at least one.
+        `steps`: ticks from each to the next, at least one.
         """
         median = sorted(steps)[len(steps) // 2]
         usual = [step for step in steps if step <= _ALIKE * median]
@@ -65,12 +55,9 @@ class PacketGrid:
     def packets(self, step: float, *, contiguous: bool = True) -> int:
         """Packets that a step spans, by its size alone; at least one.
 
-        Parameters
-        ----------
-        step : float
-            Ticks.
-        contiguous : bool
-            Whether no byte came in between: where the line sets the pace, one packet's step may be another's twice.
+        `step`: ticks.
+        `contiguous`: whether no byte came in between: where the line sets the pace, one packet's step may be another's
+          twice.
         """
         return 1 if contiguous and self._paced_by_line else max(1, round(step / self.spacing))
 

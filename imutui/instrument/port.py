@@ -31,21 +31,11 @@ class PortAbsentError(PortError):
 
 @dataclass(frozen=True, slots=True)
 class PortInfo:
-    """A serial port that this machine has.
+    """A serial port that this machine has."""
 
-    Attributes
-    ----------
-    device : str
-        Path.
-    stable_id : str
-        Name that survives replugging, or the path.
-    description : str
-        What the adapter says of itself.
-    """
-
-    device: str
-    stable_id: str
-    description: str
+    device: str  # path
+    stable_id: str  # name that survives replugging, or the path
+    description: str  # what the adapter says of itself
 
 
 def available() -> list[PortInfo]:
@@ -60,22 +50,10 @@ def available() -> list[PortInfo]:
 class Port:
     """An open line, held exclusively.
 
-    Parameters
-    ----------
-    name : str
-        Path, name under /dev/serial/by-id, or any pyserial URL.
-    baud : int
-        Line speed.
-
-    Attributes
-    ----------
-    lasting_name : str
-        Where the same adapter is found again, whatever device it is by then: see `lasting_name`.
-
-    Raises
-    ------
-    PortError
-        If it cannot be opened.
+    `name`: path, name under /dev/serial/by-id, or any pyserial URL.
+    `baud`: line speed.
+    `lasting_name`: where the same adapter is found again, whatever device it is by then: see `lasting_name`.
+    Raises PortError if it cannot be opened.
     """
 
     def __init__(self, name: str, baud: int) -> None:
@@ -87,10 +65,7 @@ class Port:
     def reopen(self, baud: int) -> None:
         """Open the line again, after it was lost: the same adapter's, which may be another device by now.
 
-        Raises
-        ------
-        PortError
-            If it cannot be opened; PortAbsentError if it is not there.
+        Raises PortError if it cannot be opened; PortAbsentError if it is not there.
         """
         self.close()
         device = self.lasting_name
@@ -149,10 +124,7 @@ class Port:
     def read(self, size: int) -> bytes:
         """Up to `size` bytes; fewer, or none, when the line is quiet for 50 ms.
 
-        Raises
-        ------
-        PortError
-            If the line is gone.
+        Raises PortError if the line is gone.
         """
         try:
             return bytes(self._serial.read(size))
@@ -162,10 +134,7 @@ class Port:
     def write(self, data: bytes) -> None:
         """Send bytes.
 
-        Raises
-        ------
-        PortError
-            If the line is gone or takes nothing for a second.
+        Raises PortError if the line is gone or takes nothing for a second.
         """
         try:
             self._serial.write(data)
@@ -175,10 +144,7 @@ class Port:
     def waiting(self) -> int:
         """How many bytes have arrived and were not read; over a network perhaps fewer, but 0 only if there are none.
 
-        Raises
-        ------
-        PortError
-            If the line is gone.
+        Raises PortError if the line is gone.
         """
         try:
             return int(self._serial.in_waiting)

@@ -23,10 +23,7 @@ class PseudoTerminal:
     Its other end is kept open here too: so the unit's never sees an I/O error when the host closes, and bytes that a
     host left unread wait for the next one.
 
-    Parameters
-    ----------
-    link : Path or None
-        Symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
+    `link`: symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
     """
 
     def __init__(self, link: Path | None) -> None:
@@ -76,10 +73,7 @@ class PseudoTerminal:
     def hang_up(self) -> int:
         """Be gone for the host, and have another name from now on, which nobody knows before `show`.
 
-        Returns
-        -------
-        int
-            How many of the bytes that were written last the host has not read, and never will.
+        Returns how many of the bytes that were written last the host has not read, and never will.
         """
         self._hide()
         time.sleep(_ON_ITS_WAY_S)

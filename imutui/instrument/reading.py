@@ -6,21 +6,12 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round.
+    """What the sensors read at one instant, in the instrument's own axes and signs, before the words clip and round."""
 
-    Attributes
-    ----------
-    rates_dps : tuple of float
-        Angular rate about X, Y, Z, deg/s.
-    accels_g : tuple of float
-        Acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g.
-    temperature_degc : float
-        Inside the case, degC.
-    """
-
-    rates_dps: tuple[float, float, float]
+    rates_dps: tuple[float, float, float]  # angular rate about X, Y, Z, deg/s
+    # acceleration along X, Y, Z as this instrument reads it (+1 g on Z when level), g
     accels_g: tuple[float, float, float]
-    temperature_degc: float
+    temperature_degc: float  # inside the case, degC
 
 
 class Source(Protocol):

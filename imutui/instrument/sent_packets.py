@@ -10,12 +10,8 @@ HEADING = "sampled_monotonic_ns,mode,ticks,frame"
 class SentPackets(Generic[PacketT, CommandT]):
     """A table of packets, one a row, in the order in which the unit began to send them.
 
-    Parameters
-    ----------
-    file : TextIO
-        Where to write. Rows are whole, and there at once.
-    unit : VirtualInstrument
-        Knows what its packets are.
+    `file`: where to write. Rows are whole, and there at once.
+    `unit`: knows what its packets are.
     """
 
     def __init__(self, file: TextIO, unit: VirtualInstrument[PacketT, CommandT]) -> None:

@@ -43,37 +43,21 @@ def serve(
 
     Packets leave on the unit's own time grid: waking late delays bytes, never the ones after them.
 
-    Parameters
-    ----------
-    unit : VirtualInstrument
-        The unit; its time begins now.
-    link : Path or None
-        Symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
-    tap : BinaryIO or None
-        Where to copy exactly the bytes that reached the host's queue. What of them a host had not read when the port
-        hung up is taken away again.
-    on_ready : callable
-        Called once with the port's name, when a host may open it.
-    log : callable
-        Called with a sentence for each command received, and when the port goes and comes.
-    speed : float
-        Unit time over wall time.
-    while_stdin : bool
-        Whether to end when standard input does.
-    stop : threading.Event, optional
-        Ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
-    line : FaultyLine, optional
-        What happens to bytes between the unit and the terminal, and when unit and port have faults; nothing without
-        it. With it nothing else is lost: what does not fit into the host's queue waits, up to 64 KiB.
-    on_packet : callable, optional
-        Called with each packet that the unit begins to send, and the host's monotonic time when it was sampled, ns.
-
-    Raises
-    ------
-    ValueError
-        If `speed` is not positive.
-    FileExistsError
-        If `link` exists and is not a symbolic link.
+    `unit`: the unit; its time begins now.
+    `link`: symbolic link to make to the terminal, removed at the end. Replaces a symbolic link, nothing else.
+    `tap`: where to copy exactly the bytes that reached the host's queue. What of them a host had not read when the port
+      hung up is taken away again.
+    `on_ready`: called once with the port's name, when a host may open it.
+    `log`: called with a sentence for each command received, and when the port goes and comes.
+    `speed`: unit time over wall time.
+    `while_stdin`: whether to end when standard input does.
+    `stop`: ends it within a tenth of a second; so does an exception, such as KeyboardInterrupt.
+    `line`: what happens to bytes between the unit and the terminal, and when unit and port have faults; nothing without
+      it. With it nothing else is lost: what does not fit into the host's queue waits, up to 64 KiB.
+    `on_packet`: called with each packet that the unit begins to send, and the host's monotonic time when it was
+      sampled, ns.
+    Raises ValueError if `speed` is not positive.
+    Raises FileExistsError if `link` exists and is not a symbolic link.
     """
     if not speed > 0:
         raise ValueError(f"`speed` must be positive, not {speed}")

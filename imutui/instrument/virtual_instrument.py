@@ -21,14 +21,9 @@ class HasClock(Protocol):
 
 
 class VirtualInstrument(Protocol[PacketT, CommandT]):
-    """A unit that has just been switched on; times are seconds on any one scale that never goes back.
+    """A unit that has just been switched on; times are seconds on any one scale that never goes back."""
 
-    Attributes
-    ----------
-    on_packet : callable or None
-        Told of every packet that it begins to send, and of the instant that was sampled.
-    """
-
+    # told of every packet that it begins to send, and of the instant that was sampled
     on_packet: Callable[[PacketT, float], None] | None
 
     @property

@@ -17,16 +17,10 @@ class Wire(Generic[PacketT, CommandT]):
 
     Times are seconds since the unit's begin, on the host's clock; they never go back.
 
-    Parameters
-    ----------
-    unit : VirtualInstrument
-        The unit; it is at its time 0.
-    line : FaultyLine, optional
-        What happens to bytes on their way, and when the unit and its port have faults; nothing without it.
-    speed : float
-        Unit time over the host's.
-    on_packet : callable, optional
-        Told of every packet that the unit begins to send, and of the host's time when it was sampled.
+    `unit`: the unit; it is at its time 0.
+    `line`: what happens to bytes on their way, and when the unit and its port have faults; nothing without it.
+    `speed`: unit time over the host's.
+    `on_packet`: told of every packet that the unit begins to send, and of the host's time when it was sampled.
     """
 
     def __init__(

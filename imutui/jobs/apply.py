@@ -48,33 +48,15 @@ _Message: TypeAlias = tuple[int, int, str, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What was made.
+    """What was made."""
 
-    Attributes
-    ----------
-    samples : int
-        In the corrected log, with those that are no reading.
-    set_aside : int
-        Samples that the file calls no reading (spikes, a channel at its limit), and that now say so.
-    corrected : tuple of str
-        Effects that were taken out, in plain words with their channels.
-    left : tuple of str
-        Effects of the file that no correction takes out, and why.
-    largest : dict
-        By channel, the largest correction, deg/s and mg.
-    damage : str
-        What is wrong with the log, if anything: all before it was corrected.
-    other_unit : str
-        Said where the effects are of another unit.
-    """
-
-    samples: int
-    set_aside: int
-    corrected: tuple[str, ...]
-    left: tuple[str, ...]
-    largest: dict[str, float]
-    damage: str
-    other_unit: str
+    samples: int  # in the corrected log, with those that are no reading
+    set_aside: int  # samples that the file calls no reading (spikes, a channel at its limit), and that now say so
+    corrected: tuple[str, ...]  # effects that were taken out, in plain words with their channels
+    left: tuple[str, ...]  # effects of the file that no correction takes out, and why
+    largest: dict[str, float]  # by channel, the largest correction, deg/s and mg
+    damage: str  # what is wrong with the log, if anything: all before it was corrected
+    other_unit: str  # said where the effects are of another unit
 
 
 def apply(
@@ -90,33 +72,16 @@ def apply(
 ) -> Applied:
     """Write a log whose samples are free of the effects of a file.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    effects : bytes
-        Content of the effects file.
-    output : Path
-        The log to write.
-    reference : ReferenceFile or None
-        Profile or trajectory instead of what the log has.
-    kind : str or None
-        Reference instead of the log's own: "level" and so on.
-    overwrite : bool
-        Replace an existing file.
-    mode : int
-        Permissions.
-    progress : callable
-        Told the share done, 0 to 1.
-
-    Raises
-    ------
-    UnreadableLogError
-        If the log cannot be read.
-    ValueError
-        If the effects cannot be: the message says which, and why.
-    FileExistsError
-        If `output` exists and may not be replaced.
+    `effects`: content of the effects file.
+    `output`: the log to write.
+    `reference`: profile or trajectory instead of what the log has.
+    `kind`: reference instead of the log's own: "level" and so on.
+    `overwrite`: replace an existing file.
+    `mode`: permissions.
+    `progress`: told the share done, 0 to 1.
+    Raises UnreadableLogError if the log cannot be read.
+    Raises ValueError if the effects cannot be: the message says which, and why.
+    Raises FileExistsError if `output` exists and may not be replaced.
     """
     log = reader.read(path)
     part = replay_input.select(log, None, None)
@@ -174,20 +139,11 @@ def _states_taken_out(effects: tuple[Included, ...]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """What effects say of samples.
+    """What effects say of samples."""
 
-    Attributes
-    ----------
-    correction : Array
-        Accelerometer then gyro, body axes, SI, shape (N, 6).
-    use : array of bool
-        Whether it is a reading, shape (N,).
-    sensed : array of bool
-        Whether the reference says what is sensed, shape (N,); else the correction is of what is read.
-    """
-
-    correction: Array
-    use: NDArray[np.bool_]
+    correction: Array  # accelerometer then gyro, body axes, SI, shape (N, 6)
+    use: NDArray[np.bool_]  # whether it is a reading, shape (N,)
+    # whether the reference says what is sensed, shape (N,); else the correction is of what is read
     sensed: NDArray[np.bool_]
 
 

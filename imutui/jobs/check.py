@@ -27,23 +27,11 @@ _DATA_RULES: tuple[Callable[[Audit], DataRule], ...] = (Times, Gaps, PacketSteps
 def check(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> CheckDocument:
     """Look a log through.
 
-    Parameters
-    ----------
-    path : Path
-        Any log, finished or not.
-    progress : callable
-        Told the share done, 0 to 1, and what is being done.
-
-    Returns
-    -------
-    CheckDocument
-        `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what was
-        looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, or it is no log at all.
+    `path`: any log, finished or not.
+    `progress`: told the share done, 0 to 1, and what is being done.
+    Returns `log`, `state`, `fine` (no findings), `findings` (code, what, where, next), `notes` (sentences), and what
+      was looked at: `bytes`, `chunks`, `messages`, `topics`, `samples`, `packets`, `duration_s`, `log_sha256`.
+    Raises UnreadableLogError if there is no such file, or it is no log at all.
     """
     found = scan.scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
     content = audit.belongings(found)

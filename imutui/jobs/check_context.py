@@ -14,17 +14,10 @@ SHOWN = 10
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that is not as it should be.
+    """Something that is not as it should be."""
 
-    Attributes
-    ----------
-    code : str
-        Short name for programs.
-    what, where, next : str
-        Sentences: what it is, where in the log, what to do.
-    """
-
-    code: str
+    code: str  # short name for programs
+    # what, where, next: sentences: what it is, where in the log, what to do
     what: str
     where: str
     next: str
@@ -33,18 +26,11 @@ class Finding:
 class CheckContext:
     """What the rules look at.
 
-    Attributes
-    ----------
-    found : Scan
-        The file's bytes.
-    audit : Audit
-        Its messages.
-    sha256 : str
-        Hash of the whole file.
-    start_ns : int or None
-        First sample, or first message where there is none.
-    paired : bool
-        Whether each packet's message can be read, and there are some.
+    `found`: the file's bytes.
+    `audit`: its messages.
+    `sha256`: hash of the whole file.
+    `start_ns`: first sample, or first message where there is none.
+    `paired`: whether each packet's message can be read, and there are some.
     """
 
     def __init__(self, found: Scan, content: Audit, sha256: str) -> None:

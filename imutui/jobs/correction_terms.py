@@ -11,34 +11,20 @@ from imutui.logbook.results import EffectField
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A state of an effect.
+    """A state of an effect."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Which it acts on, instrument axes.
-    effect : str
-        Name in the catalogue, or driver:NAME.
-    state, unit : str
-        Of the parameter.
-    value : float
-        In that unit.
-    """
-
-    channels: tuple[str, ...]
-    effect: str
+    channels: tuple[str, ...]  # which it acts on, instrument axes
+    effect: str  # name in the catalogue, or driver:NAME
+    # state, unit: of the parameter
     state: str
     unit: str
-    value: float
+    value: float  # in that unit
 
 
 def of_effects_file(text: str) -> tuple[Term, ...]:
     """Terms of an effects file; none of an empty text.
 
-    Raises
-    ------
-    ValueError
-        If it is no effects file.
+    Raises ValueError if it is no effects file.
     """
     if not text:
         return ()

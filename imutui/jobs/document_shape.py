@@ -14,14 +14,9 @@ def problem(value: object, shape: Any, where: str) -> str:
 
     Fields that the shape does not name are passed over: a newer program may have written them.
 
-    Parameters
-    ----------
-    value : object
-        As `json` reads it.
-    shape : type
-        A typed dictionary, list, dictionary, union, literal or plain type.
-    where : str
-        What the value is called.
+    `value`: as `json` reads it.
+    `shape`: a typed dictionary, list, dictionary, union, literal or plain type.
+    `where`: what the value is called.
     """
     if is_typeddict(shape):
         return _of_fields(value, shape, where)

@@ -18,33 +18,20 @@ _MOST_BLOCKS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class DriverCourse:
-    """What may drive errors over a log, as means over short blocks.
+    """What may drive errors over a log, as means over short blocks."""
 
-    Attributes
-    ----------
-    t : Array
-        Times, s since power-on, shape (N,).
-    values : dict
-        By driver, "temperature" (degC) and those of `SENSED` as the unit reads them (deg/s, g, its own axes and sign),
-        shape (N,) each; NaN where not known.
-    has_past : bool
-        Whether the power-on began earlier: what remembers temperature is not known then.
-    """
-
-    t: Array
+    t: Array  # times, s since power-on, shape (N,)
+    # by driver, "temperature" (degC) and those of `SENSED` as the unit reads them (deg/s, g, its own axes and sign),
+    # shape (N,) each; NaN where not known
     values: dict[str, Array]
-    has_past: bool = False
+    has_past: bool = False  # whether the power-on began earlier: what remembers temperature is not known then
 
 
 def of_log(log: Log, begins_s: float = 0.0) -> DriverCourse:
     """What may drive errors over a log.
 
-    Parameters
-    ----------
-    log : Log
-        That was read.
-    begins_s : float
-        When its first sample was taken, s since power-on.
+    `log`: that was read.
+    `begins_s`: when its first sample was taken, s since power-on.
     """
     axes = log.info.axes()
     gyro = axes.gyro_to_instrument(_blocks(log.gyro)) / DPS
@@ -64,17 +51,9 @@ def _blocks(samples: Array) -> Array:
 def means(t: Array, values: Array, at: Array) -> tuple[Array, Array]:
     """Means of values over the cells of a residual, and how much they change within each.
 
-    Parameters
-    ----------
-    t, values : Array
-        Times, s, shape (N,), and values then, shape (N, k).
-    at : Array
-        Middles of the cells, s, shape (M,), increasing.
-
-    Returns
-    -------
-    Array, Array
-        Shape (M, k) each; NaN of a cell with a value that is not known, or without any.
+    `t`, `values`: times, s, shape (N,), and values then, shape (N, k).
+    `at`: middles of the cells, s, shape (M,), increasing.
+    Returns shape (M, k) each; NaN of a cell with a value that is not known, or without any.
     """
     half = 0.5 * float(np.median(np.diff(at)))
     first, last = np.searchsorted(t, at - half), np.searchsorted(t, at + half)

@@ -45,27 +45,17 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class DriverCurve:
-    """Error of a channel over what it follows, relative to that at the driver's mean, or to its mean over a run.
+    """Error of a channel over what it follows, relative to that at the driver's mean, or to its mean over a run."""
 
-    Attributes
-    ----------
-    channel, label, unit : str
-        Of the error: its channel, the effect in words, deg/s or mg.
-    driver, driver_unit : str
-        What it follows, as in `driver:NAME`.
-    lines : tuple of Line
-        One, or one a run where the past matters.
-    points : tuple of Points
-        One a run.
-    """
-
+    # channel, label, unit: of the error: its channel, the effect in words, deg/s or mg
     channel: str
     label: str
     unit: str
+    # driver, driver_unit: what it follows, as in `driver:NAME`
     driver: str
     driver_unit: str
-    lines: tuple[Line, ...]
-    points: tuple[Points, ...]
+    lines: tuple[Line, ...]  # one, or one a run where the past matters
+    points: tuple[Points, ...]  # one a run
 
 
 class _Cells(NamedTuple):
@@ -102,12 +92,8 @@ class _Found(NamedTuple):
 def of_trace(d: TraceDocument, courses: Mapping[str, DriverCourse]) -> tuple[DriverCurve, ...]:
     """Curves of the effects that joined the filter; an effect that follows several quantities has several.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        With its curves and its effects file.
-    courses : mapping of DriverCourse
-        Of the runs whose logs are at hand, by their names.
+    `d`: with its curves and its effects file.
+    `courses`: of the runs whose logs are at hand, by their names.
     """
     made: list[DriverCurve | None] = []
     for found in _found(d):

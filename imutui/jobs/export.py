@@ -23,31 +23,16 @@ def lacks(kind: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """What is to be exported.
+    """What is to be exported."""
 
-    Attributes
-    ----------
-    log : Path
-        From there.
-    output : Path
-        The file to make.
-    kind : str
-        One of `FORMATS`.
-    topic : str or None
-        One topic as it is; None for the samples, as `imutui import` reads them.
-    start, end : float or None
-        Part to take, s.
-    overwrite : bool
-        Whether existing files may be replaced.
-    """
-
-    log: Path
-    output: Path
-    kind: str
-    topic: str | None = None
+    log: Path  # from there
+    output: Path  # the file to make
+    kind: str  # one of `FORMATS`
+    topic: str | None = None  # one topic as it is; None for the samples, as `imutui import` reads them
+    # start, end: part to take, s
     start: float | None = None
     end: float | None = None
-    overwrite: bool = False
+    overwrite: bool = False  # whether existing files may be replaced
 
     @property
     def whole(self) -> bool:
@@ -57,52 +42,25 @@ class Export:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was made.
+    """What was made."""
 
-    Attributes
-    ----------
-    rows : int
-        Samples or messages.
-    columns : tuple of str
-        Names of the columns.
-    units : dict
-        Unit of each that has one.
-    about : dict
-        What is said of them in the file.
-    damage : str
-        What is wrong with the log, if anything: all before it was exported.
-    reference : Path or None
-        File with the log's motion, for `imutui import --reference`.
-    """
-
-    rows: int
-    columns: tuple[str, ...]
-    units: dict[str, str]
-    about: dict[str, str]
-    damage: str
-    reference: Path | None
+    rows: int  # samples or messages
+    columns: tuple[str, ...]  # names of the columns
+    units: dict[str, str]  # unit of each that has one
+    about: dict[str, str]  # what is said of them in the file
+    damage: str  # what is wrong with the log, if anything: all before it was exported
+    reference: Path | None  # file with the log's motion, for `imutui import --reference`
 
 
 def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, mode: int = MODE) -> Exported:
     """Write a log's samples, or a topic's messages.
 
-    Parameters
-    ----------
-    wanted : Export
-        What, from where, to where.
-    progress : callable
-        Told the number of rows written, now and then.
-    mode : int
-        Permissions of what is made.
-
-    Raises
-    ------
-    UnreadableLogError
-        If the log cannot be read.
-    ValueError
-        If it has nothing of what is asked for.
-    FileExistsError
-        If a file exists and may not be replaced.
+    `wanted`: what, from where, to where.
+    `progress`: told the number of rows written, now and then.
+    `mode`: permissions of what is made.
+    Raises UnreadableLogError if the log cannot be read.
+    Raises ValueError if it has nothing of what is asked for.
+    Raises FileExistsError if a file exists and may not be replaced.
     """
     known = pieces.outline(wanted.log) if wanted.topic is None else None
     made = _table(wanted, known)

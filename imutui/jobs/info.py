@@ -34,60 +34,22 @@ _SCANNED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Brief:
-    """A log as a list shows it; None and "" where the file does not say.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    bytes : int
-        Its size.
-    modified : float
-        When it was last written to, Unix time, s.
-    state : str
-        "finished", "unfinished", "damaged", "being written" or "not a log".
-    why : str
-        What is behind a state other than finished, or that a finished file has no samples.
-    started : float or None
-        When the recording began, Unix time, s.
-    seconds : float or None
-        Time from its first to its last sample (to its last message, if nobody counted).
-    samples : int or None
-        Output samples.
-    rate_hz : float or None
-        Rate that was asked for; of another program's file the measured one.
-    measured_hz : float or None
-        Samples over time.
-    kind : str
-        "measured", "simulated" or "unknown".
-    by_ends : bool
-        Whether samples and seconds come from the file's first and last chunk, since there is no summary.
-    instrument, serial_number, operator, place, table, note, reference, filter : str
-        From the session.
-    verdict : str
-        On the run that was recorded: GREEN, AMBER, RED or OFF; "" where nothing is known of one.
-    converged : bool or None
-        Of the filter that ran when it was recorded.
-    lost_packets : int or None
-        As counted when it was recorded.
-    packets : int or None
-        As received from the unit; None without a summary.
-    added_note, added_operator : str or None
-        What was said of them later, in a file beside the log; None if nothing.
-    """
+    """A log as a list shows it; None and "" where the file does not say."""
 
     path: Path
-    bytes: int
-    modified: float
-    state: str
-    why: str = ""
-    started: float | None = None
-    seconds: float | None = None
-    samples: int | None = None
-    rate_hz: float | None = None
-    measured_hz: float | None = None
-    kind: str = UNKNOWN
+    bytes: int  # its size
+    modified: float  # when it was last written to, Unix time, s
+    state: str  # "finished", "unfinished", "damaged", "being written" or "not a log"
+    why: str = ""  # what is behind a state other than finished, or that a finished file has no samples
+    started: float | None = None  # when the recording began, Unix time, s
+    seconds: float | None = None  # time from its first to its last sample (to its last message, if nobody counted)
+    samples: int | None = None  # output samples
+    rate_hz: float | None = None  # rate that was asked for; of another program's file the measured one
+    measured_hz: float | None = None  # samples over time
+    kind: str = UNKNOWN  # "measured", "simulated" or "unknown"
+    # whether samples and seconds come from the file's first and last chunk, since there is no summary
     by_ends: bool = False
+    # instrument, serial_number, operator, place, table, note, reference, filter: from the session
     instrument: str = ""
     serial_number: str = ""
     operator: str = ""
@@ -96,10 +58,11 @@ class Brief:
     note: str = ""
     reference: str = ""
     filter: str = ""
-    converged: bool | None = None
-    verdict: str = ""
-    lost_packets: int | None = None
-    packets: int | None = None
+    converged: bool | None = None  # of the filter that ran when it was recorded
+    verdict: str = ""  # on the run that was recorded: GREEN, AMBER, RED or OFF; "" where nothing is known of one
+    lost_packets: int | None = None  # as counted when it was recorded
+    packets: int | None = None  # as received from the unit; None without a summary
+    # added_note, added_operator: what was said of them later, in a file beside the log; None if nothing
     added_note: str | None = None
     added_operator: str | None = None
 
@@ -130,10 +93,7 @@ _TEXTS = ("instrument", "serial_number", "operator", "place", "table", "note", "
 def brief(path: Path) -> Brief:
     """A log as a list shows it, from its first and last few kilobytes.
 
-    Parameters
-    ----------
-    path : Path
-        Any file: one that cannot be opened, or is no log, is told as such.
+    `path`: any file: one that cannot be opened, or is no log, is told as such.
     """
     try:
         found = summary.read(path)
@@ -219,22 +179,9 @@ def row(b: Brief) -> LogRow:
 def info(path: Path, progress: Callable[[float, str], None] = lambda share, text: None) -> InfoDocument:
     """All that is in a log, read from beginning to end; damaged parts are passed over.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    progress : callable
-        Told the share done, 0 to 1, and what is being done.
-
-    Returns
-    -------
-    InfoDocument
-        JSON-ready; None or "" where the log does not say.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, or it is no MCAP file.
+    `progress`: told the share done, 0 to 1, and what is being done.
+    Returns JSON-ready; None or "" where the log does not say.
+    Raises UnreadableLogError if there is no such file, or it is no MCAP file.
     """
     # reading all of a log takes the compiled walks; a list of logs does without
     from imutui.logbook.message_arrays import audit

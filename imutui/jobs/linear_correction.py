@@ -34,27 +34,13 @@ _MOST_CONDITION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class LinearCorrection:
-    """A correction of the six readings.
+    """A correction of the six readings."""
 
-    Attributes
-    ----------
-    bias : Array
-        deg/s and g, shape (6,); zero where none is known.
-    by_reading : Array
-        A, per deg/s or g on each channel, shape (6, 6).
-    by_temperature : Array
-        K_1 to K_3, per K, K² and K³ from `filters.effects.inputs.REFERENCE_DEGC` on, shape (3, 6).
-    left_out : tuple of str
-        Effects that take more than a reading and its temperature, in words.
-    of_reading : bool
-        Whether A was taken of the reading, by a filter that did not know what is sensed.
-    """
-
-    bias: Array
-    by_reading: Array
-    by_temperature: Array
-    left_out: tuple[str, ...]
-    of_reading: bool = False
+    bias: Array  # deg/s and g, shape (6,); zero where none is known
+    by_reading: Array  # A, per deg/s or g on each channel, shape (6, 6)
+    by_temperature: Array  # K_1 to K_3, per K, K² and K³ from `filters.effects.inputs.REFERENCE_DEGC` on, shape (3, 6)
+    left_out: tuple[str, ...]  # effects that take more than a reading and its temperature, in words
+    of_reading: bool = False  # whether A was taken of the reading, by a filter that did not know what is sensed
 
     @property
     def orders(self) -> int:
@@ -71,19 +57,10 @@ class LinearCorrection:
 def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading: bool = False) -> LinearCorrection:
     """Correction of constant biases and of effects.
 
-    Parameters
-    ----------
-    bias : sequence of float or None
-        Gyros in deg/s, accelerometers in mg; None counts as zero.
-    terms : sequence of Term
-        States of effects.
-    of_reading : bool
-        See `LinearCorrection`.
-
-    Raises
-    ------
-    ValueError
-        If two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
+    `bias`: gyros in deg/s, accelerometers in mg; None counts as zero.
+    `terms`: states of effects.
+    `of_reading`: see `LinearCorrection`.
+    Raises ValueError if two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
     """
     made = np.array([0.0 if b is None else b for b in bias], float)
     made[3:] *= _MG

@@ -23,21 +23,11 @@ _LONGEST = 200
 
 @dataclass(frozen=True, slots=True)
 class LogFiles:
-    """A log with what belongs to it.
-
-    Attributes
-    ----------
-    log : Path
-        The log.
-    beside : tuple of Path
-        Its own files beside it, by name.
-    bytes : int
-        Of all of them.
-    """
+    """A log with what belongs to it."""
 
     log: Path
-    beside: tuple[Path, ...]
-    bytes: int
+    beside: tuple[Path, ...]  # its own files beside it, by name
+    bytes: int  # of all of them
 
 
 def of(log: Path) -> LogFiles:
@@ -56,12 +46,8 @@ def _belongs(name: str, log: Path) -> bool:
 def annotate(log: Path, note: str | None, operator: str | None) -> Path:
     """Add a note or an operator to a log, in a file beside it; returns that file.
 
-    Raises
-    ------
-    ValueError
-        If the log is being written, or what is beside it cannot be used.
-    OSError
-        If there is no such log, or the disk does not take it.
+    Raises ValueError if the log is being written, or what is beside it cannot be used.
+    Raises OSError if there is no such log, or the disk does not take it.
     """
     with log.open("rb") as stream:
         if file_lock.is_held(stream):
@@ -72,13 +58,9 @@ def annotate(log: Path, note: str | None, operator: str | None) -> Path:
 def delete(log: Path) -> list[Path]:
     """Remove a log and its own files; returns what was removed, the log last.
 
-    Raises
-    ------
-    ValueError
-        If it is being written.
-    OSError
-        If the disk or its permissions do not allow it; what is beside the log goes first, so that a log that could not
-        be removed is there still.
+    Raises ValueError if it is being written.
+    Raises OSError if the disk or its permissions do not allow it; what is beside the log goes first, so that a log that
+      could not be removed is there still.
     """
     found = of(log)
     _refuse_written(log)
@@ -92,10 +74,7 @@ def delete(log: Path) -> list[Path]:
 def new_path(log: Path, entered: str) -> Path:
     """Where a log is after it was renamed; ".mcap" is added where it lacks.
 
-    Raises
-    ------
-    ValueError
-        If what was entered is no name for a file; the message says what is wrong with it.
+    Raises ValueError if what was entered is no name for a file; the message says what is wrong with it.
     """
     name = entered.strip()
     name = name if name.endswith(SUFFIX) else name + SUFFIX
@@ -116,12 +95,8 @@ def rename(log: Path, entered: str) -> Path:
 
     The file with its SHA-256 gets the new name inside too. Nothing is ever replaced.
 
-    Raises
-    ------
-    ValueError
-        If it is being written, or the name cannot be used or is taken.
-    OSError
-        If the disk or its permissions do not allow it.
+    Raises ValueError if it is being written, or the name cannot be used or is taken.
+    Raises OSError if the disk or its permissions do not allow it.
     """
     target = new_path(log, entered)
     if target == log:

@@ -28,52 +28,29 @@ _GIMBAL = np.cos(np.deg2rad(87.0))
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Motion of the table at the samples of a log.
+    """Motion of the table at the samples of a log."""
 
-    Attributes
-    ----------
-    angles, rates : Array
-        rad (unwrapped) and rad/s, shape (N, 3), or (1, 3) at rest.
-    C_nb : Array or None
-        Attitude of a unit at rest that does not sit as the angles say, shape (3, 3).
-    unknown : bool array or None
-        Samples at which none of it is known, shape (N,).
-    how : str
-        In words, where that is worth a word.
-    attitude : Array or None
-        Quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4); then `angles` are zeros and
-        `rates` those of the body about its own axes.
-    carried : bool array or None
-        Samples at which the unit may be moved from place to place, so that its specific force is not known, shape (N,).
-    """
-
+    # angles, rates: rad (unwrapped) and rad/s, shape (N, 3), or (1, 3) at rest
     angles: Array
     rates: Array
-    C_nb: Array | None = None
-    unknown: NDArray[np.bool_] | None = None
-    how: str = ""
+    C_nb: Array | None = None  # attitude of a unit at rest that does not sit as the angles say, shape (3, 3)
+    unknown: NDArray[np.bool_] | None = None  # samples at which none of it is known, shape (N,)
+    how: str = ""  # in words, where that is worth a word
+    # quaternion w, x, y, z of C_nb of a unit that moves on no table, shape (N, 4); then `angles` are zeros and `rates`
+    # those of the body about its own axes
     attitude: Array | None = None
+    # samples at which the unit may be moved from place to place, so that its specific force is not known, shape (N,)
     carried: NDArray[np.bool_] | None = None
 
 
 def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_latency: float = 0.0) -> Motion:
     """Motion at the samples, by the log's own reference or the one that is asked for.
 
-    Parameters
-    ----------
-    log : Log
-        Samples and what the file says of the table.
-    info : SessionInfo
-        From `replay.session_of`.
-    options : replay.ReplayOptions
-        `reference` and `overrides` count.
-    gyro_latency : float
-        How late the gyros read, s: a profile that is joined by them is joined so much too late.
-
-    Raises
-    ------
-    ValueError
-        If the reference does not say the attitude, or the log does not follow it.
+    `log`: samples and what the file says of the table.
+    `info`: from `replay.session_of`.
+    `options`: `reference` and `overrides` count.
+    `gyro_latency`: how late the gyros read, s: a profile that is joined by them is joined so much too late.
+    Raises ValueError if the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
     if info.reference in ("level", "turned"):  # turned by hand: the readings themselves say where it rests

@@ -11,10 +11,7 @@ from imutui.logbook.session_info import SessionInfo
 def measured(info: SessionInfo, part: Part) -> Noise:
     """White noise and drift of the samples themselves, by Allan deviation, from the longest stretch without a gap.
 
-    Raises
-    ------
-    ValueError
-        If the unit moves by its reference, or the log is too short.
+    Raises ValueError if the unit moves by its reference, or the log is too short.
     """
     if info.reference not in ("level", "gravity"):
         raise ValueError(

@@ -13,39 +13,22 @@ _BURSTS = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How whole the readings of a log are.
+    """How whole the readings of a log are."""
 
-    Attributes
-    ----------
-    log : str
-        Its path.
-    seconds : float
-        From its first sample to its last.
-    samples, without_reading : int
-        All of them, and those flagged as none: a count at its limit.
-    gaps : int
-        Steps of more than two and a half periods.
-    longest_gap_s, missing_s : float
-        The longest, and all of them together less a period each.
-    lost_packets, bad_checksums : int or None
-        As the recorder counted; None of an imported log.
-    temperature_degc : tuple of float or None
-        Least and greatest; None without any.
-    findings : tuple of str
-        Of `imutui check`, with where.
-    """
-
-    log: str
-    seconds: float
+    log: str  # its path
+    seconds: float  # from its first sample to its last
+    # samples, without_reading: all of them, and those flagged as none: a count at its limit
     samples: int
     without_reading: int
-    gaps: int
+    gaps: int  # steps of more than two and a half periods
+    # longest_gap_s, missing_s: the longest, and all of them together less a period each
     longest_gap_s: float
     missing_s: float
+    # lost_packets, bad_checksums: as the recorder counted; None of an imported log
     lost_packets: int | None
     bad_checksums: int | None
-    temperature_degc: tuple[float, float] | None
-    findings: tuple[str, ...]
+    temperature_degc: tuple[float, float] | None  # least and greatest; None without any
+    findings: tuple[str, ...]  # of `imutui check`, with where
 
 
 def of_log(log: Log) -> Quality:

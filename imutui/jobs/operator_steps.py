@@ -44,39 +44,17 @@ READY_MADE = "ready-made"
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A profile that can be chosen.
+    """A profile that can be chosen."""
 
-    Attributes
-    ----------
-    name : str
-        Of the file, or in words of one that is ready-made.
-    place : str
-        Folder, "ready-made" without one.
-    text : str
-        Content of the file, TOML or CSV by `file`; empty if it cannot be used.
-    file : str
-        Name that goes with the text.
-    segments : int
-        How many.
-    seconds : float
-        Of the motion, with the moves as fast as the profile has them.
-    align : str
-        How it is joined to a log.
-    error : str
-        Why it cannot be used.
-    still : bool
-        Whether the table rests in one place all the time.
-    """
-
-    name: str
-    place: str
-    text: str = ""
-    file: str = ""
-    segments: int = 0
-    seconds: float = 0.0
-    align: str = ""
-    error: str = ""
-    still: bool = False
+    name: str  # of the file, or in words of one that is ready-made
+    place: str  # folder, "ready-made" without one
+    text: str = ""  # content of the file, TOML or CSV by `file`; empty if it cannot be used
+    file: str = ""  # name that goes with the text
+    segments: int = 0  # how many
+    seconds: float = 0.0  # of the motion, with the moves as fast as the profile has them
+    align: str = ""  # how it is joined to a log
+    error: str = ""  # why it cannot be used
+    still: bool = False  # whether the table rests in one place all the time
 
     @property
     def about(self) -> list[str]:
@@ -123,12 +101,8 @@ def of_trace(text: str, source: str) -> Offer:
 def save(offer: Offer, path: Path) -> None:
     """Write a profile to a new file.
 
-    Raises
-    ------
-    ValueError
-        If its name does not end as that of such a file does.
-    OSError
-        If it exists, or cannot be written.
+    Raises ValueError if its name does not end as that of such a file does.
+    Raises OSError if it exists, or cannot be written.
     """
     suffix = Path(offer.file).suffix.lower()
     if path.suffix.lower() != suffix:

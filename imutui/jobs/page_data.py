@@ -28,70 +28,36 @@ _SAME, _SHARE = 1e-9, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Estimates of a filter over a log.
+    """Estimates of a filter over a log."""
 
-    Attributes
-    ----------
-    name : str
-        Of the run of the filter, such as "with its effects".
-    points : EstimatePoints
-        Biases and NIS at instants.
-    is_test : bool
-        Whether NIS is one.
-    """
-
-    name: str
-    points: EstimatePoints
-    is_test: bool
+    name: str  # of the run of the filter, such as "with its effects"
+    points: EstimatePoints  # biases and NIS at instants
+    is_test: bool  # whether NIS is one
 
 
 @dataclass(frozen=True, slots=True)
 class LogData:
-    """What logs add to the page of a result; empty where they are not at hand.
+    """What logs add to the page of a result; empty where they are not at hand."""
 
-    Attributes
-    ----------
-    courses : tuple of Course
-        One of a replay; of a trace without and with what was found, over its last log.
-    curves : dict
-        Residual of a replay by channel, before and after alike.
-    levels : dict
-        Noise by channel, and in `levels_of` the name of the log that it is of.
-    quality : tuple of Quality
-        One a log that could be read.
-    effects : str
-        Text of the effects file that a replay took, or a trace made; empty for none.
-    terms : tuple of Term
-        What it takes to correct a reading beside the constant bias.
-    missing : tuple of str
-        What is left out, and why, a sentence each.
-    driver_curves : tuple of DriverCurve
-        Of a trace: what errors follow, and how.
-    corrected_from : str
-        SHA-256 of the log that effects were taken out of to make this one; empty for none.
-    """
-
-    courses: tuple[Course, ...] = ()
+    courses: tuple[Course, ...] = ()  # one of a replay; of a trace without and with what was found, over its last log
+    # residual of a replay by channel, before and after alike
     curves: dict[str, ChannelCurvesEntry] = field(default_factory=dict)
+    # noise by channel, and in `levels_of` the name of the log that it is of
     levels: dict[str, NoiseLevel] = field(default_factory=dict)
     levels_of: str = ""
-    quality: tuple[Quality, ...] = ()
-    effects: str = ""
-    terms: tuple[Term, ...] = ()
-    missing: tuple[str, ...] = ()
-    driver_curves: tuple[DriverCurve, ...] = ()
-    corrected_from: str = ""
+    quality: tuple[Quality, ...] = ()  # one a log that could be read
+    effects: str = ""  # text of the effects file that a replay took, or a trace made; empty for none
+    terms: tuple[Term, ...] = ()  # what it takes to correct a reading beside the constant bias
+    missing: tuple[str, ...] = ()  # what is left out, and why, a sentence each
+    driver_curves: tuple[DriverCurve, ...] = ()  # of a trace: what errors follow, and how
+    corrected_from: str = ""  # SHA-256 of the log that effects were taken out of to make this one; empty for none
 
 
 def of_result(result: Result, progress: Callable[[str], None] = lambda text: None) -> LogData:
     """What the logs of a result add to its page.
 
-    Parameters
-    ----------
-    result : Result
-        Of `result_files.read`.
-    progress : callable
-        Told what is being read.
+    `result`: of `result_files.read`.
+    `progress`: told what is being read.
     """
     if "findings" in result:
         d = cast("TraceDocument", result)

@@ -17,17 +17,9 @@ R = TypeVar("R")
 def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     """Results in the order of the items; Ctrl+C ends the processes, which say nothing about it themselves.
 
-    Parameters
-    ----------
-    job : callable
-        At a module's top level, or a partial of such.
-    items : sequence
-        What each call gets.
-
-    Raises
-    ------
-    MemoryError
-        If a process was killed, which the kernel does when memory runs out.
+    `job`: at a module's top level, or a partial of such.
+    `items`: what each call gets.
+    Raises MemoryError if a process was killed, which the kernel does when memory runs out.
     """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(len(items), os.cpu_count() or 1), context) as pool:

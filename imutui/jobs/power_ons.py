@@ -30,10 +30,7 @@ class Joined:
 def join(reads: Sequence[LoggedRun]) -> Joined:
     """Join the logs of each power-on; they stay in the order given.
 
-    Raises
-    ------
-    ValueError
-        If two parts of a power-on overlap in time.
+    Raises ValueError if two parts of a power-on overlap in time.
     """
     before = _preceding(reads)
     notes = [

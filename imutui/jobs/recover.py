@@ -30,37 +30,19 @@ def recover(
 ) -> RecoverDocument:
     """Rebuild a log.
 
-    Parameters
-    ----------
-    path : Path
-        The source: unfinished, damaged, or whole.
-    output : Path
-        The file to make; there whole or not at all.
-    overwrite : bool
-        Replace it if it exists.
-    progress : callable
-        Told the share done, 0 to 1, and what is being done.
-    mode : int
-        Permissions of the file, and of its sum beside it.
-
-    Returns
-    -------
-    RecoverDocument
-        `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what was
-        kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are missing,
-        None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be told,
-        but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, or nothing whole in it.
-    ValueError
-        If the source is being written, or is the output.
-    FileExistsError
-        If the output exists and may not be replaced.
-    NotAsWrittenError
-        If it does not read back as it was written; nothing is left then.
+    `path`: the source: unfinished, damaged, or whole.
+    `output`: the file to make; there whole or not at all.
+    `overwrite`: replace it if it exists.
+    `progress`: told the share done, 0 to 1, and what is being done.
+    `mode`: permissions of the file, and of its sum beside it.
+    Returns `log`, `output`; `messages`, `samples`, `duration_s`, `topics`, `chunks`, `metadata`, `attachments` of what
+      was kept; `damages`: offset, bytes, what, why, and the times around; `lost`: messages and samples that are
+      missing, None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be
+      told, but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
+    Raises UnreadableLogError if there is no such file, or nothing whole in it.
+    Raises ValueError if the source is being written, or is the output.
+    Raises FileExistsError if the output exists and may not be replaced.
+    Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
     found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))

@@ -44,46 +44,22 @@ _PART = 65536
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """What a replay may set differently from the recording.
+    """What a replay may set differently from the recording."""
 
-    Attributes
-    ----------
-    start, end : float or None
-        Part of the log, s since its first sample.
-    overrides : Overrides or None
-        Fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
-    reference : ReferenceFile or None
-        A profile or trajectory instead of what the log has.
-    effects : bytes or None
-        An effects file's content instead of what the log has; empty for no effects.
-    speed : float or None
-        Times real time to pace the samples at; None goes as fast as it can.
-    output : Path or None
-        Log of estimates to write.
-    estimates_hz : float
-        How many estimates a second go into it; 0 for all.
-    overwrite : bool
-        Replace `output` if it exists.
-    mode : int
-        Permissions of `output`.
-    course : bool
-        Whether the result has the biases over time, for plots; not with an `output`, which has them.
-    points : bool
-        Whether it has biases and NIS at instants, for figures.
-    """
-
+    # start, end: part of the log, s since its first sample
     start: float | None = None
     end: float | None = None
+    # fields of `SessionInfo` to replace: reference, filter, measurements, seed, kappa, noise, …
     overrides: Overrides | None = None
-    reference: ReferenceFile | None = None
-    effects: bytes | None = None
-    speed: float | None = None
-    output: Path | None = None
-    estimates_hz: float = ESTIMATES_HZ
-    overwrite: bool = False
-    mode: int = MODE
-    course: bool = False
-    points: bool = False
+    reference: ReferenceFile | None = None  # a profile or trajectory instead of what the log has
+    effects: bytes | None = None  # an effects file's content instead of what the log has; empty for no effects
+    speed: float | None = None  # times real time to pace the samples at; None goes as fast as it can
+    output: Path | None = None  # Log of estimates to write
+    estimates_hz: float = ESTIMATES_HZ  # how many estimates a second go into it; 0 for all
+    overwrite: bool = False  # replace `output` if it exists
+    mode: int = MODE  # permissions of `output`
+    course: bool = False  # whether the result has the biases over time, for plots; not with an `output`, which has them
+    points: bool = False  # whether it has biases and NIS at instants, for figures
 
     def every(self) -> float:
         """Least time between two estimates that are asked for, s."""
@@ -109,23 +85,12 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A replay's result, with what of the log is not in it.
+    """A replay's result, with what of the log is not in it."""
 
-    Attributes
-    ----------
-    result : ResultDocument
-        As in docs/formats.md; `damage` says what is wrong with the file, if anything.
-    info : SessionInfo
-        With the settings in force.
-    first_ns : int
-        Sampling instant of the first sample that was taken, UTC, ns.
-    temperature : tuple of float or None
-        Mean, least and greatest of the samples that were taken, degC; None if it is not known.
-    """
-
-    result: ResultDocument
-    info: SessionInfo
-    first_ns: int
+    result: ResultDocument  # as in docs/formats.md; `damage` says what is wrong with the file, if anything
+    info: SessionInfo  # with the settings in force
+    first_ns: int  # sampling instant of the first sample that was taken, UTC, ns
+    # mean, least and greatest of the samples that were taken, degC; None if it is not known
     temperature: tuple[float, float, float] | None
 
 
@@ -147,25 +112,12 @@ def replayed(
 ) -> Replayed:
     """Run the filter over one log.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    options : ReplayOptions
-        Part, settings, pace.
-    progress : callable
-        Told the share done, 0 to 1, now and then.
-    say : callable or None
-        Told in a sentence how far compiling has come, the first time on a machine.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is nothing to replay.
-    ValueError
-        If an override is not possible; the message names it.
-    DivergenceError
-        If the filter broke down; the message names the sample.
+    `options`: part, settings, pace.
+    `progress`: told the share done, 0 to 1, now and then.
+    `say`: told in a sentence how far compiling has come, the first time on a machine.
+    Raises UnreadableLogError if there is nothing to replay.
+    Raises ValueError if an override is not possible; the message names it.
+    Raises DivergenceError if the filter broke down; the message names the sample.
     """
     if options.output is not None and options.output.exists() and options.output.samefile(path):
         raise ValueError(f"{options.output} is the log itself: estimates go into a file of their own")
@@ -335,18 +287,11 @@ def run(
 ) -> Iterator[np.ndarray]:
     """Feed samples and yield rows of estimates.
 
-    Parameters
-    ----------
-    estimator : Estimator
-        Changed in place.
-    parts : iterable of Part
-        Samples in order; their times count from the first one of all.
-    seconds : float
-        How long they are, for the progress.
-    speed : float or None
-        Times real time to pace the samples at.
-    progress : callable
-        Told the share done.
+    `estimator`: changed in place.
+    `parts`: samples in order; their times count from the first one of all.
+    `seconds`: how long they are, for the progress.
+    `speed`: times real time to pace the samples at.
+    `progress`: told the share done.
     """
     started = time.monotonic()
     size = _PART if speed is None else 1

@@ -22,17 +22,9 @@ _LONG_S = 7200.0
 class ReplayCourse:
     """Takes estimates while a filter runs.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Axes and units.
-    seconds : float
-        How long the samples are.
-
-    Attributes
-    ----------
-    every : float
-        Least time between two estimates that it wants, s.
+    `info`: axes and units.
+    `seconds`: how long the samples are.
+    `every`: least time between two estimates that it wants, s.
     """
 
     def __init__(self, info: SessionInfo, seconds: float) -> None:
@@ -62,17 +54,9 @@ class ReplayCourse:
 class ReplayPoints:
     """Takes estimates at instants that are closer together at the beginning, where biases converge.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Axes and units.
-    seconds : float
-        How long the samples are.
-
-    Attributes
-    ----------
-    every : float
-        Least time between two estimates that it wants, s.
+    `info`: axes and units.
+    `seconds`: how long the samples are.
+    `every`: least time between two estimates that it wants, s.
     """
 
     def __init__(self, info: SessionInfo, seconds: float) -> None:

@@ -17,54 +17,28 @@ WHOLE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The samples of a log that are to be filtered.
+    """The samples of a log that are to be filtered."""
 
-    Attributes
-    ----------
-    start : float
-        Time of the first one, s since the log's first sample.
-    first_ns : int
-        Its sampling instant, UTC, ns.
-    t : np.ndarray
-        s since the first one, shape (N,).
-    gyro, accel : np.ndarray
-        rad/s and m/s², body axes, shape (N, 3).
-    temperature : np.ndarray
-        degC, shape (N,); NaN where it is not known.
-    unread : tuple of bool
-        Of the accelerometers and gyros, body axes, those that the log lacks; what stands there is what the reference
-        says. Empty if it lacks none.
-    """
-
-    start: float
-    first_ns: int
-    t: np.ndarray
+    start: float  # time of the first one, s since the log's first sample
+    first_ns: int  # its sampling instant, UTC, ns
+    t: np.ndarray  # s since the first one, shape (N,)
+    # gyro, accel: rad/s and m/s², body axes, shape (N, 3)
     gyro: np.ndarray
     accel: np.ndarray
-    temperature: np.ndarray
+    temperature: np.ndarray  # degC, shape (N,); NaN where it is not known
+    # of the accelerometers and gyros, body axes, those that the log lacks; what stands there is what the reference
+    # says. Empty if it lacks none.
     unread: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """Samples of a log.
+    """Samples of a log."""
 
-    Attributes
-    ----------
-    log : Log
-        What else it holds; without samples where they come in pieces.
-    first : Part
-        The first samples; all of them where they come at once.
-    parts : iterator of Part
-        All samples in order, once; times count from the first one.
-    seconds : float
-        How long they are.
-    """
-
-    log: Log
-    first: Part
-    parts: Iterator[Part]
-    seconds: float
+    log: Log  # what else it holds; without samples where they come in pieces
+    first: Part  # the first samples; all of them where they come at once
+    parts: Iterator[Part]  # all samples in order, once; times count from the first one
+    seconds: float  # how long they are
 
     def with_part(self, part: Part) -> "Feed":
         """Another part instead of the only one."""
@@ -90,12 +64,8 @@ def outline_of_long(path: Path) -> Outline | None:
 def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
     """Samples of a log, a bounded number in a part; see `select`.
 
-    Raises
-    ------
-    UnreadableLogError
-        As `reader.read`.
-    ValueError
-        If no sample is left.
+    Raises UnreadableLogError as `reader.read`.
+    Raises ValueError if no sample is left.
     """
     begin_ns = known.first_ns
     chosen = (_chosen(piece, begin_ns, start, end) for piece in pieces.pieces(known, pieces.ROWS))

@@ -24,12 +24,8 @@ _DIGITS = 5
 def curves(series: Sequence[RunSeries], heldout: str | None) -> list[RunCurvesEntry]:
     """Curves of all runs.
 
-    Parameters
-    ----------
-    series : sequence of RunSeries
-        Residuals, as a trace gives them.
-    heldout : str or None
-        Name of the run that nothing was fitted to.
+    `series`: residuals, as a trace gives them.
+    `heldout`: name of the run that nothing was fitted to.
     """
     return [
         {

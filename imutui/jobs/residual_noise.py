@@ -37,34 +37,19 @@ class NoiseLevel:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """Of a log.
+    """Of a log."""
 
-    Attributes
-    ----------
-    curves : dict
-        By channel, before and after alike; empty where there are none.
-    levels : dict
-        Noise by channel, of those whose noise can be told.
-    why : str
-        Why there are none, a sentence; empty where there are.
-    """
-
+    # by channel, before and after alike; empty where there are none
     curves: dict[str, ChannelCurvesEntry] = field(default_factory=dict)
-    levels: dict[str, NoiseLevel] = field(default_factory=dict)
-    why: str = ""
+    levels: dict[str, NoiseLevel] = field(default_factory=dict)  # noise by channel, of those whose noise can be told
+    why: str = ""  # why there are none, a sentence; empty where there are
 
 
 def of_log(path: Path, options: replay.ReplayOptions, start: float | None, end: float | None) -> Residual:
     """Residual of a log, its spectrum and Allan deviation by channel, and its noise.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    options : replay.ReplayOptions
-        Reference and overrides of the session.
-    start, end : float or None
-        Part of it, s since its first sample.
+    `options`: reference and overrides of the session.
+    `start`, `end`: part of it, s since its first sample.
     """
     from filters.tracing import residual
 
@@ -117,12 +102,8 @@ def _levels(r: Array, period: float, follows: NDArray[np.bool_]) -> dict[str, No
 def follow_temperature(r: Array, temperature: Array) -> NDArray[np.bool_]:
     """Whether a curve in temperature takes most of the power out of slow means of the residual, shape (6,).
 
-    Parameters
-    ----------
-    r : Array
-        Residual, shape (N, 6), NaN where there is none.
-    temperature : Array
-        degC, shape (N,).
+    `r`: residual, shape (N, 6), NaN where there is none.
+    `temperature`: degC, shape (N,).
     """
     m = max(1, len(r) // _MEANS)
     n = len(r) // m * m

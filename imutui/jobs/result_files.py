@@ -30,15 +30,8 @@ _VECTORS = ("gyro_bias_dps", "accel_bias_mg")
 def read(path: Path) -> list[Result]:
     """Results in a file.
 
-    Parameters
-    ----------
-    path : Path
-        What `imutui replay --json` or `imutui trace --json` printed.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there are none in it; the message says what it is not.
+    `path`: what `imutui replay --json` or `imutui trace --json` printed.
+    Raises UnreadableLogError if there are none in it; the message says what it is not.
     """
     how = "`imutui trace LOG... --json` and `imutui replay LOG... --json` print results"
     try:
@@ -62,17 +55,9 @@ def completed(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     A log is asked only if it is where the result says and has the SHA-256 that stands there; notes beside it that
     `imutui note` added are taken wherever the result says that it is.
 
-    Parameters
-    ----------
-    results : sequence of Result
-        Of `read`; they are replaced, not changed.
-
-    Returns
-    -------
-    list of Result
-        The same with what is known now.
-    list of str
-        A sentence for each log that could not be asked.
+    `results`: of `read`; they are replaced, not changed.
+    Returns the same with what is known now.
+    Returns a sentence for each log that could not be asked.
     """
     made: list[Result] = []
     notes: list[str] = []

@@ -41,10 +41,7 @@ _NOT_STATED = ("", "unknown")
 def check_together(reads: Sequence[LoggedRun]) -> None:
     """Refuse logs that cannot be runs of one campaign.
 
-    Raises
-    ------
-    ValueError
-        If one stands there twice, or two are of different units, mountings, signs, sites, or kinds.
+    Raises ValueError if one stands there twice, or two are of different units, mountings, signs, sites, or kinds.
     """
     _check_copies(reads)
     first = reads[0]
@@ -128,10 +125,7 @@ class _GriddedRun:
 def check_reference(read: LoggedRun) -> None:
     """Refuse a reference that contradicts the readings: a wrong sign, wrong angles, wrong rates, a wrong time.
 
-    Raises
-    ------
-    ValueError
-        The message says which, how much, and what mends it.
+    Raises ValueError: the message says which, how much, and what mends it.
     """
     seen = _seen(read)
     if not seen.good.any():

@@ -25,58 +25,26 @@ _AT_ONCE = 1 << 18
 
 @dataclass(frozen=True, slots=True)
 class LoggedRun:
-    """A log that was read for tracing.
-
-    Attributes
-    ----------
-    path : Path
-        The log.
-    info : SessionInfo
-        Its session, with the reference in force.
-    run : Run
-        Its samples.
-    finished : bool
-        Whether the file has its footer.
-    damage : str
-        What is wrong with the file, if anything.
-    how : str
-        How the motion is known, where that is worth a word.
-    first_ns : int
-        Its first sampling instant, UTC, ns.
-    sha256 : str
-        Of the file.
-    """
+    """A log that was read for tracing."""
 
     path: Path
-    info: SessionInfo
-    run: Run
-    finished: bool
-    damage: str
-    how: str
-    first_ns: int
-    sha256: str
+    info: SessionInfo  # its session, with the reference in force
+    run: Run  # its samples
+    finished: bool  # whether the file has its footer
+    damage: str  # what is wrong with the file, if anything
+    how: str  # how the motion is known, where that is worth a word
+    first_ns: int  # its first sampling instant, UTC, ns
+    sha256: str  # of the file
 
 
 def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: float = _SHORTEST_S) -> LoggedRun:
     """Read a log as one run.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    name : str
-        What the run is to be called.
-    options : replay.ReplayOptions
-        Reference and overrides of the session.
-    shortest : float
-        Least length, s: what tracing needs.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is nothing to read.
-    ValueError
-        If it is too short, or its motion is not known.
+    `name`: what the run is to be called.
+    `options`: reference and overrides of the session.
+    `shortest`: least length, s: what tracing needs.
+    Raises UnreadableLogError if there is nothing to read.
+    Raises ValueError if it is too short, or its motion is not known.
     """
     log = reader.read(path)
     t = log.seconds()

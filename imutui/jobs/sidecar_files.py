@@ -15,36 +15,19 @@ _LONGEST = 120
 
 @dataclass(frozen=True, slots=True)
 class EffectsFile:
-    """A file that looks like found effects.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    text : str
-        Its content; empty if it cannot be used.
-    source : str
-        Where they come from.
-    effects : tuple of str
-        Names with channels, such as "thermal_lin (gy)".
-    error : str
-        Why it cannot be used.
-    """
+    """A file that looks like found effects."""
 
     path: Path
-    text: str = ""
-    source: str = ""
-    effects: tuple[str, ...] = ()
-    error: str = ""
+    text: str = ""  # its content; empty if it cannot be used
+    source: str = ""  # where they come from
+    effects: tuple[str, ...] = ()  # names with channels, such as "thermal_lin (gy)"
+    error: str = ""  # why it cannot be used
 
 
 def base(logs: Sequence[Path]) -> Path:
     """Path whose name begins those of files made of logs: the log's own, or one that no other set of logs has.
 
-    Parameters
-    ----------
-    logs : sequence of Path
-        At least one; files are written beside the first.
+    `logs`: at least one; files are written beside the first.
     """
     first, *others = logs
     if not others:
@@ -71,19 +54,10 @@ def _beginning(names: Sequence[str]) -> str:
 def keep(log: Path, ending: str, text: str) -> Path:
     """Write a text beside a log, under a name that is free.
 
-    Parameters
-    ----------
-    log : Path
-        The log; its name without suffix begins the file's.
-    ending : str
-        The rest of the name, such as "_effects.toml".
-    text : str
-        What to write.
-
-    Returns
-    -------
-    Path
-        The file.
+    `log`: the log; its name without suffix begins the file's.
+    `ending`: the rest of the name, such as "_effects.toml".
+    `text`: what to write.
+    Returns the file.
     """
     for path in _names(log, ending):
         try:

@@ -13,16 +13,10 @@ class StepCounts:
     Exact while there are at most `MOST` different rows: stamps of a unit's clock make a few thousand. Beyond that
     steps keep as many significant bits as leave room.
 
-    Attributes
-    ----------
-    steps : np.ndarray
-        ns, float64, shape (R,), increasing.
-    codes : np.ndarray
-        What goes with them, int64, shape (R,).
-    counts : np.ndarray
-        How often each row occurred, int64, shape (R,).
-    before_ns, after_ns : np.ndarray
-        Stamps at both ends of the first one, int64, shape (R,).
+    `steps`: ns, float64, shape (R,), increasing.
+    `codes`: what goes with them, int64, shape (R,).
+    `counts`: how often each row occurred, int64, shape (R,).
+    `before_ns`, `after_ns`: stamps at both ends of the first one, int64, shape (R,).
     """
 
     def __init__(self) -> None:

@@ -19,30 +19,15 @@ Tell = Callable[[float, str], None]
 
 @dataclass(frozen=True, slots=True)
 class TraceResult:
-    """What comes of a trace, as text: figures and residuals stay in the worker.
+    """What comes of a trace, as text: figures and residuals stay in the worker."""
 
-    Attributes
-    ----------
-    document : TraceDocument
-        Contracts section 6.
-    source : str
-        Which logs it is of.
-    damage : tuple of str
-        What is wrong with the files, a sentence each.
-    effects : str
-        TOML of the found effects, for the filter.
-    included : tuple of str
-        Names of the effects in it with their channels, such as "thermal_lin (gx)"; empty if nothing was found.
-    experiment : str
-        Profile (TOML) of the motion that would separate the causes; empty if none is needed.
-    """
-
-    document: "TraceDocument"
-    source: str
-    damage: tuple[str, ...]
-    effects: str
+    document: "TraceDocument"  # contracts section 6
+    source: str  # which logs it is of
+    damage: tuple[str, ...]  # what is wrong with the files, a sentence each
+    effects: str  # TOML of the found effects, for the filter
+    # names of the effects in it with their channels, such as "thermal_lin (gx)"; empty if nothing was found
     included: tuple[str, ...]
-    experiment: str
+    experiment: str  # profile (TOML) of the motion that would separate the causes; empty if none is needed
 
 
 def replay_log(path: Path, options: "replay.ReplayOptions | None", tell: Tell) -> "ResultDocument":

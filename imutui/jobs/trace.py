@@ -29,52 +29,24 @@ _MOST_POINTS = 12
 
 @dataclass(frozen=True, slots=True)
 class TraceOptions:
-    """What a trace may set.
+    """What a trace may set."""
 
-    Attributes
-    ----------
-    holdout : Path or None
-        Log of the run that nothing is fitted to; by default the last of several logs.
-    reference : ReferenceFile or None
-        A profile or trajectory instead of what the logs have.
-    overrides : dict
-        Fields of `SessionInfo` to replace: reference.
-    asked : tuple of str
-        Effects whose limits are wanted even if nothing is found.
-    seed : int
-        Of everything random.
-    """
-
-    holdout: Path | None = None
-    reference: ReferenceFile | None = None
-    overrides: dict[str, Any] = field(default_factory=dict)
-    asked: tuple[str, ...] = ()
-    seed: int = 0
+    holdout: Path | None = None  # Log of the run that nothing is fitted to; by default the last of several logs
+    reference: ReferenceFile | None = None  # a profile or trajectory instead of what the logs have
+    overrides: dict[str, Any] = field(default_factory=dict)  # fields of `SessionInfo` to replace: reference
+    asked: tuple[str, ...] = ()  # effects whose limits are wanted even if nothing is found
+    seed: int = 0  # of everything random
 
 
 @dataclass(frozen=True, slots=True)
 class Traced:
-    """Result of a trace.
+    """Result of a trace."""
 
-    Attributes
-    ----------
-    document : TraceDocument
-        Contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give.
-    trace : Trace
-        What joins the filter, and the residuals for figures.
-    source : str
-        Which logs it is of.
-    effects : str
-        Text of the effects file.
-    damage : tuple of str
-        What is wrong with the files, a sentence each.
-    """
-
-    document: TraceDocument
-    trace: Trace
-    source: str
-    effects: str
-    damage: tuple[str, ...]
+    document: TraceDocument  # contracts section 6, JSON-ready; `notes` in it: sentences on what the logs could not give
+    trace: Trace  # what joins the filter, and the residuals for figures
+    source: str  # which logs it is of
+    effects: str  # text of the effects file
+    damage: tuple[str, ...]  # what is wrong with the files, a sentence each
 
 
 def trace(
@@ -82,21 +54,11 @@ def trace(
 ) -> Traced:
     """Trace a unit over its logs, one log a run or a part of one.
 
-    Parameters
-    ----------
-    logs : sequence of Path
-        At least one.
-    options : TraceOptions
-        What is held out, reference, seed.
-    progress : callable
-        Told the share done, 0 to 1, and what is being done.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is nothing to read in one of them.
-    ValueError
-        If they do not belong together, or do not follow their reference; the message says what to do.
+    `logs`: at least one.
+    `options`: what is held out, reference, seed.
+    `progress`: told the share done, 0 to 1, and what is being done.
+    Raises UnreadableLogError if there is nothing to read in one of them.
+    Raises ValueError if they do not belong together, or do not follow their reference; the message says what to do.
     """
     _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)

@@ -14,10 +14,7 @@ KIND = "turned"
 def is_turned(reads: Sequence[LoggedRun]) -> bool:
     """Whether logs are of a unit turned by hand.
 
-    Raises
-    ------
-    ValueError
-        If some are and some are not.
+    Raises ValueError if some are and some are not.
     """
     turned = [read for read in reads if read.info.reference == KIND]
     others = [read for read in reads if read.info.reference != KIND]
@@ -39,18 +36,11 @@ def trace_turned(
 ) -> tuple[Trace, list[str]]:
     """Trace logs of a unit turned by hand, and notes on them.
 
-    Parameters
-    ----------
-    fitted : sequence of LoggedRun
-        Each a power-on.
-    held : LoggedRun or None
-        Nothing is fitted to it.
-    asked : sequence of str
-        Effects whose smallest visible size is wanted.
-    seed : int
-        Of intervals.
-    progress : callable
-        Told the share done and what is being done.
+    `fitted`: each a power-on.
+    `held`: nothing is fitted to it.
+    `asked`: effects whose smallest visible size is wanted.
+    `seed`: of intervals.
+    `progress`: told the share done and what is being done.
     """
     # these bring solvers along, which other traces need not wait for
     from filters.multiposition.calibration import calibrate

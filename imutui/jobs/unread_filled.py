@@ -21,35 +21,21 @@ _FLAT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """Readings with every channel.
+    """Readings with every channel."""
 
-    Attributes
-    ----------
-    gyro, accel : np.ndarray
-        rad/s and m/s², body axes, shape (N, 3).
-    unread : tuple of bool
-        Of accelerometers and gyros, body axes, those that were made up; empty if none was.
-    """
-
+    # gyro, accel: rad/s and m/s², body axes, shape (N, 3)
     gyro: np.ndarray
     accel: np.ndarray
-    unread: tuple[bool, ...] = ()
+    unread: tuple[bool, ...] = ()  # of accelerometers and gyros, body axes, those that were made up; empty if none was
 
 
 def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
     """Mean specific force of a unit at rest, body axes, with an axis that was not read made up to gravity.
 
-    Parameters
-    ----------
-    force : np.ndarray
-        m/s², shape (3,), NaN for an axis that was not read.
-    gravity : float
-        m/s².
-
-    Raises
-    ------
-    ValueError
-        If it can't be: two axes are missing, or one that does not point down and feels too much of gravity to be flat.
+    `force`: m/s², shape (3,), NaN for an axis that was not read.
+    `gravity`: m/s².
+    Raises ValueError if it can't be: two axes are missing, or one that does not point down and feels too much of
+      gravity to be flat.
     """
     lacking = np.flatnonzero(np.isnan(force))
     if not lacking.size:
@@ -72,21 +58,11 @@ def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
 def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo, path: Path) -> Filled:
     """Readings with every channel.
 
-    Parameters
-    ----------
-    t : np.ndarray
-        s since the first sample, shape (N,).
-    gyro, accel : np.ndarray
-        As the log has them, body axes, NaN where a channel was not read, shape (N, 3).
-    info : SessionInfo
-        With the reference in force.
-    path : Path
-        The log, for messages.
-
-    Raises
-    ------
-    ValueError
-        If the reference does not say what the channels would have read.
+    `t`: s since the first sample, shape (N,).
+    `gyro`, `accel`: as the log has them, body axes, NaN where a channel was not read, shape (N, 3).
+    `info`: with the reference in force.
+    `path`: the log, for messages.
+    Raises ValueError if the reference does not say what the channels would have read.
     """
     lacks = unread_channels.unread(gyro, accel)
     if not lacks.any():

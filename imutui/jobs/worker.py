@@ -41,18 +41,10 @@ class Progress(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Why a job gave no result.
+    """Why a job gave no result."""
 
-    Attributes
-    ----------
-    kind : str
-        Name of the error's class.
-    text : str
-        What it says.
-    """
-
-    kind: str
-    text: str
+    kind: str  # name of the error's class
+    text: str  # what it says
 
     def sentence(self) -> str:
         """For the screen: the text where it was written for users, else with the error's name before it."""
@@ -64,12 +56,9 @@ class Failure(NamedTuple):
 class Worker:
     """One job, once.
 
-    Parameters
-    ----------
-    function : callable
-        At a module's top level. It is called with the arguments and, last, a callable that takes share and text.
-    *args
-        What can be pickled.
+    `function`: at a module's top level. It is called with the arguments and, last, a callable that takes share and
+      text.
+    `*args`: what can be pickled.
     """
 
     def __init__(self, function: Callable[..., Any], *args: Any) -> None:

@@ -21,20 +21,11 @@ _MOST = 1000
 
 @dataclass(frozen=True, slots=True)
 class AddedNote:
-    """One addition.
+    """One addition."""
 
-    Attributes
-    ----------
-    utc : str
-        When, as 2026-03-01T09:30:00Z.
-    by : str
-        Who added it, by the name of the user of the computer.
-    note, operator : str or None
-        What it says; None where it leaves as it was what stood before.
-    """
-
-    utc: str
-    by: str
+    utc: str  # when, as 2026-03-01T09:30:00Z
+    by: str  # who added it, by the name of the user of the computer
+    # note, operator: what it says; None where it leaves as it was what stood before
     note: str | None = None
     operator: str | None = None
 
@@ -47,12 +38,8 @@ def path_of(log: Path) -> Path:
 def read(log: Path) -> tuple[AddedNote, ...]:
     """Additions to a log, oldest first; none if there is no such file.
 
-    Raises
-    ------
-    ValueError
-        If the file beside it cannot be used; the message names it.
-    OSError
-        If it cannot be read.
+    Raises ValueError if the file beside it cannot be used; the message names it.
+    Raises OSError if it cannot be read.
     """
     path = path_of(log)
     if not path.is_file():
@@ -89,19 +76,10 @@ def read_or_none(log: Path) -> tuple[AddedNote, ...]:
 def add(log: Path, note: str | None = None, operator: str | None = None) -> Path:
     """Add a note, an operator's name, or both; returns the file they are in.
 
-    Parameters
-    ----------
-    log : Path
-        The log, which is not touched.
-    note, operator : str or None
-        What is said; None leaves what stood before.
-
-    Raises
-    ------
-    ValueError
-        If the file beside the log is there and cannot be used.
-    OSError
-        If the disk does not take it; what was there is there still.
+    `log`: the log, which is not touched.
+    `note`, `operator`: what is said; None leaves what stood before.
+    Raises ValueError if the file beside the log is there and cannot be used.
+    Raises OSError if the disk does not take it; what was there is there still.
     """
     utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     note = None if note is None else one_line(note, NOTE_LIMIT)
@@ -115,10 +93,7 @@ def add(log: Path, note: str | None = None, operator: str | None = None) -> Path
 def copy(log: Path, other: Path) -> None:
     """Give another log the additions to one, and none that it had.
 
-    Raises
-    ------
-    OSError
-        If the disk does not take it.
+    Raises OSError if the disk does not take it.
     """
     entries, path = read_or_none(log), path_of(other)
     if entries:

@@ -19,20 +19,11 @@ _BLOCK, _BLOCKS, _FEWEST = 64, 64, 8
 
 @dataclass(frozen=True, slots=True)
 class Instants:
-    """Sampling instants fitted to arrivals.
+    """Sampling instants fitted to arrivals."""
 
-    Attributes
-    ----------
-    t : np.ndarray
-        s, shape (N,), increasing, none after its arrival.
-    pieces : int
-        Lines that it took; 1 is one regular grid.
-    median_late, max_late : float
-        Arrival less instant, s.
-    """
-
-    t: np.ndarray
-    pieces: int
+    t: np.ndarray  # s, shape (N,), increasing, none after its arrival
+    pieces: int  # lines that it took; 1 is one regular grid
+    # median_late, max_late: arrival less instant, s
     median_late: float
     max_late: float
 
@@ -40,10 +31,7 @@ class Instants:
 def bursts(t: np.ndarray) -> str:
     """What makes stamps look like arrivals in bursts, in figures; empty if they don't.
 
-    Parameters
-    ----------
-    t : np.ndarray
-        s, shape (N,), increasing.
+    `t`: s, shape (N,), increasing.
     """
     steps = np.diff(t)
     period = float(steps.mean())
@@ -59,16 +47,9 @@ def bursts(t: np.ndarray) -> str:
 def from_arrivals(t: np.ndarray) -> Instants:
     """Equally spaced instants under arrival times.
 
-    Parameters
-    ----------
-    t : np.ndarray
-        Arrivals, s, shape (N,), increasing.
-
-    Returns
-    -------
-    Instants
-        One grid t_k = a + k T with the least total lateness; where it would have whole stretches arrive late by more
-        than two periods (lost samples, a wandering clock), joined lines of 20 s; and a new start after a silence.
+    `t`: arrivals, s, shape (N,), increasing.
+    Returns one grid t_k = a + k T with the least total lateness; where it would have whole stretches arrive late by
+      more than two periods (lost samples, a wandering clock), joined lines of 20 s; and a new start after a silence.
     """
     parts = np.split(np.arange(t.size), _silences(t))
     fitted = [_fit(t[part]) for part in parts]

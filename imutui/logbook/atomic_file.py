@@ -11,21 +11,11 @@ from pathlib import Path
 def write(path: Path, text: str, *, overwrite: bool, mode: int | None = None) -> None:
     """Write a text so that the file is there whole or not at all, and on the disk.
 
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    text : str
-        What to write.
-    overwrite : bool
-        Whether an existing file may be replaced.
-    mode : int or None
-        Permissions; None for what the umask leaves.
-
-    Raises
-    ------
-    FileExistsError
-        If it exists and may not be replaced.
+    `path`: file to write.
+    `text`: what to write.
+    `overwrite`: whether an existing file may be replaced.
+    `mode`: permissions; None for what the umask leaves.
+    Raises FileExistsError if it exists and may not be replaced.
     """
     if not overwrite:
         # an empty file of our own marks the name as taken
@@ -70,19 +60,10 @@ _NO_DIRECTORY_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
 def part_of(path: Path, *, overwrite: bool, mode: int) -> Iterator[Path]:
     """A file beside `path` to write to; it takes the name when the block ends, and is removed if that fails.
 
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    overwrite : bool
-        Whether an existing file may be replaced.
-    mode : int
-        Permissions, whatever the umask.
-
-    Raises
-    ------
-    FileExistsError
-        If `path` exists, at the beginning or at the end, and may not be replaced.
+    `path`: file to make.
+    `overwrite`: whether an existing file may be replaced.
+    `mode`: permissions, whatever the umask.
+    Raises FileExistsError if `path` exists, at the beginning or at the end, and may not be replaced.
     """
     if path.exists() and not overwrite:
         raise FileExistsError(errno.EEXIST, "exists, and was not to be replaced", str(path))

@@ -19,26 +19,17 @@ BELONGINGS = (Opcode.METADATA, Opcode.ATTACHMENT)
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Messages in a row, in file order.
+    """Messages in a row, in file order."""
 
-    Attributes
-    ----------
-    stamp_ns, gyro, accel, valid : np.ndarray
-        Samples as in `reader.Log`: stamps, rad/s, m/s², validity.
-    temperature_degc : np.ndarray
-        Temperatures, shape (M,).
-    packets : np.ndarray
-        Records of `schemas.RAW_DTYPE`, shape (K,).
-    sample_heads, packet_heads : np.ndarray or None
-        Records of `message_runs.MESSAGE`, one a sample, one a packet; None where some of these cannot be decoded.
-    """
-
+    # stamp_ns, gyro, accel, valid: samples as in `reader.Log`: stamps, rad/s, m/s², validity
     stamp_ns: np.ndarray
     gyro: np.ndarray
     accel: np.ndarray
     valid: np.ndarray
-    temperature_degc: np.ndarray
-    packets: np.ndarray
+    temperature_degc: np.ndarray  # temperatures, shape (M,)
+    packets: np.ndarray  # records of `schemas.RAW_DTYPE`, shape (K,)
+    # sample_heads, packet_heads: records of `message_runs.MESSAGE`, one a sample, one a packet; None where some of
+    # these cannot be decoded
     sample_heads: np.ndarray | None
     packet_heads: np.ndarray | None
 
@@ -55,73 +46,40 @@ class Temperatures:
 
 @dataclass(slots=True)
 class Audit:
-    """Content of a scanned log, without its samples and packets.
+    """Content of a scanned log, without its samples and packets."""
 
-    Attributes
-    ----------
-    info : SessionInfo or None
-        Its session; None in another program's file.
-    session : dict
-        The same as strings, with fields that this version does not know.
-    session_trouble : str
-        Why the session cannot be used, if so.
-    metadata : dict
-        Records by name.
-    attachments : dict
-        Name to bytes.
-    types, encodings : dict
-        Of each topic.
-    messages : dict
-        Of each topic that has some, their numbers and times; a topic's channels one after the other.
-    samples, packets : int
-        How many there are.
-    unread_samples : int
-        Samples that are flagged as no reading.
-    first_ns, last_ns, latest_ns : int
-        Stamps of the samples, UTC, ns: the first and the last in the file, and the latest; 0 if there is none.
-    lacks : np.ndarray
-        Channels that are NaN in every sample, gyros first, body axes, bool, shape (6,).
-    temperatures : Temperatures or None
-        Of all of them; None if there is none.
-    statuses : dict
-        How many packets have each status word; zero where packets have none.
-    events : list of LogEvent
-        Marks and events.
-    diagnostics : dict
-        Values of the last /diagnostics.
-    undecodable : list of tuple
-        Topic, log time (ns) and reason of messages that cannot be decoded; the first of them.
-    undecodable_count : int
-        All of them.
-    homeless : int
-        Messages of channels that nothing declares.
-    result : dict
-        The quality summary that was attached on closing.
-    """
-
-    info: SessionInfo | None = None
+    info: SessionInfo | None = None  # its session; None in another program's file
+    # the same as strings, with fields that this version does not know
     session: dict[str, str] = field(default_factory=dict)
-    session_trouble: str = ""
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
+    session_trouble: str = ""  # why the session cannot be used, if so
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)  # records by name
+    attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
+    # types, encodings: of each topic
     types: dict[str, str] = field(default_factory=dict)
     encodings: dict[str, str] = field(default_factory=dict)
+    # of each topic that has some, their numbers and times; a topic's channels one after the other
     messages: dict[str, HeadRun] = field(default_factory=dict)
+    # samples, packets: how many there are
     samples: int = 0
     packets: int = 0
-    unread_samples: int = 0
+    unread_samples: int = 0  # samples that are flagged as no reading
+    # first_ns, last_ns, latest_ns: stamps of the samples, UTC, ns: the first and the last in the file, and the latest;
+    # 0 if there is none
     first_ns: int = 0
     last_ns: int = 0
     latest_ns: int = 0
+    # channels that are NaN in every sample, gyros first, body axes, bool, shape (6,)
     lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
-    temperatures: Temperatures | None = None
+    temperatures: Temperatures | None = None  # of all of them; None if there is none
+    # how many packets have each status word; zero where packets have none
     statuses: dict[int, int] = field(default_factory=dict)
-    events: list[LogEvent] = field(default_factory=list)
-    diagnostics: dict[str, str] = field(default_factory=dict)
+    events: list[LogEvent] = field(default_factory=list)  # marks and events
+    diagnostics: dict[str, str] = field(default_factory=dict)  # values of the last /diagnostics
+    # topic, log time (ns) and reason of messages that cannot be decoded; the first of them
     undecodable: list[tuple[str, int, str]] = field(default_factory=list)
-    undecodable_count: int = 0
-    homeless: int = 0
-    result: dict[str, object] = field(default_factory=dict)
+    undecodable_count: int = 0  # all of them
+    homeless: int = 0  # messages of channels that nothing declares
+    result: dict[str, object] = field(default_factory=dict)  # the quality summary that was attached on closing
 
     @property
     def imu_topic(self) -> str | None:

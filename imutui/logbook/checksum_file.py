@@ -18,19 +18,9 @@ def path_of(log: Path) -> Path:
 def write(log: Path, sha256: str, mode: int) -> Path:
     """Write the sum of a finished log beside it, in place of an older one.
 
-    Parameters
-    ----------
-    log : Path
-        The log.
-    sha256 : str
-        Hash of its bytes, hexadecimal.
-    mode : int
-        Permissions, the log's.
-
-    Raises
-    ------
-    OSError
-        If the disk does not take it; nothing is left then.
+    `sha256`: hash of its bytes, hexadecimal.
+    `mode`: permissions, the log's.
+    Raises OSError if the disk does not take it; nothing is left then.
     """
     path = path_of(log)
     atomic_file.write(path, _line(log.name, sha256), overwrite=True, mode=mode)
@@ -40,12 +30,8 @@ def write(log: Path, sha256: str, mode: int) -> Path:
 def read(log: Path) -> str | None:
     """Sum that stands beside a log, whatever name is in it; None if there is none.
 
-    Raises
-    ------
-    ValueError
-        If the file beside it is no sum.
-    OSError
-        If it cannot be read.
+    Raises ValueError if the file beside it is no sum.
+    Raises OSError if it cannot be read.
     """
     path = path_of(log)
     if not path.is_file():

@@ -16,12 +16,8 @@ _BLOCK = 2**19
 class Growing:
     """Rows of one kind of message, in blocks: what is there never moves.
 
-    Parameters
-    ----------
-    width : int
-        Elements in a row.
-    dtype : type
-        Of an element.
+    `width`: elements in a row.
+    `dtype`: of an element.
     """
 
     def __init__(self, width: int, dtype: type) -> None:
@@ -64,10 +60,7 @@ class Growing:
 class Columns:
     """The fields that are read of every sample.
 
-    Parameters
-    ----------
-    walk : Walk
-        How they are copied out of bytes.
+    `walk`: how they are copied out of bytes.
     """
 
     def __init__(self, walk: Walk) -> None:
@@ -85,19 +78,10 @@ class Columns:
     def take(self, batch: Batch, roles: np.ndarray, counts: np.ndarray) -> bool:
         """Take the samples, temperatures, packets and table angles of a batch, if all are plain.
 
-        Parameters
-        ----------
-        batch : Batch
-            Messages.
-        roles : np.ndarray
-            Role of each channel id, uint8, shape (65536,).
-        counts : np.ndarray
-            How many of the messages have each role, see `Walk.tally`.
-
-        Returns
-        -------
-        bool
-            False if some message has another layout than the plain one; then none is taken.
+        `batch`: messages.
+        `roles`: role of each channel id, uint8, shape (65536,).
+        `counts`: how many of the messages have each role, see `Walk.tally`.
+        Returns false if some message has another layout than the plain one; then none is taken.
         """
         _, _, imu, temperature, raw, table = counts.tolist()
         rooms = self._imu.room(imu), self._temperature.room(temperature), self._raw.room(raw), self._table.room(table)

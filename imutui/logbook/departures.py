@@ -16,14 +16,9 @@ _ACCEL, _GYRO = ("ax", "ay", "az"), ("gx", "gy", "gz")
 def sentence(estimator: "Estimator", axes: AxisMap, g_unit: float) -> str | None:
     """The departure that is most certain, in the instrument's axes and units; None if there is none.
 
-    Parameters
-    ----------
-    estimator : Estimator
-        Between two samples.
-    axes : AxisMap
-        Instrument to body.
-    g_unit : float
-        m/s² of one g.
+    `estimator`: between two samples.
+    `axes`: instrument to body.
+    `g_unit`: m/s² of one g.
     """
     found = estimator.departure()
     if found is None:

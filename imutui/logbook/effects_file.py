@@ -61,24 +61,12 @@ _STATE = ("name", "unit", "mean", "sd", "tau_s", "q")
 
 @dataclass(frozen=True, slots=True)
 class EffectsDocument:
-    """An effects file.
+    """An effects file."""
 
-    Attributes
-    ----------
-    source : str
-        Where it comes from, for people.
-    effects : tuple of Included
-        In order.
-    correlation : np.ndarray
-        Of all states, in order, shape (p, p).
-    units : tuple of str
-        Model and serial number of those that the effects are of; empty if that is not known.
-    """
-
-    source: str
-    effects: tuple[Included, ...]
-    correlation: np.ndarray
-    units: tuple[str, ...] = ()
+    source: str  # where it comes from, for people
+    effects: tuple[Included, ...]  # in order
+    correlation: np.ndarray  # of all states, in order, shape (p, p)
+    units: tuple[str, ...] = ()  # model and serial number of those that the effects are of; empty if that is not known
 
     @property
     def states(self) -> tuple[State, ...]:
@@ -94,17 +82,8 @@ class EffectsDocument:
 def build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     """Effects of one run, in body axes and SI, from an effects file.
 
-    Parameters
-    ----------
-    document : EffectsDocument
-        The file.
-    info : SessionInfo
-        Axis map, g unit, rate and site of the samples, and what the effects of the file before remembered.
-
-    Raises
-    ------
-    ValueError
-        If an effect is none that there is, or lacks a parameter; the message names it.
+    `info`: axis map, g unit, rate and site of the samples, and what the effects of the file before remembered.
+    Raises ValueError if an effect is none that there is, or lacks a parameter; the message names it.
     """
     # what is read and written here needs no filter
     from filters.effects.runtime import CausalEffects
@@ -120,17 +99,10 @@ def maker(content: bytes, info: SessionInfo) -> "MakeEffects | None":
 
     Made once here, so that what cannot be is said before a run begins.
 
-    Parameters
-    ----------
-    content : bytes
-        Of the file; `NONE` for no effects.
-    info : SessionInfo
-        Of the samples.
-
-    Raises
-    ------
-    ValueError
-        If the content is no effects file, or one of its effects cannot be; the message says what and where.
+    `content`: of the file; `NONE` for no effects.
+    `info`: of the samples.
+    Raises ValueError if the content is no effects file, or one of its effects cannot be; the message says what and
+      where.
     """
     if content == NONE:
         return None
@@ -153,10 +125,7 @@ def digest(content: bytes) -> str:
 def from_file(path: Path) -> bytes:
     """Content of an effects file, looked at once.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or is none.
+    Raises ValueError if it cannot be read, or is none.
     """
     try:
         content = outside_file.read(path, toml_text.LIMIT)
@@ -171,10 +140,7 @@ def from_file(path: Path) -> bytes:
 def parse(content: bytes) -> EffectsDocument:
     """Read an effects file.
 
-    Raises
-    ------
-    ValueError
-        If it is none; the message names the place.
+    Raises ValueError if it is none; the message names the place.
     """
     try:
         document = toml_text.parse(content)
@@ -207,10 +173,7 @@ def unit_of(info: SessionInfo) -> str:
 def of_other_unit(content: bytes, info: SessionInfo) -> str:
     """What to say where the effects of a file are of another unit than a log; empty if not, or if one says nothing.
 
-    Raises
-    ------
-    ValueError
-        If the content is no effects file.
+    Raises ValueError if the content is no effects file.
     """
     units = parse(content).units if content != NONE else ()
     own = unit_of(info)
@@ -296,14 +259,9 @@ def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
 def dumps(trace: "Trace", source: str, units: Sequence[str] = ()) -> str:
     """Text of an effects file; without effects too it is a valid one.
 
-    Parameters
-    ----------
-    trace : Trace
-        Its `included` and their `correlation`.
-    source : str
-        Where they come from, in words.
-    units : sequence of str
-        Whose they are, by `unit_of`.
+    `trace`: its `included` and their `correlation`.
+    `source`: where they come from, in words.
+    `units`: whose they are, by `unit_of`.
     """
     head = [f"version = {VERSION}", f"source = {_value(source)}"]
     head += [f"units = {_value(list(units))}"] if units else []

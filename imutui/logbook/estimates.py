@@ -14,18 +14,10 @@ from imutui.logbook.session_info import SessionInfo
 
 @dataclass(frozen=True, slots=True)
 class BiasVerdicts:
-    """What is said of all biases at once, accelerometer then gyro, instrument axes; each six.
+    """What is said of all biases at once, accelerometer then gyro, instrument axes; each six."""
 
-    Attributes
-    ----------
-    seen : tuple of bool
-        Whether it is observable.
-    converged : tuple of bool
-        Whether it has converged.
-    """
-
-    seen: tuple[bool, ...]
-    converged: tuple[bool, ...]
+    seen: tuple[bool, ...]  # whether it is observable
+    converged: tuple[bool, ...]  # whether it has converged
 
     @classmethod
     def of(cls, estimator: Estimator, info: SessionInfo) -> "BiasVerdicts":
@@ -49,18 +41,9 @@ class BiasEstimates:
 def biases(rows: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> BiasEstimates:
     """Biases of rows.
 
-    Parameters
-    ----------
-    rows : np.ndarray
-        As `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
-    verdict : BiasVerdicts
-        Holds for all of them.
-    info : SessionInfo
-        Axes and units.
-
-    Returns
-    -------
-    BiasEstimates
+    `rows`: as `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
+    `verdict`: holds for all of them.
+    `info`: axes and units.
     """
     axes, g_unit = info.axes(), info.g_unit
     hidden = ~np.array(verdict.seen)
@@ -78,12 +61,8 @@ def biases(rows: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> BiasEs
 def add_to_history(history: EstimateHistory, rows: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> None:
     """Add rows to a history of six columns: gyro biases in deg/s, then accelerometer biases in mg.
 
-    Parameters
-    ----------
-    history : EstimateHistory
-        Of the run.
-    rows, verdict, info
-        As of `biases`.
+    `history`: of the run.
+    `rows`, `verdict`, `info`: as of `biases`.
     """
     found = biases(rows, verdict, info)
     values = np.hstack([found.gyro_dps, found.accel_mg])
@@ -101,20 +80,10 @@ def _covariance(rows: np.ndarray) -> np.ndarray:
 def encode(rows: np.ndarray, stamps_ns: np.ndarray, verdict: BiasVerdicts, info: SessionInfo) -> list[bytes]:
     """CDR bytes of estimates.
 
-    Parameters
-    ----------
-    rows : np.ndarray
-        As `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
-    stamps_ns : np.ndarray
-        Sampling instants, UTC, ns, shape (K,).
-    verdict : BiasVerdicts
-        Holds for all of them.
-    info : SessionInfo
-        Axes and units.
-
-    Returns
-    -------
-    list of bytes
+    `rows`: as `filters.kalman.runner.rows` gives them, shape (K, layout.OUT).
+    `stamps_ns`: sampling instants, UTC, ns, shape (K,).
+    `verdict`: holds for all of them.
+    `info`: axes and units.
     """
     found = biases(rows, verdict, info)
     nav = rows[:, layout.OUT_NAV : layout.OUT_NIS]

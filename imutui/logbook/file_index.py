@@ -17,26 +17,17 @@ TAIL = FOOTER.size + len(MAGIC)
 
 @dataclass(slots=True)
 class Index:
-    """What a finished file's summary says.
+    """What a finished file's summary says."""
 
-    Attributes
-    ----------
-    schemas, channels : dict
-        By their numbers.
-    chunk_starts : array
-        Where chunks begin in the file, in the section's order: of a week there are half a million.
-    attachments, metadata : list
-        Index records, in the section's order.
-    statistics : Statistics or None
-        Counts of everything.
-    """
-
+    # schemas, channels: by their numbers
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    # where chunks begin in the file, in the section's order: of a week there are half a million
     chunk_starts: "array[int]" = field(default_factory=lambda: array("Q"))
+    # attachments, metadata: index records, in the section's order
     attachments: list[AttachmentIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
-    statistics: Statistics | None = None
+    statistics: Statistics | None = None  # counts of everything
 
     @property
     def starts(self) -> list[int]:
@@ -54,28 +45,13 @@ class Index:
 def read(end: bytes, size: int, section: Callable[[int, int], bytes], *, chunks: bool = True) -> Index | None:
     """Index of a file that ends as it must.
 
-    Parameters
-    ----------
-    end : bytes
-        The file's last `TAIL` bytes.
-    size : int
-        Of the file, bytes.
-    section : callable
-        Gives the file's bytes from one offset up to another.
-    chunks : bool
-        Whether to read where chunks are; of a week there are half a million.
-
-    Returns
-    -------
-    Index or None
-        None if the file does not end with the magic, or has no summary.
-
-    Raises
-    ------
-    McapError
-        If there is no footer before the magic, or the checksum is wrong.
-    one of mcap_format.MALFORMED
-        If the section does not read as records.
+    `end`: the file's last `TAIL` bytes.
+    `size`: of the file, bytes.
+    `section`: gives the file's bytes from one offset up to another.
+    `chunks`: whether to read where chunks are; of a week there are half a million.
+    Returns none if the file does not end with the magic, or has no summary.
+    Raises McapError if there is no footer before the magic, or the checksum is wrong.
+    Raises one of mcap_format.MALFORMED if the section does not read as records.
     """
     if len(end) < TAIL or not end.endswith(MAGIC):
         return None

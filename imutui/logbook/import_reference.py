@@ -24,10 +24,7 @@ _NORM_SLACK = 0.1
 def from_file(path: Path) -> ReferenceFile:
     """Reference from a file that --reference names: a trajectory (CSV) or a table's profile (TOML, or CSV of angles).
 
-    Raises
-    ------
-    ImportDataError
-        If it cannot be read, or is neither.
+    Raises ImportDataError if it cannot be read, or is neither.
     """
     try:
         content = _content(path)
@@ -45,12 +42,8 @@ def from_file(path: Path) -> ReferenceFile:
 def from_text(text: str) -> ReferenceFile | None:
     """Reference from what --reference says: a file, or the name of a ready-made profile; None for a word of its own.
 
-    Raises
-    ------
-    ImportDataError
-        If the file cannot be used.
-    ValueError
-        If it is none of them; the message lists the names.
+    Raises ImportDataError if the file cannot be used.
+    Raises ValueError if it is none of them; the message lists the names.
     """
     path = Path(text)
     if path.suffix.lower() in (".csv", ".toml"):
@@ -76,26 +69,12 @@ def _content(path: Path) -> bytes:
 def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None) -> ReferenceFile | None:
     """Trajectory from the arrays of a recording.
 
-    Parameters
-    ----------
-    t : Array
-        s, shape (N,).
-    known : Mapping
-        `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as docs/formats.md has them, NaN where unknown.
-    mount : Array
-        M from instrument to body axes, shape (3, 3).
-    site : Site or None
-        Where a table stands: with its angles, and no receiver, position and velocity are known too.
-
-    Returns
-    -------
-    ReferenceFile or None
-        None if nothing is known anywhere.
-
-    Raises
-    ------
-    ImportDataError
-        If a row can't be; the message names array and row.
+    `t`: s, shape (N,).
+    `known`: `ang`, `ref_quat`, `gps_pos`, `gps_vel_ned` as docs/formats.md has them, NaN where unknown.
+    `mount`: M from instrument to body axes, shape (3, 3).
+    `site`: where a table stands: with its angles, and no receiver, position and velocity are known too.
+    Returns none if nothing is known anywhere.
+    Raises ImportDataError if a row can't be; the message names array and row.
     """
     values = np.full((t.size, 9), np.nan)
     if "gps_pos" in known or "gps_vel_ned" in known:
@@ -117,10 +96,7 @@ def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site |
 def body_attitude(ref_quat: Array, mount: Array) -> Array:
     """C_nb of quaternions w, x, y, z from instrument to east-north-up, shape (N, 4); NaN where unknown.
 
-    Raises
-    ------
-    ImportDataError
-        If one is far from unit length, or the mounting mirrors.
+    Raises ImportDataError if one is far from unit length, or the mounting mirrors.
     """
     if np.linalg.det(mount) < 0.0:
         raise ImportDataError(

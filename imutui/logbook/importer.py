@@ -54,32 +54,18 @@ class ImportDataError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recording as its file has it: the instrument's axes and sign.
+    """A recording as its file has it: the instrument's axes and sign."""
 
-    Attributes
-    ----------
-    t : np.ndarray
-        s, shape (N,), increasing.
-    gyro_dps, accel_g : np.ndarray
-        Shape (N, 3).
-    temperature_degc : np.ndarray or None
-        Shape (N,).
-    not_imported : tuple of str
-        Names of arrays that were left aside.
-    known : dict
-        Arrays that say something of the motion, by their names in the file (`ang`, `rate` in deg and deg/s,
-        `ref_quat`, `gps_pos` in deg, deg, m, `gps_vel_ned` in m/s), a row a sample, NaN where unknown.
-    stamps : str
-        What `t` means.
-    """
-
-    t: np.ndarray
+    t: np.ndarray  # s, shape (N,), increasing
+    # gyro_dps, accel_g: shape (N, 3)
     gyro_dps: np.ndarray
     accel_g: np.ndarray
-    temperature_degc: np.ndarray | None
-    not_imported: tuple[str, ...] = ()
+    temperature_degc: np.ndarray | None  # shape (N,)
+    not_imported: tuple[str, ...] = ()  # names of arrays that were left aside
+    # arrays that say something of the motion, by their names in the file (`ang`, `rate` in deg and deg/s, `ref_quat`,
+    # `gps_pos` in deg, deg, m, `gps_vel_ned` in m/s), a row a sample, NaN where unknown
     known: dict[str, np.ndarray] = field(default_factory=dict)
-    stamps: str = STAMPS
+    stamps: str = STAMPS  # what `t` means
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -95,18 +81,10 @@ class Recording:
 def load(path: Path, start: float | None = None, end: float | None = None) -> Recording:
     """Read and check a recording.
 
-    Parameters
-    ----------
-    path : Path
-        NPZ with arrays `t` (s), `gyro` (deg/s), `accel` (g), optionally `temp` (degC); or CSV with columns `t`,
-        `gyro_x` … `accel_z`, `temp`.
-    start, end : float or None
-        Part to take, s since its first sample.
-
-    Raises
-    ------
-    ImportDataError
-        If the file cannot be read, or its content is not what the names promise.
+    `path`: NPZ with arrays `t` (s), `gyro` (deg/s), `accel` (g), optionally `temp` (degC); or CSV with columns `t`,
+      `gyro_x` … `accel_z`, `temp`.
+    `start`, `end`: part to take, s since its first sample.
+    Raises ImportDataError if the file cannot be read, or its content is not what the names promise.
     """
     read = {".csv": _read_csv, ".parquet": _read_parquet}.get(path.suffix.lower(), _read_npz)
     arrays = read(path)
@@ -165,15 +143,8 @@ def at_sampling_instants(recording: Recording) -> tuple[Recording, Instants]:
 def check_gravity(recording: Recording, info: SessionInfo) -> str | None:
     """What gravity says of signs and scale, for a still recording.
 
-    Returns
-    -------
-    str or None
-        A warning, if the magnitude is off by more than 12 mg + 1 %.
-
-    Raises
-    ------
-    ImportDataError
-        If the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
+    Returns a warning, if the magnitude is off by more than 12 mg + 1 %.
+    Raises ImportDataError if the unit is said to be level and its vertical has the wrong sign by more than 0.5 g.
     """
     if np.any(np.std(recording.accel_g, axis=0) > _STILL_G) or np.any(np.std(recording.gyro_dps, axis=0) > _STILL_DPS):
         if info.reference in _MOVING:
@@ -210,26 +181,14 @@ def write(
 ) -> None:
     """Write a recording as a log.
 
-    Parameters
-    ----------
-    recording : Recording
-        From `load`.
-    info : SessionInfo
-        Axes, site and reference; the rest is filled in here.
-    source : Path
-        Where the recording came from; its modification time starts the stamps, unless `first_ns` does.
-    output : Path
-        The log.
-    overwrite : bool
-        Replace an existing one.
-    reference : ReferenceFile or None
-        What is known of the motion, to travel in the log.
-    first_ns : int or None
-        UTC of the first sample, ns, on the clock of the log that it continues.
-    progress : callable
-        Told the number of samples written, now and then.
-    mode : int
-        Permissions of the log.
+    `recording`: from `load`.
+    `info`: axes, site and reference; the rest is filled in here.
+    `source`: where the recording came from; its modification time starts the stamps, unless `first_ns` does.
+    `overwrite`: replace an existing one.
+    `reference`: what is known of the motion, to travel in the log.
+    `first_ns`: UTC of the first sample, ns, on the clock of the log that it continues.
+    `progress`: told the number of samples written, now and then.
+    `mode`: permissions of the log.
     """
     info = replace(
         info,

@@ -14,10 +14,7 @@ _REST = "replay and trace take what is there."
 class LossAdvice:
     """What to look at, briefly, of an acquisition that loses packets.
 
-    Parameters
-    ----------
-    port, firmware : str
-        See `imutui.logbook.session_info.SessionInfo`.
+    `port`, `firmware`: see `imutui.logbook.session_info.SessionInfo`.
     """
 
     def __init__(self, port: str, firmware: str) -> None:
@@ -58,12 +55,8 @@ def kind(port: str, firmware: str) -> str:
 def of_losses(port: str, firmware: str, *, held_up: bool) -> str:
     """Where to look when packets were lost or damaged, and that the rest can be used: sentences.
 
-    Parameters
-    ----------
-    port, firmware : str
-        See `imutui.logbook.session_info.SessionInfo`.
-    held_up : bool
-        Whether they were lost while the reading was held up.
+    `port`, `firmware`: see `imutui.logbook.session_info.SessionInfo`.
+    `held_up`: whether they were lost while the reading was held up.
     """
     line = kind(port, firmware)
     # a network waits for whoever reads late

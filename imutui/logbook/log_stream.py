@@ -22,10 +22,7 @@ class HashingFile(io.FileIO):
 
     So the hash of a file of gigabytes is there when the file is finished, and closing it takes no time.
 
-    Parameters
-    ----------
-    descriptor : int
-        Open for writing, at the beginning of an empty file.
+    `descriptor`: open for writing, at the beginning of an empty file.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -46,21 +43,11 @@ class HashingFile(io.FileIO):
 def create(path: Path, *, overwrite: bool, mode: int = MODE) -> HashingFile:
     """Make a log's file, and its folder too; both are on the disk with their names, though the file is empty.
 
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    overwrite : bool
-        Whether an existing one may be replaced.
-    mode : int
-        Its permissions, whatever the umask.
-
-    Raises
-    ------
-    FileExistsError
-        If it exists and may not be replaced.
-    OSError
-        If it cannot be made; nothing is left then.
+    `path`: file to make.
+    `overwrite`: whether an existing one may be replaced.
+    `mode`: its permissions, whatever the umask.
+    Raises FileExistsError if it exists and may not be replaced.
+    Raises OSError if it cannot be made; nothing is left then.
     """
     made = _make_folder(path.parent)
     flags = os.O_RDWR | os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
@@ -101,18 +88,10 @@ def is_at(descriptor: int, path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Whereabouts:
-    """Where an open file is.
+    """Where an open file is."""
 
-    Attributes
-    ----------
-    path : Path or None
-        A path that leads to it; None if none is known.
-    has_name : bool
-        Whether it has a name on its disk, known or not; a file without one is gone when it is closed.
-    """
-
-    path: Path | None
-    has_name: bool
+    path: Path | None  # a path that leads to it; None if none is known
+    has_name: bool  # whether it has a name on its disk, known or not; a file without one is gone when it is closed
 
 
 def find(descriptor: int, path: Path) -> Whereabouts:

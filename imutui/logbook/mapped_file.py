@@ -10,12 +10,8 @@ WINDOW = 8 * 2**20
 def forget(data: mmap.mmap, first: int, last: int) -> None:
     """Let go of the memory that holds a file's bytes from one offset up to another; they are read anew when asked for.
 
-    Parameters
-    ----------
-    data : mmap.mmap
-        A file, mapped for reading.
-    first, last : int
-        Offsets; whole pages between them are let go.
+    `data`: a file, mapped for reading.
+    `first`, `last`: offsets; whole pages between them are let go.
     """
     begin = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
     length = last // mmap.PAGESIZE * mmap.PAGESIZE - begin

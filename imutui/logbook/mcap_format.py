@@ -67,12 +67,8 @@ MALFORMED = (McapError, EndOfFile, struct.error, UnicodeDecodeError, ValueError,
 def parse(kind: type[Record], content: bytes) -> Record:
     """Record of a kind from its content.
 
-    Raises
-    ------
-    EndOfFile, struct.error
-        If the content ends too early.
-    UnicodeDecodeError
-        If a text is none.
+    Raises EndOfFile, struct.error if the content ends too early.
+    Raises UnicodeDecodeError if a text is none.
     """
     return cast("Record", kind.read(ReadDataStream(BytesIO(content))))  # type: ignore[attr-defined]
 
@@ -85,10 +81,7 @@ def prefixed(text: str) -> bytes:
 def records(content: bytes) -> Iterator[tuple[int, int, int]]:
     """Opcode, offset and length of the records in bytes that hold whole ones; offset and length are the content's.
 
-    Raises
-    ------
-    McapError
-        If the last one is not whole.
+    Raises McapError if the last one is not whole.
     """
     at = 0
     while at + HEAD.size <= len(content):
@@ -103,10 +96,7 @@ def records(content: bytes) -> Iterator[tuple[int, int, int]]:
 def chunk_of(content: bytes) -> Chunk:
     """As mcap.records.Chunk.read, from bytes.
 
-    Raises
-    ------
-    McapError
-        If the record ends before its content.
+    Raises McapError if the record ends before its content.
     """
     try:
         start, end, size, checksum, name = _CHUNK.unpack_from(content)
@@ -132,12 +122,8 @@ class Inflater:
     all chunks that one of these unpacks give no more than the file's size lets expect; samples that never change, the
     best case of all, become a twenty-seventh.
 
-    Parameters
-    ----------
-    size : int
-        Of the file, bytes.
-    most : int or None
-        Most that all chunks give, bytes, for whoever wants a few of them only.
+    `size`: of the file, bytes.
+    `most`: most that all chunks give, bytes, for whoever wants a few of them only.
     """
 
     def __init__(self, size: int, most: int | None = None) -> None:
@@ -148,12 +134,8 @@ class Inflater:
     def content(self, chunk: Chunk) -> bytes:
         """A chunk's content, checked against its checksum.
 
-        Raises
-        ------
-        ChecksumError
-            If the checksum is wrong.
-        McapError
-            If it is not what it must be, or is too long.
+        Raises ChecksumError if the checksum is wrong.
+        Raises McapError if it is not what it must be, or is too long.
         """
         size = len(chunk.data) if chunk.compression == "" else chunk.uncompressed_size
         if size > CHUNK_LIMIT:

@@ -63,14 +63,9 @@ def _count(data, limit):  # type: ignore[no-untyped-def]
 def tabulate(data: np.ndarray, limit: int, wanted: np.ndarray) -> RecordTable:
     """Opcode, channel, offset and length of the whole records whose opcode is wanted.
 
-    Parameters
-    ----------
-    data : np.ndarray
-        Bytes, uint8.
-    limit : int
-        Longest record, bytes.
-    wanted : np.ndarray
-        Of each opcode, bool, shape (256,).
+    `data`: bytes, uint8.
+    `limit`: longest record, bytes.
+    `wanted`: of each opcode, bool, shape (256,).
     """
     n, end = _count(data, limit)
     table = np.empty((n, 4), np.int64)
@@ -104,12 +99,8 @@ def _fill(data, wanted, table):  # type: ignore[no-untyped-def]
 def tally(table, roles):  # type: ignore[no-untyped-def]
     """How many messages have each role, shape (6,), and the rows of those with role OTHER.
 
-    Parameters
-    ----------
-    table : np.ndarray
-        Messages, shape (n, 4).
-    roles : np.ndarray
-        Role of each channel id, uint8, shape (65536,).
+    `table`: messages, shape (n, 4).
+    `roles`: role of each channel id, uint8, shape (65536,).
     """
     counts = np.zeros(ROLES, np.int64)
     for row in range(table.shape[0]):
@@ -172,28 +163,15 @@ def _stamp(data, at):  # type: ignore[no-untyped-def]
 def gather(data, table, roles, imu, temperature, raw, motion):  # type: ignore[no-untyped-def]
     """Copy the fields of a table's messages into columns, in the table's order.
 
-    Parameters
-    ----------
-    data : np.ndarray
-        Bytes, uint8.
-    table : np.ndarray
-        From `tabulate`, messages only, shape (n, 4).
-    roles : np.ndarray
-        Role of each channel id, uint8, shape (65536,).
-    imu : np.ndarray
-        uint64, shape (N, 9): stamp, the bits of angular rate and specific force, the first elements of their
-        covariances.
-    temperature : np.ndarray
-        uint64, shape (M, 2): stamp, bits of the temperature.
-    raw : np.ndarray
-        uint8, shape (K, 48); zeros behind a message of 38 bytes.
-    motion : np.ndarray
-        uint64, shape (L, 7): stamp of a table's reference, bits of its angles and rates.
-
-    Returns
-    -------
-    bool
-        Whether all of them have the plain layout; if not, what was copied means nothing.
+    `data`: bytes, uint8.
+    `table`: from `tabulate`, messages only, shape (n, 4).
+    `roles`: role of each channel id, uint8, shape (65536,).
+    `imu`: uint64, shape (N, 9): stamp, the bits of angular rate and specific force, the first elements of their
+      covariances.
+    `temperature`: uint64, shape (M, 2): stamp, bits of the temperature.
+    `raw`: uint8, shape (K, 48); zeros behind a message of 38 bytes.
+    `motion`: uint64, shape (L, 7): stamp of a table's reference, bits of its angles and rates.
+    Returns whether all of them have the plain layout; if not, what was copied means nothing.
     """
     i = j = k = m = 0
     for row in range(table.shape[0]):

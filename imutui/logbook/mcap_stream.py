@@ -29,21 +29,11 @@ _IN_CHUNK = np.isin(np.arange(256), [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSA
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Messages in a row.
+    """Messages in a row."""
 
-    Attributes
-    ----------
-    content : bytes
-        Bytes that hold them.
-    data : np.ndarray
-        The same as uint8.
-    table : np.ndarray
-        int64, shape (n, 4): opcode, channel id, offset and length of each message's data.
-    """
-
-    content: bytes
-    data: np.ndarray
-    table: np.ndarray
+    content: bytes  # bytes that hold them
+    data: np.ndarray  # the same as uint8
+    table: np.ndarray  # int64, shape (n, 4): opcode, channel id, offset and length of each message's data
 
     def message(self, row: int) -> Message:
         """One of them as mcap's object."""
@@ -55,21 +45,11 @@ class Batch:
 def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
     """Schemas, channels, metadata, attachments, batches of messages, and the footer, as they come.
 
-    Parameters
-    ----------
-    stream : IO
-        The file, at its beginning.
-    walk : Walk
-        How records are found in bytes.
-
-    Raises
-    ------
-    EndOfFile, struct.error
-        If the file ends before its footer.
-    ChecksumError
-        If a chunk's or the data section's checksum is wrong.
-    McapError, ValueError
-        If a record is not what it must be.
+    `stream`: the file, at its beginning.
+    `walk`: how records are found in bytes.
+    Raises EndOfFile, struct.error if the file ends before its footer.
+    Raises ChecksumError if a chunk's or the data section's checksum is wrong.
+    Raises McapError, ValueError if a record is not what it must be.
     """
     head = stream.read(len(MAGIC))
     if len(head) < len(MAGIC):

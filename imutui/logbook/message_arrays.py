@@ -34,14 +34,9 @@ _SHOWN = 20
 def parts(found: Scan, known: Audit, progress: Callable[[float], None] = lambda share: None) -> Iterator[Part]:
     """Every message that a scan found whole, `MESSAGES` at a time or a few more.
 
-    Parameters
-    ----------
-    found : Scan
-        Of a log.
-    known : Audit
-        Its `audit.belongings`; what is known of the messages is put into it, and is whole after the last part.
-    progress : callable
-        Told the share done, 0 to 1.
+    `found`: of a log.
+    `known`: its `audit.belongings`; what is known of the messages is put into it, and is whole after the last part.
+    `progress`: told the share done, 0 to 1.
     """
     work = _Work(found, known, record_walk.for_reading(found.size))
     with found.path.open("rb") as stream:

@@ -29,22 +29,11 @@ TABLE_DOUBLES = 6
 
 
 class RecordTable(NamedTuple):
-    """Records found in bytes.
+    """Records found in bytes."""
 
-    Attributes
-    ----------
-    rows : np.ndarray
-        Opcode, channel, offset and length of those wanted, int64, shape (n, 4); channel is -1 for what is no message,
-        or too short to be one.
-    end : int
-        Where the first record begins that is not whole, or is longer than the limit.
-    others : int
-        How many of the rows are no messages.
-    short : int
-        How many are messages shorter than their own header.
-    """
-
+    # opcode, channel, offset and length of those wanted, int64, shape (n, 4); channel is -1 for what is no message, or
+    # too short to be one
     rows: np.ndarray
-    end: int
-    others: int
-    short: int
+    end: int  # where the first record begins that is not whole, or is longer than the limit
+    others: int  # how many of the rows are no messages
+    short: int  # how many are messages shorter than their own header

@@ -10,38 +10,20 @@ MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<i8"), 
 
 @dataclass(frozen=True, slots=True)
 class HeadRun:
-    """Messages in file order; times are log times, UTC, ns.
+    """Messages in file order; times are log times, UTC, ns."""
 
-    Attributes
-    ----------
-    count : int
-        How many there are.
-    first_ns, last_ns : int
-        Time of the first and the last.
-    first_number, last_number : int
-        Their numbers.
-    back : int
-        Messages before which time goes back.
-    back_ns : int or None
-        Time before it first does.
-    again_ns : int or None
-        Time of the first message whose number is not above the one before.
-    missing : int
-        Numbers that were left out.
-    missing_ns : int or None
-        Time of the first message before which some were.
-    """
-
-    count: int
+    count: int  # how many there are
+    # first_ns, last_ns: time of the first and the last
     first_ns: int
     last_ns: int
+    # first_number, last_number: their numbers
     first_number: int
     last_number: int
-    back: int = 0
-    back_ns: int | None = None
-    again_ns: int | None = None
-    missing: int = 0
-    missing_ns: int | None = None
+    back: int = 0  # messages before which time goes back
+    back_ns: int | None = None  # time before it first does
+    again_ns: int | None = None  # time of the first message whose number is not above the one before
+    missing: int = 0  # numbers that were left out
+    missing_ns: int | None = None  # time of the first message before which some were
 
     @property
     def since_zero(self) -> "HeadRun":
@@ -54,10 +36,7 @@ class HeadRun:
 def run_of(heads: np.ndarray) -> HeadRun:
     """Numbers and times of messages.
 
-    Parameters
-    ----------
-    heads : np.ndarray
-        Records of `MESSAGE`, shape (N,), N > 0.
+    `heads`: records of `MESSAGE`, shape (N,), N > 0.
     """
     times, numbers = heads["log_ns"], heads["sequence"].astype(np.int64)
     back, steps = np.flatnonzero(np.diff(times) < 0), np.diff(numbers)

@@ -16,21 +16,11 @@ _LONG_S, _BRIEF_S = 30.0, 20.0
 
 @dataclass(frozen=True, slots=True)
 class NamedProfile:
-    """A profile that is ready-made.
+    """A profile that is ready-made."""
 
-    Attributes
-    ----------
-    name : str
-        In words.
-    file : str
-        Name of a file of it.
-    profile : Profile
-        Its motion.
-    """
-
-    name: str
-    file: str
-    profile: Profile
+    name: str  # in words
+    file: str  # name of a file of it
+    profile: Profile  # its motion
 
     @property
     def text(self) -> str:

@@ -37,21 +37,11 @@ def write(
 ) -> None:
     """Write a table.
 
-    Parameters
-    ----------
-    path : Path
-        File to write; one that is there is replaced.
-    columns : sequence of Column
-        In the order in which they are to stand. A unit is kept as the column's metadata, `unit`.
-    batches : iterable of mappings
-        Cells by the name of their column, as many in each; None is an empty cell.
-    notes : mapping
-        Metadata of the table.
-
-    Raises
-    ------
-    OSError
-        If the disk does not take it.
+    `path`: file to write; one that is there is replaced.
+    `columns`: in the order in which they are to stand. A unit is kept as the column's metadata, `unit`.
+    `batches`: cells by the name of their column, as many in each; None is an empty cell.
+    `notes`: metadata of the table.
+    Raises OSError if the disk does not take it.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -74,21 +64,10 @@ def write(
 def read(path: Path, wanted: Callable[[str], bool], limit: int) -> dict[str, np.ndarray]:
     """Columns by name, those that are wanted; of the others the name alone.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    wanted : callable
-        Whether a column of this name is.
-    limit : int
-        Most bytes that the columns may take.
-
-    Raises
-    ------
-    ValueError
-        If it is no Parquet file, or larger.
-    OSError
-        If it cannot be read.
+    `wanted`: whether a column of this name is.
+    `limit`: most bytes that the columns may take.
+    Raises ValueError if it is no Parquet file, or larger.
+    Raises OSError if it cannot be read.
     """
     import pyarrow as pa
     from pyarrow import parquet

@@ -17,27 +17,16 @@ _LATE_NS = 10_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Samples in a row, with what was the case at each.
+    """Samples in a row, with what was the case at each."""
 
-    Attributes
-    ----------
-    stamp_ns : np.ndarray
-        UTC, ns, int64, shape (N,).
-    gyro, accel : np.ndarray
-        rad/s and m/s² (specific force), body axes, shape (N, 3).
-    valid : np.ndarray
-        Whether there was a reading, bool, shape (N,).
-    temperature_degc : np.ndarray
-        The last one taken by then, shape (N,); the log's first for samples before it, NaN if there is none.
-    angles_deg, rates_dps : np.ndarray
-        What /table/reference said last, shape (N, 3); NaN where that is unknown.
-    """
-
-    stamp_ns: np.ndarray
+    stamp_ns: np.ndarray  # UTC, ns, int64, shape (N,)
+    # gyro, accel: rad/s and m/s² (specific force), body axes, shape (N, 3)
     gyro: np.ndarray
     accel: np.ndarray
-    valid: np.ndarray
+    valid: np.ndarray  # whether there was a reading, bool, shape (N,)
+    # the last one taken by then, shape (N,); the log's first for samples before it, NaN if there is none
     temperature_degc: np.ndarray
+    # angles_deg, rates_dps: what /table/reference said last, shape (N, 3); NaN where that is unknown
     angles_deg: np.ndarray
     rates_dps: np.ndarray
 
@@ -48,41 +37,25 @@ class Piece:
 
 @dataclass(slots=True)
 class Outline:
-    """What has to be known of a whole log before its first piece can be used.
+    """What has to be known of a whole log before its first piece can be used."""
 
-    Attributes
-    ----------
-    log : Log
-        Without samples, temperatures, angles and packets; `damage` and `finished` are those of the whole file.
-    samples : int
-        How many there are.
-    first_ns, last_ns : int
-        UTC of the first and the last, ns.
-    first_temperature : float
-        degC; NaN if the log has none.
-    has_angles, has_rates : bool
-        Whether the table's are known anywhere.
-    lacks : np.ndarray
-        Channels that are NaN throughout, bool, shape (6,).
-    """
-
-    log: Log
-    samples: int = 0
+    log: Log  # without samples, temperatures, angles and packets; `damage` and `finished` are those of the whole file
+    samples: int = 0  # how many there are
+    # first_ns, last_ns: UTC of the first and the last, ns
     first_ns: int = 0
     last_ns: int = 0
-    first_temperature: float = float("nan")
+    first_temperature: float = float("nan")  # degC; NaN if the log has none
+    # has_angles, has_rates: whether the table's are known anywhere
     has_angles: bool = False
     has_rates: bool = False
+    # channels that are NaN throughout, bool, shape (6,)
     lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
 
 
 def outline(path: Path, rows: int = ROWS) -> Outline:
     """Walk through a log once, and keep what is no sample.
 
-    Raises
-    ------
-    UnreadableLogError
-        As `reader.read`.
+    Raises UnreadableLogError as `reader.read`.
     """
     found = Outline(Log(path))
     for part in parts(path, rows):
@@ -103,17 +76,9 @@ def outline(path: Path, rows: int = ROWS) -> Outline:
 def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
     """All samples of a log in order, so many at a time or a few more.
 
-    Parameters
-    ----------
-    known : Outline
-        Of the log.
-    rows : int
-        Samples in a piece.
-
-    Raises
-    ------
-    UnreadableLogError
-        As `reader.read`.
+    `known`: of the log.
+    `rows`: samples in a piece.
+    Raises UnreadableLogError as `reader.read`.
     """
     waiting = _Waiting(known)
     last_ns = None
@@ -131,19 +96,9 @@ def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
 def parts(path: Path, rows: int = ROWS, *, raw: bool = False) -> Iterator[Log]:
     """What a log holds, as logs of a part of it each; what is known only of the whole is in the last one.
 
-    Parameters
-    ----------
-    path : Path
-        The log.
-    rows : int
-        Samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart.
-    raw : bool
-        Read /imu/raw too.
-
-    Raises
-    ------
-    UnreadableLogError
-        As `reader.read`; samples themselves are not looked at.
+    `rows`: samples (or, with `raw`, packets) after which a part ends; the last record's are not torn apart.
+    `raw`: read /imu/raw too.
+    Raises UnreadableLogError as `reader.read`; samples themselves are not looked at.
     """
     log = Log(path)
     walk = record_walk.for_reading(path.stat().st_size if path.exists() else 0)
@@ -193,10 +148,7 @@ def _emptied(log: Log) -> Log:
 class _Followed:
     """A quantity that keeps its value until another one comes: rows of it by stamp.
 
-    Parameters
-    ----------
-    first : np.ndarray
-        What holds before the first one.
+    `first`: what holds before the first one.
     """
 
     def __init__(self, first: np.ndarray) -> None:

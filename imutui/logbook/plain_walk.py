@@ -48,14 +48,9 @@ def end_of_whole(data: np.ndarray, limit: int) -> int:
 def tabulate(data: np.ndarray, limit: int, wanted: np.ndarray) -> RecordTable:
     """Opcode, channel, offset and length of the whole records whose opcode is wanted.
 
-    Parameters
-    ----------
-    data : np.ndarray
-        Bytes, uint8.
-    limit : int
-        Longest record, bytes.
-    wanted : np.ndarray
-        Of each opcode, bool, shape (256,).
+    `data`: bytes, uint8.
+    `limit`: longest record, bytes.
+    `wanted`: of each opcode, bool, shape (256,).
     """
     starts, end = _starts(data, limit)
     lengths = np.diff(starts, append=end) - HEADER_SIZE
@@ -92,12 +87,8 @@ def _starts(data: np.ndarray, limit: int) -> tuple[np.ndarray, int]:
 def tally(table: np.ndarray, roles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How many messages have each role, shape (6,), and the rows of those with role OTHER.
 
-    Parameters
-    ----------
-    table : np.ndarray
-        Messages, shape (n, 4).
-    roles : np.ndarray
-        Role of each channel id, uint8, shape (65536,).
+    `table`: messages, shape (n, 4).
+    `roles`: role of each channel id, uint8, shape (65536,).
     """
     each = roles[table[:, CHANNEL]]
     return np.bincount(each, minlength=ROLES), np.flatnonzero(each == OTHER)
@@ -114,17 +105,9 @@ def gather(
 ) -> bool:
     """Copy the fields of a table's messages into columns, in the table's order; as `mcap_kernels.gather`.
 
-    Parameters
-    ----------
-    data, table, roles : np.ndarray
-        Bytes, messages in them, role of each channel id.
-    imu, temperature, raw, motion : np.ndarray
-        Columns to fill: shapes (N, 9), (M, 2), (K, 48), (L, 7).
-
-    Returns
-    -------
-    bool
-        Whether all of them have the plain layout; if not, what was copied means nothing.
+    `data`, `table`, `roles`: bytes, messages in them, role of each channel id.
+    `imu`, `temperature`, `raw`, `motion`: columns to fill: shapes (N, 9), (M, 2), (K, 48), (L, 7).
+    Returns whether all of them have the plain layout; if not, what was copied means nothing.
     """
     each = roles[table[:, CHANNEL]]
     at, length = table[:, OFFSET], table[:, LENGTH]

@@ -15,10 +15,7 @@ class PolledRate:
     Time in which the unit was silent or away is left out, and so are the few answers that came late: those are other
     matters, and said as such.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Asked for.
+    `rate_hz`: asked for.
     """
 
     def __init__(self, rate_hz: float) -> None:

@@ -21,28 +21,15 @@ _NOT_STATED = ("", "unknown")
 
 @dataclass(frozen=True, slots=True)
 class Preceding:
-    """A log that another one continues.
+    """A log that another one continues."""
 
-    Attributes
-    ----------
-    path : Path
-        Where it lies.
-    info : SessionInfo
-        Its session.
-    sha256 : str
-        Of its bytes.
-    first_ns, last_ns : int
-        Its first and last sampling instants, UTC, ns.
-    period_ns : int
-        Of its samples.
-    """
-
-    path: Path
+    path: Path  # where it lies
     info: SessionInfo
-    sha256: str
+    sha256: str  # of its bytes
+    # first_ns, last_ns: its first and last sampling instants, UTC, ns
     first_ns: int
     last_ns: int
-    period_ns: int
+    period_ns: int  # of its samples
 
     @property
     def last_s(self) -> float:
@@ -71,10 +58,7 @@ def content_id(*arrays: np.ndarray) -> str:
 def preceding(path: Path) -> Preceding:
     """Read the log that another is to continue.
 
-    Raises
-    ------
-    UnreadableLogError
-        If there is nothing to read in it, or it does not say how the unit is mounted.
+    Raises UnreadableLogError if there is nothing to read in it, or it does not say how the unit is mounted.
     """
     log = reader.read(path)
     if not log.own:
@@ -91,10 +75,7 @@ def preceding(path: Path) -> Preceding:
 def check_same_unit(before: Preceding, info: SessionInfo) -> None:
     """Refuse what cannot be the same unit, mounted as it was, read in the same units.
 
-    Raises
-    ------
-    ValueError
-        The message names both values and the cure.
+    Raises ValueError: the message names both values and the cure.
     """
     for what, cure, one, two in _differences(before.info, info):
         raise ValueError(
@@ -124,28 +105,13 @@ def _differences(a: SessionInfo, b: SessionInfo) -> list[tuple[str, str, str, st
 def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[SessionInfo, int, str]:
     """Place a recording after the log that it continues.
 
-    Parameters
-    ----------
-    before : Preceding
-        That log.
-    info : SessionInfo
-        Of the recording; what it does not say of the instrument is taken from the log.
-    t : np.ndarray
-        The recording's own time, s, shape (N,).
-
-    Returns
-    -------
-    SessionInfo
-        With the power-on and the log that it continues.
-    int
-        UTC of its first sample, ns.
-    str
-        Where it was placed, in words.
-
-    Raises
-    ------
-    ValueError
-        If its time is years after the log's.
+    `before`: that log.
+    `info`: of the recording; what it does not say of the instrument is taken from the log.
+    `t`: the recording's own time, s, shape (N,).
+    Returns with the power-on and the log that it continues.
+    Returns UTC of its first sample, ns.
+    Returns where it was placed, in words.
+    Raises ValueError if its time is years after the log's.
     """
     gap = float(t[0]) - before.last_s
     if gap > _LONGEST_S:
@@ -173,16 +139,10 @@ def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[Ses
 def continued(info: SessionInfo, before: SessionInfo, path: Path, sha256: str, first_ns: int) -> SessionInfo:
     """Session of the part that follows a log.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Of the part.
-    before : SessionInfo
-        Of the log that it continues.
-    path, sha256 : Path, str
-        Of that log.
-    first_ns : int
-        UTC of that log's first sample, ns.
+    `info`: of the part.
+    `before`: of the log that it continues.
+    `path`, `sha256`: of that log.
+    `first_ns`: UTC of that log's first sample, ns.
     """
     return replace(
         info,

@@ -14,15 +14,8 @@ LIMIT = 16 * 2**20
 def parse(content: bytes) -> dict[str, object]:
     """Figures of a summary's JSON: those that are what their names promise, numbers that are none as None.
 
-    Parameters
-    ----------
-    content : bytes
-        Of the attachment.
-
-    Returns
-    -------
-    dict
-        Empty if it is no JSON object.
+    `content`: of the attachment.
+    Returns empty if it is no JSON object.
     """
     if len(content) > LIMIT:
         return {}

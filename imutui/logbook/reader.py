@@ -47,64 +47,32 @@ class Table:
 
 @dataclass(slots=True)
 class Log:
-    """Content of a log.
+    """Content of a log."""
 
-    Attributes
-    ----------
-    path : Path
-        Where it lies.
-    info : SessionInfo
-        Its metadata; defaults where it has none.
-    own : bool
-        Whether imutui wrote it.
-    stamp_ns : np.ndarray
-        Sampling instants of the output samples, UTC, ns, int64, shape (N,).
-    gyro, accel : np.ndarray
-        rad/s and m/s² (specific force), body axes, shape (N, 3).
-    valid : np.ndarray
-        Whether there was a reading at this stamp, bool, shape (N,); False where a covariance says "no estimate".
-    temperature_stamp_ns : np.ndarray
-        When each temperature was taken, UTC, ns, int64, shape (M,).
-    temperature_degc : np.ndarray
-        All temperature messages, shape (M,).
-    packets : np.ndarray
-        Packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only.
-    has_details : bool
-        Whether packets have temperatures of each sensor and a status word; else these fields are zero.
-    reference : str or None
-        Kind of the last /table/reference.
-    table : Table
-        Content of all of them.
-    events : list of LogEvent
-        Marks and events.
-    diagnostics : dict
-        Values of the last /diagnostics.
-    attachments : dict
-        Name to bytes.
-    finished : bool
-        Whether the file has its footer.
-    damage : str
-        What is wrong with the file, if anything.
-    """
-
-    path: Path
-    info: SessionInfo = field(default_factory=SessionInfo)
-    own: bool = False
+    path: Path  # where it lies
+    info: SessionInfo = field(default_factory=SessionInfo)  # its metadata; defaults where it has none
+    own: bool = False  # whether imutui wrote it
+    # sampling instants of the output samples, UTC, ns, int64, shape (N,)
     stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    # gyro, accel: rad/s and m/s² (specific force), body axes, shape (N, 3)
     gyro: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     accel: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    # whether there was a reading at this stamp, bool, shape (N,); False where a covariance says "no estimate"
     valid: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    # when each temperature was taken, UTC, ns, int64, shape (M,)
     temperature_stamp_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    temperature_degc: np.ndarray = field(default_factory=lambda: np.empty(0))  # all temperature messages, shape (M,)
+    # packets as received, records of `schemas.RAW_DTYPE`, shape (K,); read on request only
     packets: np.ndarray = field(default_factory=lambda: np.empty(0, schemas.RAW_DTYPE))
+    # whether packets have temperatures of each sensor and a status word; else these fields are zero
     has_details: bool = False
-    reference: str | None = None
-    table: Table = field(default_factory=Table)
-    events: list[LogEvent] = field(default_factory=list)
-    diagnostics: dict[str, str] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    finished: bool = False
-    damage: str = ""
+    reference: str | None = None  # kind of the last /table/reference
+    table: Table = field(default_factory=Table)  # content of all of them
+    events: list[LogEvent] = field(default_factory=list)  # marks and events
+    diagnostics: dict[str, str] = field(default_factory=dict)  # values of the last /diagnostics
+    attachments: dict[str, bytes] = field(default_factory=dict)  # name to bytes
+    finished: bool = False  # whether the file has its footer
+    damage: str = ""  # what is wrong with the file, if anything
 
     @property
     def raw(self) -> list[schemas.RawPacket]:
@@ -145,24 +113,11 @@ def seconds_since(stamp_ns: Any, first_ns: int) -> Any:
 def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     """Read a log.
 
-    Parameters
-    ----------
-    path : Path
-        MCAP file, finished or not.
-    raw : bool
-        Read /imu/raw too.
-    walk : Walk or None
-        How records are found in bytes; None takes what suits a log that is to be filtered.
-
-    Returns
-    -------
-    Log
-        Up to the last record that could be read; `finished` and `damage` say whether that is all.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, it is no MCAP file, or it holds no IMU samples.
+    `path`: MCAP file, finished or not.
+    `raw`: read /imu/raw too.
+    `walk`: how records are found in bytes; None takes what suits a log that is to be filtered.
+    Returns up to the last record that could be read; `finished` and `damage` say whether that is all.
+    Raises UnreadableLogError if there is no such file, it is no MCAP file, or it holds no IMU samples.
     """
     log = Log(path)
     walk = walk or record_walk.for_filtering(_size(path))
@@ -226,14 +181,9 @@ def sha256(path: Path) -> str:
 class Content:
     """Collects records into a `Log`.
 
-    Parameters
-    ----------
-    log : Log
-        To be filled.
-    raw : bool
-        Whether packets are collected too.
-    walk : Walk
-        How messages are found in bytes.
+    `log`: to be filled.
+    `raw`: whether packets are collected too.
+    `walk`: how messages are found in bytes.
     """
 
     def __init__(self, log: Log, raw: bool, walk: Walk) -> None:
@@ -399,10 +349,7 @@ def records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
 def opened(path: Path) -> IO[bytes]:
     """A file that has something in it, open at its beginning.
 
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, it may not be read, or it is empty.
+    Raises UnreadableLogError if there is no such file, it may not be read, or it is empty.
     """
     try:
         stream = path.open("rb")

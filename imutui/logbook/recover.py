@@ -33,34 +33,18 @@ class NotAsWrittenError(OSError):
 
 @dataclass(slots=True)
 class RebuiltContent:
-    """What went into the rebuilt file.
+    """What went into the rebuilt file."""
 
-    Attributes
-    ----------
-    topics : dict
-        Messages of each topic.
-    chunks : int
-        Of the source.
-    missing : dict
-        Of each topic, numbers left out before and between messages that are there; imutui leaves none out.
-    homeless : int
-        Messages of channels that nothing describes any more.
-    metadata, attachments : list of str
-        Names.
-    assumed : bool
-        Whether the channels are those that imutui writes, since the file does not say so any more.
-    digest : str
-        Of all messages in order, with their channels, numbers and times.
-    """
-
-    topics: dict[str, int] = field(default_factory=dict)
-    chunks: int = 0
+    topics: dict[str, int] = field(default_factory=dict)  # messages of each topic
+    chunks: int = 0  # of the source
+    # of each topic, numbers left out before and between messages that are there; imutui leaves none out
     missing: dict[str, int] = field(default_factory=dict)
-    homeless: int = 0
+    homeless: int = 0  # messages of channels that nothing describes any more
+    # metadata, attachments: names
     metadata: list[str] = field(default_factory=list)
     attachments: list[str] = field(default_factory=list)
-    assumed: bool = False
-    digest: str = ""
+    assumed: bool = False  # whether the channels are those that imutui writes, since the file does not say so any more
+    digest: str = ""  # of all messages in order, with their channels, numbers and times
 
     @property
     def messages(self) -> int:
@@ -73,21 +57,11 @@ def rebuild(
 ) -> RebuiltContent:
     """Write what a scan found whole, and read it back.
 
-    Parameters
-    ----------
-    found : Scan
-        Of the source.
-    part : Path
-        File to write, replaced.
-    note : callable
-        Makes the metadata `imutui.recovered` of what was kept.
-    progress : callable
-        Told the share done, 0 to 1.
-
-    Raises
-    ------
-    NotAsWrittenError
-        If the file does not read back as it was written.
+    `found`: of the source.
+    `part`: file to write, replaced.
+    `note`: makes the metadata `imutui.recovered` of what was kept.
+    `progress`: told the share done, 0 to 1.
+    Raises NotAsWrittenError if the file does not read back as it was written.
     """
     with found.path.open("rb") as source, mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as data:
         kept = _copied(found, data, part, note, progress)

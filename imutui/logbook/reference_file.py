@@ -76,22 +76,13 @@ class ProfileDocument(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class ReferenceFile:
-    """A reference as it travels in a log.
+    """A reference as it travels in a log."""
 
-    Attributes
-    ----------
-    kind : str
-        "trajectory" or "profile".
-    name, media_type : str
-        Of the attachment: reference.csv or reference.toml.
-    content : bytes
-        As the file has it.
-    """
-
-    kind: str
+    kind: str  # "trajectory" or "profile"
+    # name, media_type: of the attachment: reference.csv or reference.toml
     name: str
     media_type: str
-    content: bytes
+    content: bytes  # as the file has it
 
     def motion(self) -> Profile | Trajectory:
         """What it says; raises ValueError if that cannot be."""
@@ -101,17 +92,9 @@ class ReferenceFile:
 def parse(name: str, content: bytes) -> Profile | Trajectory:
     """Motion of a file's content: a profile (TOML, or CSV of table angles) or a trajectory (CSV).
 
-    Parameters
-    ----------
-    name : str
-        Of the file, for its suffix and for messages.
-    content : bytes
-        UTF-8 text.
-
-    Raises
-    ------
-    ValueError
-        If it is neither; the message names file, line or key.
+    `name`: of the file, for its suffix and for messages.
+    `content`: UTF-8 text.
+    Raises ValueError if it is neither; the message names file, line or key.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -131,10 +114,7 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
 def parse_angles(text: str, name: str) -> Profile:
     """Profile of a CSV text `t, outer, middle, inner` (s, deg).
 
-    Raises
-    ------
-    ValueError
-        If a row does not read as four numbers, or time does not increase; the message names the row.
+    Raises ValueError if a row does not read as four numbers, or time does not increase; the message names the row.
     """
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(c.strip() for c in row)]
@@ -170,19 +150,8 @@ def parse_angles(text: str, name: str) -> Profile:
 def from_document(document: ProfileDocument) -> Profile:
     """Profile from the content of a TOML file; the module shows one.
 
-    Parameters
-    ----------
-    document : ProfileDocument
-        As `tomllib` gives it; nothing in it is taken for granted.
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    ValueError
-        If a key is missing, unknown, or has a value that does not fit; the message names it.
+    `document`: as `tomllib` gives it; nothing in it is taken for granted.
+    Raises ValueError if a key is missing, unknown, or has a value that does not fit; the message names it.
     """
     _known(document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "")
     tables = document.get("segment")
@@ -212,21 +181,9 @@ def about(text: str) -> list[str]:
 def to_toml(profile: Profile, about: Sequence[str] = ()) -> str:
     """Text of a TOML document that `from_document` reads as the same profile, to a billionth of a degree.
 
-    Parameters
-    ----------
-    profile : Profile
-        Without sampled angles, which belong into a CSV file.
-    about : sequence of str
-        Lines of a comment at the top.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError
-        If a segment is sampled.
+    `profile`: without sampled angles, which belong into a CSV file.
+    `about`: lines of a comment at the top.
+    Raises ValueError if a segment is sampled.
     """
     head = [*(f"# {one_line(line, NOTE_LIMIT)}" for line in about)]
     head += [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]

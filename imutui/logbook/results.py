@@ -244,18 +244,11 @@ class ResultDocument(TypedDict):
 def state_fields(nav: NavState, axes: AxisMap, g_unit: float, seen: np.ndarray, *, placed: bool = True) -> StateFields:
     """Navigation state and biases at the edge: degrees, mg, deg/s, instrument axes; `None` for a bias not seen.
 
-    Parameters
-    ----------
-    nav : NavState
-        One state.
-    axes : AxisMap
-        Instrument to body.
-    g_unit : float
-        m/s² of one g.
-    seen : np.ndarray
-        Whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,).
-    placed : bool
-        Whether position and velocity are.
+    `nav`: one state.
+    `axes`: instrument to body.
+    `g_unit`: m/s² of one g.
+    `seen`: whether each bias is observable, accelerometer then gyro, instrument axes, bool, shape (6,).
+    `placed`: whether position and velocity are.
     """
     accel = axes.accel_to_instrument(nav.accel_bias) / g_unit * 1e3
     longitude = np.remainder(np.rad2deg(nav.longitude) + 180.0, 360.0) - 180.0
@@ -321,27 +314,14 @@ def document(
 ) -> ResultDocument:
     """Result of a run, ready for JSON (contract version 1).
 
-    Parameters
-    ----------
-    estimator : Estimator
-        After its last sample; it must have had one.
-    info : SessionInfo
-        With the settings in force.
-    log : Path
-        The samples' file.
-    finished : bool
-        Whether the file has its footer.
-    counters : Counters
-        Of the acquisition.
-    timings : Timings
-        Of this run.
-    log_sha256 : str
-        Hash of the file.
-
-    Raises
-    ------
-    ValueError
-        If there was no sample.
+    `estimator`: after its last sample; it must have had one.
+    `info`: with the settings in force.
+    `log`: the samples' file.
+    `finished`: whether the file has its footer.
+    `counters`: of the acquisition.
+    `timings`: of this run.
+    `log_sha256`: hash of the file.
+    Raises ValueError if there was no sample.
     """
     latest = estimator.latest
     if latest is None or estimator.reference is None:

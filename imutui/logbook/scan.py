@@ -63,15 +63,9 @@ class Piece:
 
 @dataclass(slots=True)
 class Pieces:
-    """Whole records in file order: forty bytes each, where a log of a week has half a million.
+    """Whole records in file order: forty bytes each, where a log of a week has half a million."""
 
-    Attributes
-    ----------
-    numbers : array
-        The fields of one after the other.
-    """
-
-    numbers: "array[int]" = field(default_factory=lambda: array("Q"))
+    numbers: "array[int]" = field(default_factory=lambda: array("Q"))  # the fields of one after the other
 
     def append(self, piece: Piece) -> None:
         """One more."""
@@ -87,89 +81,45 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes that are no whole record.
+    """Bytes that are no whole record."""
 
-    Attributes
-    ----------
-    offset, bytes : int
-        Where they begin, and how many.
-    why : str
-        What is wrong, as the end of a sentence.
-    what : str
-        "chunk", "attachment", … if it still shows; "" if it does not.
-    after_ns, before_ns : int or None
-        Log time of the last message before and the first one after it, UTC, ns.
-    """
-
+    # offset, bytes: where they begin, and how many
     offset: int
     bytes: int
-    why: str
-    what: str = ""
+    why: str  # what is wrong, as the end of a sentence
+    what: str = ""  # "chunk", "attachment", … if it still shows; "" if it does not
+    # after_ns, before_ns: Log time of the last message before and the first one after it, UTC, ns
     after_ns: int | None = None
     before_ns: int | None = None
 
 
 @dataclass(slots=True)
 class Scan:
-    """A file as its bytes have it.
+    """A file as its bytes have it."""
 
-    Attributes
-    ----------
-    path, size : Path, int
-        The file.
-    profile : str or None
-        Of its header; None if that is gone.
-    pieces : Pieces
-        Whole records in file order: chunks, attachments, metadata, and what stands outside of chunks.
-    damages : list of Damage
-        Bytes left out between them.
-    index : Index or None
-        The summary, if it can be read and its checksum is right.
-    finished : bool
-        Whether the file has its footer.
-    cut : bool
-        Whether it ends before its footer.
-    trailing : int
-        Bytes behind its footer that do not belong there.
-    checksum_wrong : bool
-        Whether the checksum over all data is wrong though every record looks whole.
-    repeated : int
-        Chunks that stand there twice; the second is left out.
-    unknown : int
-        Records of kinds that the format does not define.
-    held : bool
-        Whether a recorder is writing to it.
-    """
-
+    # path, size: the file
     path: Path
     size: int = 0
-    profile: str | None = None
+    profile: str | None = None  # of its header; None if that is gone
+    # whole records in file order: chunks, attachments, metadata, and what stands outside of chunks
     pieces: Pieces = field(default_factory=Pieces)
-    damages: list[Damage] = field(default_factory=list)
-    index: Index | None = None
-    finished: bool = False
-    cut: bool = False
-    trailing: int = 0
-    checksum_wrong: bool = False
-    repeated: int = 0
-    unknown: int = 0
-    held: bool = False
+    damages: list[Damage] = field(default_factory=list)  # bytes left out between them
+    index: Index | None = None  # the summary, if it can be read and its checksum is right
+    finished: bool = False  # whether the file has its footer
+    cut: bool = False  # whether it ends before its footer
+    trailing: int = 0  # bytes behind its footer that do not belong there
+    checksum_wrong: bool = False  # whether the checksum over all data is wrong though every record looks whole
+    repeated: int = 0  # chunks that stand there twice; the second is left out
+    unknown: int = 0  # records of kinds that the format does not define
+    held: bool = False  # whether a recorder is writing to it
 
 
 def scan(path: Path, progress: Callable[[float], None] = lambda share: None) -> Scan:
     """Walk a file.
 
-    Parameters
-    ----------
-    path : Path
-        Any file.
-    progress : callable
-        Told the share done, 0 to 1.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is no such file, it is empty, or nothing in it is a record of an MCAP file.
+    `path`: any file.
+    `progress`: told the share done, 0 to 1.
+    Raises UnreadableLogError if there is no such file, it is empty, or nothing in it is a record of an MCAP file.
     """
     with reader.opened(path) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         found = Scan(path, len(data))

@@ -199,10 +199,8 @@ def encode_as(typename: str, message: Any) -> bytes:
 def decode(typename: str, data: bytes) -> Any:
     """Message from CDR bytes.
 
-    Raises
-    ------
-    UndecodableError, or struct.error, ValueError, IndexError, … as the decoder meets them first
-        If the bytes are no such message.
+    Raises UndecodableError, or struct.error, ValueError, IndexError, … as the decoder meets them first if the bytes are
+      no such message.
     """
     from rosbags.serde import SerdeError
 
@@ -215,17 +213,8 @@ def decode(typename: str, data: bytes) -> Any:
 def decoder_of(typename: str, definition: str) -> Callable[[bytes], Any]:
     """What makes messages from CDR bytes of a type that another program defined.
 
-    Parameters
-    ----------
-    typename : str
-        Its name.
-    definition : str
-        Its text with all that it is built from, as MCAP's `ros2msg` encoding has it.
-
-    Raises
-    ------
-    UndecodableError
-        If the text is no definition.
+    `definition`: its text with all that it is built from, as MCAP's `ros2msg` encoding has it.
+    Raises UndecodableError if the text is no definition.
     """
     from rosbags.serde import SerdeError
     from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
@@ -248,10 +237,7 @@ def decoder_of(typename: str, definition: str) -> Callable[[bytes], Any]:
 def decode_event(data: bytes) -> LogEvent:
     """Event from the CDR bytes of rcl_interfaces/Log; by hand, since a store of types takes longer than most commands.
 
-    Raises
-    ------
-    as `decode`
-        If the bytes are no such message.
+    Raises as `decode` if the bytes are no such message.
     """
     try:
         seconds, nanoseconds, _ = _EVENT.unpack_from(data)
@@ -271,10 +257,7 @@ def decode_event(data: bytes) -> LogEvent:
 def decode_diagnostics(data: bytes) -> dict[str, str] | None:
     """Values of the first status in the CDR bytes of diagnostic_msgs/DiagnosticArray, None if there is none; by hand.
 
-    Raises
-    ------
-    as `decode`
-        If the bytes are no such message.
+    Raises as `decode` if the bytes are no such message.
     """
     try:
         values, at = _values(data)

@@ -36,119 +36,80 @@ Overrides: TypeAlias = Mapping[str, str | float]
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:
-    """One recording session. Every field is written as a string and read back; unknown ones are ignored.
+    """One recording session. Every field is written as a string and read back; unknown ones are ignored."""
 
-    Attributes
-    ----------
-    instrument, serial_number, firmware : str
-        What the unit said of itself, or what the recording's maker says.
-    configuration, own_mount : str
-        How the unit was configured when it was found, in words, and how its case's axes lie in its packets'; "" of
-        units that do not say.
-    kind : str
-        "measured", "simulated" or "unknown": whether a sensor made the readings.
-    accel_sign, mount, gyro_sign : int, str, str
-        The axis map, see `filters.imu.AxisMap`.
-    g_unit : float
-        m/s² of one g in readings.
-    rate_range_dps, accel_range_g : float
-        Full scale of the instrument's counts.
-    mode, sampling : str
-        Measurement mode; "stream" (averaged over each period), "polled", or "imported".
-    rate_hz : float
-        Rate asked for; the output samples' nominal rate.
-    operator, note, place, table : str
-        Who, a remark, where in words, which turn table.
-    latitude_deg, longitude_deg, height_m, gravity_mps2 : float
-        Site.
-    reference, filter, measurements, seed, kappa :
-        See `filters.kalman.settings.Settings`.
-    noise : str
-        "table1", or "log": measured on the log before it is filtered.
-    reference_sha256 : str
-        Of the file that the reference comes from, if it does.
-    effects_sha256 : str
-        Of the effects file, if effects join the filter.
-    stamps : str
-        What each time stamp means.
-    source : str
-        Where the readings come from: the name of an imported recording's file, or what a virtual unit says of them.
-    corrected_from_sha256, applied_effects_sha256 : str
-        Of a corrected log: hashes of the log that it was made of, and of the effects file that was taken out of it.
-    log_id : str
-        Of the log; "" in logs that were written before they had one.
-    power_on : str
-        Which power-on it is a part of: the id of its first log.
-    part : int
-        Which part, from 1.
-    continues, continues_id, continues_sha256 : str
-        Name, id and hash of the log that it goes on from; "" if it begins a power-on, or nothing is known of one.
-    acquisition, boot_id : str
-        Name of the acquisition, and which run of the computer it was recorded in.
-    previous, previous_id, previous_end, restart : str
-        Name and id of the recording before it that it takes up after, "finished" or "unfinished", and what was started
-        anew since, "process" or "computer": see `imutui.session.previous_log`. "" where nothing is to be said.
-    power_on_ns : int
-        UTC of the power-on's first known sample, ns; 0 for the log's own first one.
-    clock_s : float
-        What an imported recording's own clock said at its first sample, s.
-    memory : str
-        What the filter's effects remember of the file before it, JSON; "" if nothing: history is unknown then.
-    """
-
+    # instrument, serial_number, firmware: what the unit said of itself, or what the recording's maker says
     instrument: str = "IMU400CD-200"
     serial_number: str = ""
     firmware: str = ""
+    # configuration, own_mount: how the unit was configured when it was found, in words, and how its case's axes lie in
+    # its packets'; "" of units that do not say
     configuration: str = ""
     own_mount: str = ""
-    kind: str = UNKNOWN
+    kind: str = UNKNOWN  # "measured", "simulated" or "unknown": whether a sensor made the readings
+    # accel_sign, mount, gyro_sign: the axis map, see `filters.imu.AxisMap`
     accel_sign: int = -1
     mount: str = "x,y,z"
     gyro_sign: str = "1,1,1"
-    g_unit: float = STANDARD_GRAVITY
+    g_unit: float = STANDARD_GRAVITY  # m/s² of one g in readings
+    # rate_range_dps, accel_range_g: full scale of the instrument's counts
     rate_range_dps: float = 200.0
     accel_range_g: float = 4.0
+    # mode, sampling: measurement mode; "stream" (averaged over each period), "polled", or "imported"
     mode: str = "scaled"
     sampling: str = "stream"
-    rate_hz: float = 133.0
+    rate_hz: float = 133.0  # rate asked for; the output samples' nominal rate
     port: str = ""
     baud: int = 0
     host: str = ""
+    # operator, note, place, table: who, a remark, where in words, which turn table
     operator: str = ""
     note: str = ""
     place: str = ""
     table: str = ""
+    # latitude_deg, longitude_deg, height_m, gravity_mps2: site
     latitude_deg: float = float(np.rad2deg(PAPER_SITE.latitude))
     longitude_deg: float = float(np.rad2deg(PAPER_SITE.longitude))
     height_m: float = PAPER_SITE.height
     gravity_mps2: float = PAPER_SITE.gravity
+    # reference, filter, measurements, seed, kappa: see `filters.kalman.settings.Settings`
     reference: str = "level"
     filter: str = "spkf"
     measurements: str = "exact"
     seed: int = 0
     kappa: float = 0.0
-    noise: str = TABLE_1
-    reference_sha256: str = ""
-    effects_sha256: str = ""
+    noise: str = TABLE_1  # "table1", or "log": measured on the log before it is filtered
+    reference_sha256: str = ""  # of the file that the reference comes from, if it does
+    effects_sha256: str = ""  # of the effects file, if effects join the filter
     software: str = ""
-    stamps: str = ""
+    stamps: str = ""  # what each time stamp means
+    # where the readings come from: the name of an imported recording's file, or what a virtual unit says of them
     source: str = ""
+    # corrected_from_sha256, applied_effects_sha256: of a corrected log: hashes of the log that it was made of, and of
+    # the effects file that was taken out of it
     corrected_from_sha256: str = ""
     applied_effects_sha256: str = ""
-    log_id: str = ""
-    power_on: str = ""
-    part: int = 1
+    log_id: str = ""  # of the log; "" in logs that were written before they had one
+    power_on: str = ""  # which power-on it is a part of: the id of its first log
+    part: int = 1  # which part, from 1
+    # continues, continues_id, continues_sha256: name, id and hash of the log that it goes on from; "" if it begins a
+    # power-on, or nothing is known of one
     continues: str = ""
     continues_id: str = ""
     continues_sha256: str = ""
+    # acquisition, boot_id: name of the acquisition, and which run of the computer it was recorded in
     acquisition: str = ""
     boot_id: str = ""
+    # previous, previous_id, previous_end, restart: name and id of the recording before it that it takes up after,
+    # "finished" or "unfinished", and what was started anew since, "process" or "computer": see
+    # `imutui.session.previous_log`. "" where nothing is to be said.
     previous: str = ""
     previous_id: str = ""
     previous_end: str = ""
     restart: str = ""
-    power_on_ns: int = 0
-    clock_s: float = 0.0
+    power_on_ns: int = 0  # UTC of the power-on's first known sample, ns; 0 for the log's own first one
+    clock_s: float = 0.0  # what an imported recording's own clock said at its first sample, s
+    # what the filter's effects remember of the file before it, JSON; "" if nothing: history is unknown then
     memory: str = ""
 
     def axes(self) -> AxisMap:
@@ -209,10 +170,7 @@ class SessionInfo:
     def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":
         """Fields from MCAP metadata.
 
-        Raises
-        ------
-        ValueError
-            If a number does not read as one; the message names the field.
+        Raises ValueError if a number does not read as one; the message names the field.
         """
         values: dict[str, Any] = {}
         for f in fields(cls):
@@ -275,10 +233,7 @@ _WITHIN = {
 def parse_signs(text: str) -> np.ndarray:
     """Three signs such as "-1,1,1", or one for all.
 
-    Raises
-    ------
-    ValueError
-        If `text` does not read so.
+    Raises ValueError if `text` does not read so.
     """
     parts = [part.strip() for part in text.split(",")]
     if len(parts) == 1:

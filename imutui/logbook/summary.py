@@ -35,62 +35,34 @@ _ZSTD = mcap_format.prefixed("zstd")
 
 @dataclass(slots=True)
 class Summary:
-    """What the ends of a file tell.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    bytes, modified : int, float
-        Its size, and when it was last written to, Unix time, s.
-    state, why : str, str
-        One of this module's five words, and the reason where it is not finished.
-    session : dict
-        Metadata record `imutui.session`; empty in another program's file.
-    types : dict
-        Type of each topic.
-    counts : dict
-        Messages on each topic; empty if the file has no summary.
-    samples : int or None
-        Output samples; None if the ends don't tell.
-    started_ns, seconds : int or None, float or None
-        When the first one was taken, UTC, ns, and the time from it to the last.
-    result : dict
-        The quality summary that was attached on closing; empty if there is none.
-    attachments : dict
-        Name to size in bytes.
-    by_ends : bool
-        Whether samples and seconds come from the first and the last chunk instead of a summary.
-    """
+    """What the ends of a file tell."""
 
     path: Path
+    # bytes, modified: its size, and when it was last written to, Unix time, s
     bytes: int = 0
     modified: float = 0.0
+    # state, why: one of this module's five words, and the reason where it is not finished
     state: str = NO_LOG
     why: str = ""
+    # metadata record `imutui.session`; empty in another program's file
     session: dict[str, str] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-    samples: int | None = None
+    types: dict[str, str] = field(default_factory=dict)  # type of each topic
+    counts: dict[str, int] = field(default_factory=dict)  # messages on each topic; empty if the file has no summary
+    samples: int | None = None  # output samples; None if the ends don't tell
+    # started_ns, seconds: when the first one was taken, UTC, ns, and the time from it to the last
     started_ns: int | None = None
     seconds: float | None = None
+    # the quality summary that was attached on closing; empty if there is none
     result: dict[str, object] = field(default_factory=dict)
-    attachments: dict[str, int] = field(default_factory=dict)
-    by_ends: bool = False
+    attachments: dict[str, int] = field(default_factory=dict)  # name to size in bytes
+    by_ends: bool = False  # whether samples and seconds come from the first and the last chunk instead of a summary
 
 
 def read(path: Path) -> Summary:
     """Look at a file's ends.
 
-    Parameters
-    ----------
-    path : Path
-        Any file: what is no log is said to be none.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened.
+    `path`: any file: what is no log is said to be none.
+    Raises OSError if it cannot be opened.
     """
     with path.open("rb") as stream:
         status = path.stat()

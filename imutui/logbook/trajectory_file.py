@@ -27,18 +27,10 @@ class TrajectoryError(ValueError):
 def parse(text: str, name: str) -> Trajectory:
     """Trajectory from CSV text.
 
-    Parameters
-    ----------
-    text : str
-        First row names the columns, in any order; roll, pitch, yaw may be absent.
-    name : str
-        Of the file, for messages.
-
-    Raises
-    ------
-    TrajectoryError
-        If a column is missing, unknown or named twice, a cell is no number or outside its range, or time does not
-        increase.
+    `text`: first row names the columns, in any order; roll, pitch, yaw may be absent.
+    `name`: of the file, for messages.
+    Raises TrajectoryError if a column is missing, unknown or named twice, a cell is no number or outside its range, or
+      time does not increase.
     """
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text.lstrip("\ufeff"))), 1) if row]

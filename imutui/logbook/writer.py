@@ -22,41 +22,20 @@ from imutui.logbook.summary import CONFIGURATION, SUMMARY
 class LogWriter:
     """One log file being written.
 
-    Parameters
-    ----------
-    path : Path
-        Created; the folder too.
-    info : SessionInfo
-        Written first, so that even the shortest file says what it is.
-    configuration : str
-        Effective configuration, TOML, kept as an attachment.
-    now_ns : int
-        UTC, ns.
-    overwrite : bool
-        Replace an existing file.
-    mode : int
-        Permissions of the file, and of its sum.
-    checksum : bool
-        Whether its SHA-256 is put beside it on closing.
-    also : callable or None
-        Given each message once the file has taken it: topic, CDR bytes, log time (UTC, ns).
-    raw_type : str
-        Type of the packets, `schemas.raw_type`.
-
-    Attributes
-    ----------
-    path : Path
-        Where the file is.
-    sha256 : str or None
-        Hash of the whole file once it is finished; it was made while writing.
-
-    Raises
-    ------
-    FileExistsError
-        If `path` exists and may not be overwritten.
-    OSError
-        If the disk does not take it; the file then ends with the last good flush, and one without a message on the
-        disk is removed.
+    `path`: created; the folder too.
+    `info`: written first, so that even the shortest file says what it is.
+    `configuration`: effective configuration, TOML, kept as an attachment.
+    `now_ns`: UTC, ns.
+    `overwrite`: replace an existing file.
+    `mode`: permissions of the file, and of its sum.
+    `checksum`: whether its SHA-256 is put beside it on closing.
+    `also`: given each message once the file has taken it: topic, CDR bytes, log time (UTC, ns).
+    `raw_type`: type of the packets, `schemas.raw_type`.
+    `path`: where the file is.
+    `sha256`: hash of the whole file once it is finished; it was made while writing.
+    Raises FileExistsError if `path` exists and may not be overwritten.
+    Raises OSError if the disk does not take it; the file then ends with the last good flush, and one without a message
+      on the disk is removed.
     """
 
     def __init__(

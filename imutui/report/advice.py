@@ -20,10 +20,7 @@ NOTHING = "Nothing has to be corrected beside constant biases: estimate them as 
 def after_trace(d: TraceDocument) -> list[str]:
     """What to do after a trace.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        The result.
+    `d`: the result.
     """
     told = [*_data(d), *_use(d), *_leave_out(d), *_separate(d), *_log_more(d), *_drift(d), *_second_run(d)]
     return told or [NOTHING]
@@ -32,10 +29,7 @@ def after_trace(d: TraceDocument) -> list[str]:
 def after_replay(d: "ResultDocument") -> list[str]:
     """What to do after a replay.
 
-    Parameters
-    ----------
-    d : ResultDocument
-        The result; one in which a filter ran.
+    `d`: the result; one in which a filter ran.
     """
     log = PurePath(d["log"]).name
     told = []

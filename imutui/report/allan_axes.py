@@ -23,12 +23,8 @@ _WHITE = {"deg/s": float(np.rad2deg(IMU400CD_200.gyro_arw)), "mg": IMU400CD_200.
 def specification(tau: Array, unit: str) -> Array:
     """Allan deviation of the specification's white noise, N/√τ.
 
-    Parameters
-    ----------
-    tau : Array
-        Averaging times, s.
-    unit : str
-        "deg/s" or "mg".
+    `tau`: averaging times, s.
+    `unit`: "deg/s" or "mg".
     """
     return np.asarray(_WHITE[unit] / np.sqrt(tau))
 
@@ -36,16 +32,10 @@ def specification(tau: Array, unit: str) -> Array:
 def finish(ax: "Axes", tau: Array, unit: str, *curves: Array) -> None:
     """Draw the specification's line, make both axes logarithmic, and name them.
 
-    Parameters
-    ----------
-    ax : Axes
-        With the curves in it.
-    tau : Array
-        Averaging times of all of them, s.
-    unit : str
-        "deg/s" or "mg".
-    *curves : Array
-        All that is drawn.
+    `ax`: with the curves in it.
+    `tau`: averaging times of all of them, s.
+    `unit`: "deg/s" or "mg".
+    `*curves`: all that is drawn.
     """
     if tau.size:
         ends = np.array([tau.min(), tau.max()])

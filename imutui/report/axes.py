@@ -29,10 +29,7 @@ def log_ticks(low: float, high: float) -> list[float]:
 
     They lie in the range, but for the one below or above that it takes to have two.
 
-    Parameters
-    ----------
-    low, high : float
-        Positive range of the data.
+    `low`, `high`: positive range of the data.
     """
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     decades = [10.0**k for k in range(first, last + 1) if low <= 10.0**k * _NEAR and 10.0**k <= high * _NEAR]
@@ -55,14 +52,8 @@ def number_text(value: float) -> str:
 def logarithmic(ax: "Axes", which: str, *values: Array) -> None:
     """Make an axis logarithmic over the positive ones of some values, with numbers that can be read.
 
-    Parameters
-    ----------
-    ax : Axes
-        Where.
-    which : str
-        "x" or "y".
-    *values : Array
-        All that is drawn along it.
+    `which`: "x" or "y".
+    `*values`: all that is drawn along it.
     """
     every = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
     positive = every[np.isfinite(every) & (every > 0.0)]

@@ -76,22 +76,13 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of one panel or several.
+    """A figure of one panel or several."""
 
-    Attributes
-    ----------
-    name : str
-        Of its files, without suffix.
-    title, caption : str
-        What it shows; how to read it.
-    panels : tuple of Panel
-        Side by side where there is room.
-    """
-
-    name: str
+    name: str  # of its files, without suffix
+    # title, caption: what it shows; how to read it
     title: str
     caption: str
-    panels: tuple[Panel, ...]
+    panels: tuple[Panel, ...]  # side by side where there is room
 
 
 Block: TypeAlias = Paragraph | Subheading | Items | Facts | Table | Code | Figure
@@ -107,24 +98,12 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Article:
-    """All that is said of one result.
+    """All that is said of one result."""
 
-    Attributes
-    ----------
-    title : str
-        What it is of.
-    kind : str
-        "measured", "simulated" or "unknown": who made the readings.
-    origin : str
-        The same as a sentence.
-    sections : tuple of Section
-        In order.
-    """
-
-    title: str
-    kind: str
-    origin: str
-    sections: tuple[Section, ...]
+    title: str  # what it is of
+    kind: str  # "measured", "simulated" or "unknown": who made the readings
+    origin: str  # the same as a sentence
+    sections: tuple[Section, ...]  # in order
 
     def figures(self) -> list[Figure]:
         """All figures, in order."""

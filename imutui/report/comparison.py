@@ -42,14 +42,9 @@ Result: TypeAlias = "TraceDocument | ResultDocument"
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A value minus that of the first result; None where either is not known.
+    """A value minus that of the first result; None where either is not known."""
 
-    Attributes
-    ----------
-    value, sd : float or None
-        Difference and its standard deviation.
-    """
-
+    # value, sd: difference and its standard deviation
     value: float | None
     sd: float | None
 
@@ -69,12 +64,8 @@ def difference(a: float | None, a_sd: float | None, b: float | None, b_sd: float
 def article(results: Sequence[Result], logs: Sequence[LogData]) -> Article | None:
     """What is said of results beside each other; None where no two are of one kind.
 
-    Parameters
-    ----------
-    results : sequence of TraceDocument or ResultDocument
-        All of a page.
-    logs : sequence of LogData
-        What their logs add, in the same order.
+    `results`: all of a page.
+    `logs`: what their logs add, in the same order.
     """
     replays = [(n, r, log) for n, (r, log) in enumerate(zip(results, logs, strict=True), 1)
                if "findings" not in r and "final" in r]  # fmt: skip

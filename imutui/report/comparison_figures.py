@@ -26,24 +26,15 @@ _MOST = len(STYLES)
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A result as comparisons call it.
+    """A result as comparisons call it."""
 
-    Attributes
-    ----------
-    letter : str
-        A, B, … in the order of the page.
-    unit, date, files, origin : str
-        What it is of; `origin` is "measured", "SIMULATED" or "origin not stated".
-    log : LogData
-        What its log adds.
-    """
-
-    letter: str
+    letter: str  # A, B, … in the order of the page
+    # unit, date, files, origin: what it is of; `origin` is "measured", "SIMULATED" or "origin not stated"
     unit: str
     date: str
     files: str
     origin: str
-    log: LogData
+    log: LogData  # what its log adds
 
     @property
     def mark(self) -> str:
@@ -56,14 +47,9 @@ def of_replays(
 ) -> list[Figure]:
     """Biases, their differences to the first, and where logs are at hand their courses and Allan deviations.
 
-    Parameters
-    ----------
-    documents : sequence of ResultDocument
-        Two at least, in each of which a filter ran.
-    names : sequence of Compared
-        One each.
-    related : sequence of bool
-        Whether each is of the readings of the first: their difference has no standard deviation then.
+    `documents`: two at least, in each of which a filter ran.
+    `names`: one each.
+    `related`: whether each is of the readings of the first: their difference has no standard deviation then.
     """
     who = _origins(names)
     seen = [[c for c in CHANNELS if None not in _bias(d, c)] for d in documents]

@@ -31,14 +31,9 @@ def available() -> bool:
 def picture(panel: Panel, label: str, prefix: str) -> str:
     """A panel as SVG inside a page: its text is text, its colours are the page's, its names are its own.
 
-    Parameters
-    ----------
-    panel : Panel
-        What to draw.
-    label : str
-        Told to who cannot see it.
-    prefix : str
-        What names inside the picture begin with; no other picture of the page has it.
+    `panel`: what to draw.
+    `label`: told to who cannot see it.
+    `prefix`: what names inside the picture begin with; no other picture of the page has it.
     """
     root = ElementTree.fromstring(_saved([panel], "svg"))
     for metadata in root.findall(f"{{{_SVG}}}metadata"):
@@ -57,12 +52,8 @@ def picture(panel: Panel, label: str, prefix: str) -> str:
 def file(figure: Figure, kind: str) -> bytes:
     """All panels of a figure as the content of a file.
 
-    Parameters
-    ----------
-    figure : Figure
-        What to draw.
-    kind : str
-        "svg" or "png".
+    `figure`: what to draw.
+    `kind`: "svg" or "png".
     """
     return _saved(figure.panels, kind, background="white")
 

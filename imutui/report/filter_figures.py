@@ -24,14 +24,9 @@ _QUICK_HZ = 50.0
 def biases(course: Course, rate_hz: float | None, name: str) -> Figure:
     """Biases of accelerometers and gyros over time, and their standard deviations.
 
-    Parameters
-    ----------
-    course : Course
-        Of the filter.
-    rate_hz : float or None
-        Of the samples.
-    name : str
-        Of the figure's files.
+    `course`: of the filter.
+    `rate_hz`: of the samples.
+    `name`: of the figure's files.
     """
     which = "Figure 4 (133 Hz)" if rate_hz is not None and rate_hz > _QUICK_HZ else "Figure 3 (20 Hz)"
     at = "" if rate_hz is None else f" at {rate_hz:.4g} Hz"
@@ -102,12 +97,8 @@ def _deviations(ax: "Axes", course: Course, part: slice, unit: str) -> None:
 def nis(courses: Sequence[Course], name: str) -> Figure | None:
     """NIS over its degrees of freedom over time; None where there was no update.
 
-    Parameters
-    ----------
-    courses : sequence of Course
-        Of the filter over one log.
-    name : str
-        Of the figure's files.
+    `courses`: of the filter over one log.
+    `name`: of the figure's files.
     """
     known = [course for course in courses if any(v is not None for v in course.points["nis"])]
     if not known:

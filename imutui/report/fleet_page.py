@@ -12,17 +12,9 @@ INDEX, SUMMARY = "index.html", "summary.json"
 def write(folder: Path, document: SummaryDocument) -> list[Path]:
     """Write page, figures and summary into a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if absent; files of these names are replaced.
-    document : SummaryDocument
-        Of `imutui.jobs.campaign.summary`.
-
-    Returns
-    -------
-    list of Path
-        What was written, the page first.
+    `folder`: made if absent; files of these names are replaced.
+    `document`: of `imutui.jobs.campaign.summary`.
+    Returns what was written, the page first.
     """
     folder.mkdir(parents=True, exist_ok=True)
     made = fleet_report.page(document)

@@ -16,10 +16,7 @@ _ALL = "All are in `summary.json`, beside this page."
 def page(document: SummaryDocument) -> Page:
     """The page of a summary.
 
-    Parameters
-    ----------
-    document : SummaryDocument
-        With or without groups: without, all logs are bad, and that is what it says.
+    `document`: with or without groups: without, all logs are bad, and that is what it says.
     """
     left_out = Section("Logs without a result", tuple(_errors(document)))
     articles = [_article(group, document) for group in document["groups"]]

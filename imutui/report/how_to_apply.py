@@ -25,12 +25,8 @@ _MOST_LINES = 40
 def of_replay(d: "ResultDocument", log: LogData) -> Section:
     """How to apply a replay's biases, and effects if it took any.
 
-    Parameters
-    ----------
-    d : ResultDocument
-        In which a filter ran.
-    log : LogData
-        What the log adds.
+    `d`: in which a filter ran.
+    `log`: what the log adds.
     """
     biases = [*d["final"]["gyro_bias_dps"], *d["final"]["accel_bias_mg"]]
     return Section(TITLE, tuple(_replay(d, log, biases)))
@@ -55,12 +51,8 @@ def _replay(d: "ResultDocument", log: LogData, biases: Sequence[float | None]) -
 def of_trace(d: TraceDocument, log: LogData) -> Section:
     """How to apply what a trace found.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        The result.
-    log : LogData
-        What the logs add.
+    `d`: the result.
+    `log`: what the logs add.
     """
     return Section(TITLE, tuple(_trace(d, log)))
 

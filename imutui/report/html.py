@@ -19,10 +19,7 @@ _BADGES = {"measured": "MEASURED", "simulated": "SIMULATED", "unknown": "ORIGIN 
 def document(page: Page) -> str:
     """Text of the file.
 
-    Parameters
-    ----------
-    page : Page
-        What it says.
+    `page`: what it says.
     """
     body = "\n".join(_article(article, n) for n, article in enumerate(page.articles, 1))
     if len(page.articles) > 1:

@@ -91,12 +91,8 @@ def kind_of(logs: Sequence[LogFacts]) -> str:
 def section(logs: Sequence[LogFacts], library: str) -> Section:
     """The block that stands first.
 
-    Parameters
-    ----------
-    logs : sequence of LogFacts
-        At least one.
-    library : str
-        What made the result, with its version.
+    `logs`: at least one.
+    `library`: what made the result, with its version.
     """
     rows = [(label, _stated(_all(logs, key))) for label, key in _LABELS]
     rows += [

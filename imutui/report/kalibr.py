@@ -16,18 +16,10 @@ _KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class KalibrFile:
-    """Text of a file, and what it lacks.
+    """Text of a file, and what it lacks."""
 
-    Attributes
-    ----------
-    text : str
-        YAML.
-    lacks : tuple of str
-        Sentences on values that the log cannot give.
-    """
-
-    text: str
-    lacks: tuple[str, ...]
+    text: str  # YAML
+    lacks: tuple[str, ...]  # sentences on values that the log cannot give
 
 
 def imu_yaml(
@@ -39,16 +31,10 @@ def imu_yaml(
 ) -> KalibrFile:
     """Noise of a unit as Kalibr takes it: the noisiest axis of each kind.
 
-    Parameters
-    ----------
-    levels : mapping of NoiseLevel
-        By channel; empty where nothing was measured.
-    rate_hz, seconds : float or None
-        Of the log.
-    heading : str
-        What it is of.
-    terms : iterable of Term
-        Effects that the readings have in them: a walk cannot be told from what moves a channel in another way.
+    `levels`: by channel; empty where nothing was measured.
+    `rate_hz`, `seconds`: of the log.
+    `heading`: what it is of.
+    `terms`: effects that the readings have in them: a walk cannot be told from what moves a channel in another way.
     """
     lines, lacks, terms = [f"# {heading}"], [], tuple(terms)
     for kind, channels, white_unit, walk_unit in _KINDS:

@@ -17,14 +17,9 @@ _NOTHING = "–"
 def text(folder: str, rows: list[LogRow], width: int | None) -> str:
     """The folder, and a row for each log.
 
-    Parameters
-    ----------
-    folder : str
-        Its path.
-    rows : list of LogRow
-        What `imutui.jobs.info.row` says of each.
-    width : int or None
-        Columns; None for as many as it takes. Where a note has no room it stands below its row.
+    `folder`: its path.
+    `rows`: what `imutui.jobs.info.row` says of each.
+    `width`: columns; None for as many as it takes. Where a note has no room it stands below its row.
     """
     if not rows:
         return f"{in_line(folder)}: no logs (.mcap) here"

@@ -25,12 +25,8 @@ _wrap = wrapping.wrap
 def info_text(d: InfoDocument, width: int) -> str:
     """What is in a log.
 
-    Parameters
-    ----------
-    d : InfoDocument
-        Of `jobs.info.info`.
-    width : int
-        Columns.
+    `d`: of `jobs.info.info`.
+    `width`: columns.
     """
     lines = [d["log"]]
     for label, value in _facts(d):
@@ -44,12 +40,8 @@ def info_text(d: InfoDocument, width: int) -> str:
 def check_text(d: CheckDocument, width: int) -> str:
     """Whether a log is whole: the verdict, each finding, notes.
 
-    Parameters
-    ----------
-    d : CheckDocument
-        Of `jobs.check.check`.
-    width : int
-        Columns.
+    `d`: of `jobs.check.check`.
+    `width`: columns.
     """
     count = len(d["findings"])
     verdict = "fine" if d["fine"] else f"{count} finding" if count == 1 else f"{count} findings"
@@ -69,12 +61,8 @@ def check_text(d: CheckDocument, width: int) -> str:
 def recover_text(d: RecoverDocument, width: int) -> str:
     """What a rebuilt log holds, and what was lost.
 
-    Parameters
-    ----------
-    d : RecoverDocument
-        Of `jobs.recover.recover`.
-    width : int
-        Columns.
+    `d`: of `jobs.recover.recover`.
+    `width`: columns.
     """
     verdict = "recovered" if d["complete"] else "recovered in part"
     lines = [f"{verdict}: {d['output']}"]

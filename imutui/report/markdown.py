@@ -14,12 +14,8 @@ _FIRST = re.compile(r"^(\s*)([-+=]|\d+[.)])")
 def document(page: Page, names: Callable[[int, Figure], str]) -> str:
     """Text of the file.
 
-    Parameters
-    ----------
-    page : Page
-        What it says.
-    names : callable
-        Name of a figure's files without suffix, of the article's number from 1 and the figure.
+    `page`: what it says.
+    `names`: name of a figure's files without suffix, of the article's number from 1 and the figure.
     """
     parts = [f"# {text(page.title)}"] if len(page.articles) > 1 else []
     for number, article in enumerate(page.articles, 1):

@@ -33,27 +33,16 @@ Result: TypeAlias = "TraceDocument | ResultDocument"
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """A result with what its logs add to it.
-
-    Attributes
-    ----------
-    result : TraceDocument or ResultDocument
-        The result.
-    log : LogData
-        What its logs add; nothing where they are not at hand.
-    """
+    """A result with what its logs add to it."""
 
     result: Result
-    log: LogData = field(default_factory=LogData)
+    log: LogData = field(default_factory=LogData)  # what its logs add; nothing where they are not at hand
 
 
 def page(stories: Sequence[Story]) -> Page:
     """A page of results, of traces and of replays; several of a kind are compared first.
 
-    Parameters
-    ----------
-    stories : sequence of Story
-        At least one.
+    `stories`: at least one.
     """
     articles = tuple(_article(story) for story in stories)
     if len(articles) == 1:
@@ -73,18 +62,10 @@ def is_trace(result: Result) -> bool:
 def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     """Write page, figures, results, and files that go beside them, into a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if absent. Files of these names are replaced, and figures of the page before that this one has not are
-        removed.
-    stories : sequence of Story
-        At least one.
-
-    Returns
-    -------
-    list of Path
-        What was written, the page first.
+    `folder`: made if absent. Files of these names are replaced, and figures of the page before that this one has not
+      are removed.
+    `stories`: at least one.
+    Returns what was written, the page first.
     """
     made = page(stories)
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}

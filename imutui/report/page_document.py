@@ -42,14 +42,9 @@ class PageDocument(TypedDict):
 def document(page: Page, names: Callable[[int, Figure], str], files: Sequence[str]) -> PageDocument:
     """A page as JSON.
 
-    Parameters
-    ----------
-    page : Page
-        What it says.
-    names : callable
-        Name of a figure's files without suffix, of the article's number from 1 and the figure.
-    files : sequence of str
-        What lies in the folder.
+    `page`: what it says.
+    `names`: name of a figure's files without suffix, of the article's number from 1 and the figure.
+    `files`: what lies in the folder.
     """
     articles = [_article(article, n, names) for n, article in enumerate(page.articles, 1)]
     return {"version": VERSION, "title": page.title, "articles": articles, "files": list(files)}

@@ -23,19 +23,10 @@ def browser() -> str | None:
 def print_page(page: Path, output: Path, program: str) -> None:
     """Print a page on A4.
 
-    Parameters
-    ----------
-    page : Path
-        HTML.
-    output : Path
-        PDF, in a folder that there is; replaced.
-    program : str
-        As `browser` gives it.
-
-    Raises
-    ------
-    PrintError
-        If nothing was printed.
+    `page`: HTML.
+    `output`: PDF, in a folder that there is; replaced.
+    `program`: as `browser` gives it.
+    Raises PrintError if nothing was printed.
     """
     # beside the page: a browser in a container of its own sees no other temporary folder
     with tempfile.TemporaryDirectory(prefix=".print-", dir=output.parent) as own:

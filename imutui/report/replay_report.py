@@ -56,12 +56,8 @@ NO_DATA = LogData()
 def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
     """All that is said of a result.
 
-    Parameters
-    ----------
-    d : ResultDocument
-        The result; fields that came later may lack.
-    log : LogData
-        What its log adds.
+    `d`: the result; fields that came later may lack.
+    `log`: what its log adds.
     """
     logs = [identity.of_result(d)]
     kind = identity.kind_of(logs)

@@ -23,10 +23,7 @@ SIDE_BY_SIDE = tuple(CHANNELS[k // 2 + 3 * (k % 2)] for k in range(6))
 def figures(curves: Mapping[str, ChannelCurvesEntry]) -> list[Figure]:
     """Residual over time and Allan deviation; none without curves.
 
-    Parameters
-    ----------
-    curves : mapping of ChannelCurvesEntry
-        By channel.
+    `curves`: by channel.
     """
     if not curves:
         return []

@@ -90,16 +90,10 @@ def status_words(status: str) -> str:
 def text(d: TraceDocument, source: str, width: int, saved: str = SAVED) -> str:
     """All of it as paragraphs of at most so many characters a line.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        The result document.
-    source : str
-        Which logs it is of.
-    width : int
-        Of a line.
-    saved : str
-        How the separating motion is saved, a sentence.
+    `d`: the result document.
+    `source`: which logs it is of.
+    `width`: of a line.
+    `saved`: how the separating motion is saved, a sentence.
     """
     out = [wrapping.fill(line, width) for line in headline(d, source)]
     out.append("")
@@ -164,12 +158,8 @@ def channel_lines(d: TraceDocument) -> list[ChannelLine]:
 def sections(d: TraceDocument, saved: str = SAVED) -> list[Section]:
     """What is to be said of several channels or of none: shared effects, data, weak terms, limits, what to do next.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        The result document.
-    saved : str
-        How the separating motion is saved, a sentence.
+    `d`: the result document.
+    `saved`: how the separating motion is saved, a sentence.
     """
     made = [
         Section("Over several channels", tuple(_finding(f, d, names=True) for f in shared(d))),

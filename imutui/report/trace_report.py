@@ -52,12 +52,8 @@ NO_DATA = LogData()
 def article(d: TraceDocument, log: LogData = NO_DATA) -> Article:
     """All that is said of a trace.
 
-    Parameters
-    ----------
-    d : TraceDocument
-        The result; fields that came later may lack.
-    log : LogData
-        What its logs add.
+    `d`: the result; fields that came later may lack.
+    `log`: what its logs add.
     """
     logs = [identity.of_run(run) for run in d["runs"]]
     kind = identity.kind_of(logs)

@@ -12,14 +12,9 @@ _FEWEST = 3
 def wrap(text: str, width: int, initial_indent: str = "", subsequent_indent: str = "") -> list[str]:
     """Lines of at most `width` characters, but for a word that is longer: a path stays whole, to be copied.
 
-    Parameters
-    ----------
-    text : str
-        One paragraph.
-    width : int
-        Characters.
-    initial_indent, subsequent_indent : str
-        As textwrap has them.
+    `text`: one paragraph.
+    `width`: characters.
+    `initial_indent`, `subsequent_indent`: as textwrap has them.
     """
     lines = textwrap.wrap(
         text,

@@ -23,17 +23,9 @@ _NO_SUCH_VERB = "unknown"
 def text(adapter: UsbAdapter | None = None, name: str = "") -> str:
     """The rule.
 
-    Parameters
-    ----------
-    adapter : UsbAdapter or None
-        Whose it is; None for all common ones, which keep the names that /dev/serial/by-id gives them.
-    name : str
-        Its port is called /dev/imutui-NAME.
-
-    Raises
-    ------
-    ValueError
-        If the adapter's serial number or the name has letters that a rule cannot hold.
+    `adapter`: whose it is; None for all common ones, which keep the names that /dev/serial/by-id gives them.
+    `name`: its port is called /dev/imutui-NAME.
+    Raises ValueError if the adapter's serial number or the name has letters that a rule cannot hold.
     """
     template = resources.files(__package__).joinpath(FILE).read_text()
     if adapter is None:

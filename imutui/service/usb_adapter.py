@@ -13,41 +13,22 @@ class NoAdapterError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class UsbAdapter:
-    """An adapter, or one port of it.
+    """An adapter, or one port of it."""
 
-    Attributes
-    ----------
-    vendor, product : str
-        Four hexadecimal digits each.
-    serial : str
-        Its serial number; "" for the many that have none.
-    interface : str
-        Which of its ports, two hexadecimal digits.
-    socket : str
-        Where it is plugged in, such as "1-1.2".
-    """
-
+    # vendor, product: four hexadecimal digits each
     vendor: str
     product: str
-    serial: str
-    interface: str
-    socket: str
+    serial: str  # its serial number; "" for the many that have none
+    interface: str  # which of its ports, two hexadecimal digits
+    socket: str  # where it is plugged in, such as "1-1.2"
 
 
 def of_port(port: str, sys: Path = SYS) -> UsbAdapter:
     """Adapter of a serial port.
 
-    Parameters
-    ----------
-    port : str
-        Path of the device, or of a link to it.
-    sys : Path
-        Where the kernel describes devices.
-
-    Raises
-    ------
-    NoAdapterError
-        If there is no such port, or it is on no USB adapter.
+    `port`: path of the device, or of a link to it.
+    `sys`: where the kernel describes devices.
+    Raises NoAdapterError if there is no such port, or it is on no USB adapter.
     """
     name = Path(os.path.realpath(port)).name
     device = sys / "class" / "tty" / name / "device"

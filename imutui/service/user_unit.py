@@ -26,12 +26,8 @@ def text() -> str:
 def settings_text(port: str, logs: str) -> str:
     """Settings of one instance: what its command line and its environment are.
 
-    Parameters
-    ----------
-    port : str
-        Of its instrument.
-    logs : str
-        Folder of its recordings.
+    `port`: of its instrument.
+    `logs`: folder of its recordings.
     """
     return (
         f"# settings of this instance; `systemctl --user restart` takes them up\nPORT={_one_line(port)}\n"

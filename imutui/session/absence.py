@@ -17,17 +17,9 @@ _FASTEST = 1.01
 class Absence:
     """Follows what the reader says of the line.
 
-    Parameters
-    ----------
-    timebase : Timebase
-        Monotonic to UTC.
-    rate_hz : float
-        Packets a second that would have come: the unit's own rate, or that of the requests.
-
-    Attributes
-    ----------
-    since_ns : int or None
-        When the last packet was read, monotonic; None while the unit is there.
+    `timebase`: monotonic to UTC.
+    `rate_hz`: packets a second that would have come: the unit's own rate, or that of the requests.
+    `since_ns`: when the last packet was read, monotonic; None while the unit is there.
     """
 
     def __init__(self, timebase: Timebase, rate_hz: float) -> None:

@@ -42,25 +42,13 @@ if TYPE_CHECKING:
 class Acquisition:
     """One acquisition from its first packet to its last. Not thread-safe.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    info : SessionInfo
-        Metadata of its logs.
-    clock : Clock
-        From the unit's time counter to stamps.
-    reader : Reader
-        Carries out what must be said to the unit.
-    lifecycle : Lifecycle
-        Where it stands.
-    stream : LiveStream or None
-        Gets what is recorded, for other viewers.
-
-    Raises
-    ------
-    ValueError
-        If the filter could not run with what is asked; the message names it.
+    `plan`: what is asked.
+    `info`: metadata of its logs.
+    `clock`: from the unit's time counter to stamps.
+    `reader`: carries out what must be said to the unit.
+    `lifecycle`: where it stands.
+    `stream`: gets what is recorded, for other viewers.
+    Raises ValueError if the filter could not run with what is asked; the message names it.
     """
 
     def __init__(
@@ -328,10 +316,7 @@ class Acquisition:
     def mark(self, text: str) -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
 
-        Raises
-        ------
-        ValueError
-            If nothing is being recorded.
+        Raises ValueError if nothing is being recorded.
         """
         if self._recorder.recording is None:
             raise ValueError(
@@ -342,10 +327,7 @@ class Acquisition:
     def record(self, wish: RecordingWish) -> str:
         """Begin a recording; returns its path. What is wished but the note stays for later ones.
 
-        Raises
-        ------
-        ValueError
-            If something is being recorded, the unit is zeroing, or the disk does not take it.
+        Raises ValueError if something is being recorded, the unit is zeroing, or the disk does not take it.
         """
         self._refuse_while_zeroing()
         if self._recorder.recording is not None:
@@ -363,12 +345,8 @@ class Acquisition:
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
 
-        Raises
-        ------
-        ValueError
-            If nothing is being recorded, or the file is lost.
-        OSError
-            If the disk does not take the end.
+        Raises ValueError if nothing is being recorded, or the file is lost.
+        Raises OSError if the disk does not take the end.
         """
         recording = self._recorder.recording
         result = self._end_recording()
@@ -379,10 +357,7 @@ class Acquisition:
     def configure(self, changes: FilterChanges) -> None:
         """Take another reference or other effects; the filter begins anew with them.
 
-        Raises
-        ------
-        ValueError
-            If something is being recorded, the unit is zeroing, or the filter could not run with them.
+        Raises ValueError if something is being recorded, the unit is zeroing, or the filter could not run with them.
         """
         self._refuse_while_zeroing()
         recorder = self._recorder
@@ -402,10 +377,7 @@ class Acquisition:
     def begin_zeroing(self, argument: int) -> "Future[str]":
         """Have the unit zero its rate sensors; returns what will say what came of it.
 
-        Raises
-        ------
-        ValueError
-            If something is being recorded, it is zeroing already, or the acquisition is ending.
+        Raises ValueError if something is being recorded, it is zeroing already, or the acquisition is ending.
         """
         self._refuse_while_zeroing()
         if self._recorder.recording is not None:
@@ -429,10 +401,7 @@ class Acquisition:
     def guide(self, do: str, wish: RecordingWish) -> None:
         """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished.
 
-        Raises
-        ------
-        ValueError
-            If that cannot be done now; the message says what next.
+        Raises ValueError if that cannot be done now; the message says what next.
         """
         recorder = self._recorder
         recording = recorder.recording is not None

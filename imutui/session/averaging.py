@@ -7,36 +7,20 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One output sample.
+    """One output sample."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Mean of its packets' sampling instants, monotonic, ns.
-    counts : np.ndarray
-        Mean counts of rates and accelerations, instrument axes, shape (6,).
-    temperature : float
-        Mean counts of the temperature sensor.
-    packets : int
-        How many packets it is the mean of.
-    """
-
-    stamp_ns: int
-    counts: np.ndarray
-    temperature: float
-    packets: int
+    stamp_ns: int  # mean of its packets' sampling instants, monotonic, ns
+    counts: np.ndarray  # mean counts of rates and accelerations, instrument axes, shape (6,)
+    temperature: float  # mean counts of the temperature sensor
+    packets: int  # how many packets it is the mean of
 
 
 class Averager:
     """Groups packets by time, not by number: 133.3 Hz is no multiple of most rates, and packets may be lost.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Asked rate. A period runs from a whole multiple of 1/rate after the first packet to the next; its
-        sample comes with the first packet after it. A period without packets gives no sample.
-    each : bool
-        Whether every packet is a sample, as at a rate of the unit's own.
+    `rate_hz`: asked rate. A period runs from a whole multiple of 1/rate after the first packet to the next; its sample
+      comes with the first packet after it. A period without packets gives no sample.
+    `each`: whether every packet is a sample, as at a rate of the unit's own.
     """
 
     def __init__(self, rate_hz: float, *, each: bool = False) -> None:

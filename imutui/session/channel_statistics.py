@@ -31,12 +31,8 @@ Integers = npt.NDArray[np.int64]
 class ChannelStatistics:
     """Statistics of seven channels since they were begun.
 
-    Parameters
-    ----------
-    scaling : Scaling
-        Ranges of the unit.
-    spec : ImuSpec
-        What its noise is compared with.
+    `scaling`: ranges of the unit.
+    `spec`: what its noise is compared with.
     """
 
     def __init__(self, scaling: Scaling, spec: ImuSpec = IMU400CD_200) -> None:
@@ -91,17 +87,9 @@ class ChannelStatistics:
     def snapshot(self, channel: int, t: float) -> StatisticsSnapshot:
         """All that is known of a channel.
 
-        Parameters
-        ----------
-        channel : int
-            Its place in `NAMES`.
-        t : float
-            Now, s since the start.
-
-        Raises
-        ------
-        ValueError
-            If there is no such channel.
+        `channel`: its place in `NAMES`.
+        `t`: now, s since the start.
+        Raises ValueError if there is no such channel.
         """
         if not 0 <= channel < len(NAMES):
             raise ValueError(f"`channel` is {channel}; they are numbered from 0 to {len(NAMES) - 1}")

@@ -31,10 +31,7 @@ _LEEWAY_S = 15.0
 class SessionError(Exception):
     """What was asked of an acquisition did not work; the message is for the user.
 
-    Attributes
-    ----------
-    exit_code : int
-        Of a command that ends with this.
+    `exit_code`: of a command that ends with this.
     """
 
     def __init__(self, message: str, exit_code: int = exit_codes.INSTRUMENT) -> None:
@@ -57,19 +54,10 @@ class SessionRefusalError(SessionError):
 class Client:
     """A connection to a running acquisition. Calls may come from any thread; each blocks until its reply.
 
-    Parameters
-    ----------
-    name : str
-        Of the acquisition.
-
-    Attributes
-    ----------
-    findings : list of EndFinding
-        What must be said of the acquisition, once `stop` or `wait` has returned its result.
-    ended_by_itself : bool
-        Whether, by then, nobody had asked for its end.
-    ended_by : str
-        Who or what had, in words.
+    `name`: of the acquisition.
+    `findings`: what must be said of the acquisition, once `stop` or `wait` has returned its result.
+    `ended_by_itself`: whether, by then, nobody had asked for its end.
+    `ended_by`: who or what had, in words.
     """
 
     def __init__(self, name: str) -> None:
@@ -88,10 +76,7 @@ class Client:
     def history(self, wish: HistoryWish) -> HistorySnapshot | None:
         """What a viewer lacks of the run's past, a piece of it; None from an acquisition that keeps none.
 
-        Parameters
-        ----------
-        wish : HistoryWish
-            What the viewer has.
+        `wish`: what the viewer has.
         """
         try:
             return self._ask({"ask": "history", **asdict(wish)})["history"]  # type: ignore[typeddict-item]
@@ -101,15 +86,8 @@ class Client:
     def statistics(self, channel: int) -> StatisticsSnapshot:
         """Allan deviation, spectrum and histogram of a channel over all packets since they were begun.
 
-        Parameters
-        ----------
-        channel : int
-            Its number, 0 to 6.
-
-        Raises
-        ------
-        SessionRefusalError
-            From an acquisition that an older version started, which keeps none.
+        `channel`: its number, 0 to 6.
+        Raises SessionRefusalError: from an acquisition that an older version started, which keeps none.
         """
         return self._ask({"ask": "statistics", "channel": channel})["statistics"]
 
@@ -132,32 +110,18 @@ class Client:
     def configure(self, **changes: Unpack[FilterChanges]) -> None:
         """Change what the filter takes from now on; it starts anew. Refused while recording.
 
-        Parameters
-        ----------
-        **changes
-            `reference` (a name), `reference_file` (name and text of a profile or trajectory), `effects` (text of an
-            effects file, empty for none). What is not named stays as it is.
+        `**changes`: `reference` (a name), `reference_file` (name and text of a profile or trajectory), `effects` (text
+          of an effects file, empty for none). What is not named stays as it is.
         """
         self._ask({"ask": "configure", "changes": changes})
 
     def zero(self, argument: int) -> str:
         """Have the unit, held still, zero its rate sensors; refused while recording. Snapshots do not wait meanwhile.
 
-        Parameters
-        ----------
-        argument : int
-            Length of the average, 0 to 255: ten or a hundred samples for each, documents dispute it. 0 erases the
-            stored zero.
-
-        Returns
-        -------
-        str
-            What came of it.
-
-        Raises
-        ------
-        SessionError
-            If it cannot be done now, or the unit did not answer in time; the message says what next.
+        `argument`: length of the average, 0 to 255: ten or a hundred samples for each, documents dispute it. 0 erases
+          the stored zero.
+        Returns what came of it.
+        Raises SessionError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         from imutui.instrument.registry import INSTRUMENTS
 
@@ -171,12 +135,8 @@ class Client:
     def guide(self, do: str, wish: RecordingWish | None = None) -> None:
         """Guide the operator through the profile.
 
-        Parameters
-        ----------
-        do : str
-            "begin" (records if nothing does), "next", "cancel" or "resume".
-        wish : RecordingWish or None
-            Of the recording that "begin" begins.
+        `do`: "begin" (records if nothing does), "next", "cancel" or "resume".
+        `wish`: of the recording that "begin" begins.
         """
         self._ask({"ask": "guide", "do": do, "wish": _fields(wish)})
 
@@ -189,15 +149,8 @@ class Client:
     def stop(self, by: str = "a program") -> "ResultDocument | None":
         """End the acquisition; returns the result document of its last recording, if there was one.
 
-        Parameters
-        ----------
-        by : str
-            What asks for it, such as "the command imutui stop"; who runs it is added.
-
-        Raises
-        ------
-        SessionError
-            If it ended with an error of its own.
+        `by`: what asks for it, such as "the command imutui stop"; who runs it is added.
+        Raises SessionError if it ended with an error of its own.
         """
         return self._ending({"ask": "stop", "by": end_report.who(by)}, _STOP_S)
 
@@ -273,10 +226,7 @@ def running() -> list[str]:
 def attach(name: str | None = None) -> Client:
     """Client of a running acquisition: of that name, or of the only one.
 
-    Raises
-    ------
-    SessionError
-        If there is none, or several and no name.
+    Raises SessionError if there is none, or several and no name.
     """
     names = running()
     if name is None and len(names) > 1:
@@ -295,17 +245,9 @@ def attach(name: str | None = None) -> Client:
 def start(plan: Plan, timeout: float = 30.0) -> Client:
     """Start an acquisition in a process and session of its own; returns when its first packet has come.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    timeout : float
-        s.
-
-    Raises
-    ------
-    SessionError
-        If it could not start; the message says why and what to do next.
+    `plan`: what is asked.
+    `timeout`: s.
+    Raises SessionError if it could not start; the message says why and what to do next.
     """
     with ipc.log_path(plan.name).open("ab") as log:
         process = subprocess.Popen(
@@ -349,11 +291,7 @@ def probe(port: str) -> ProbeAnswer:
 
     A port that an acquisition of this user has is not touched. It takes up to some seconds where nothing answers.
 
-    Parameters
-    ----------
-    port : str
-        Path, stable id, or pyserial URL.
-
+    `port`: path, stable id, or pyserial URL.
     """
     from imutui.session import port_probe
 

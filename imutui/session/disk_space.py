@@ -25,17 +25,9 @@ class FreeSpace:
     def free_bytes(self, folder: Path, now_ns: int) -> int | None:
         """Bytes that this user may still write to the disk of a folder, which need not exist yet.
 
-        Parameters
-        ----------
-        folder : Path
-            Where recordings go.
-        now_ns : int
-            Monotonic clock.
-
-        Returns
-        -------
-        int or None
-            None if the disk does not say.
+        `folder`: where recordings go.
+        `now_ns`: monotonic clock.
+        Returns none if the disk does not say.
         """
         if folder != self._folder or now_ns - self._refreshed_ns >= _REFRESH_NS:
             self._folder, self._refreshed_ns, self._free = folder, now_ns, _free(folder)
@@ -77,10 +69,7 @@ class GrowthRate:
 class DiskGuard:
     """Keeps some of a disk free: nothing begins, and nothing goes on, when less is left.
 
-    Parameters
-    ----------
-    min_free_mb : float
-        What is kept free, MB; 0 for nothing.
+    `min_free_mb`: what is kept free, MB; 0 for nothing.
     """
 
     def __init__(self, min_free_mb: float) -> None:

@@ -7,10 +7,7 @@ _LEEWAY_NS = 250_000_000
 class Duration:
     """Follows the time of what was recorded, through all files of a recording.
 
-    Parameters
-    ----------
-    seconds : float or None
-        From the first packet on; None for no end.
+    `seconds`: from the first packet on; None for no end.
     """
 
     def __init__(self, seconds: float | None) -> None:

@@ -35,12 +35,7 @@ class EndReport(TypedDict):
 def write(name: str, report: EndReport) -> None:
     """Leave the report of the acquisition of that name, which this process is; a disk that does not take it is let go.
 
-    Parameters
-    ----------
-    name : str
-        Of the acquisition.
-    report : EndReport
-        Its end.
+    `name`: of the acquisition.
     """
     path = ipc.socket_path(name).with_suffix(_SUFFIX)
     part = path.with_name(f"{path.name}.part")

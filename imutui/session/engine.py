@@ -58,26 +58,12 @@ class QueuedCall:
 class Engine:
     """Runs one acquisition from its first packet to its last.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    host : Host
-        Of a unit that is identified, set up, and sends nothing by itself.
-    identity : Identity
-        What the unit said.
-    stream : LiveStream or None
-        Gets what is recorded; whoever made it closes it after the end.
-
-    Attributes
-    ----------
-    lifecycle : Lifecycle
-        Where it stands.
-
-    Raises
-    ------
-    ValueError
-        If the filter could not run with what is asked.
+    `plan`: what is asked.
+    `host`: of a unit that is identified, set up, and sends nothing by itself.
+    `identity`: what the unit said.
+    `stream`: gets what is recorded; whoever made it closes it after the end.
+    `lifecycle`: where it stands.
+    Raises ValueError if the filter could not run with what is asked.
     """
 
     def __init__(self, plan: Plan, host: Host, identity: Identity, stream: LiveStream | None = None) -> None:
@@ -149,15 +135,10 @@ class Engine:
     def call(self, function: Callable[[Acquisition], T], timeout: float = 30.0, *, late: bool = False) -> T:
         """Carry out a function in the worker, between two packets; returns and raises what it does.
 
-        Parameters
-        ----------
-        function : callable
-            From the acquisition to what is asked of it.
-        timeout : float
-            s.
-        late : bool
-            Whether it is carried out when the worker has ended, too, as one that only looks may be; others are refused
-            then.
+        `function`: from the acquisition to what is asked of it.
+        `timeout`: s.
+        `late`: whether it is carried out when the worker has ended, too, as one that only looks may be; others are
+          refused then.
         """
         future: Future[T] = Future()
         self._queue.put(QueuedCall(function, future, late))
@@ -168,15 +149,8 @@ class Engine:
     def zero(self, argument: int) -> str:
         """Have the unit zero its rate sensors and wait for it; returns what came of it. Not through `call`: it waits.
 
-        Parameters
-        ----------
-        argument : int
-            Length of the average, 0 to 255, in a unit that documents dispute; 0 erases the stored zero.
-
-        Raises
-        ------
-        ValueError
-            If it cannot be done now, or the unit did not answer in time; the message says what next.
+        `argument`: length of the average, 0 to 255, in a unit that documents dispute; 0 erases the stored zero.
+        Raises ValueError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         self._instrument.check_zeroing(argument)
         return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
@@ -184,10 +158,7 @@ class Engine:
     def request_stop(self, by: str = "") -> None:
         """End: the reader stops, what it has read is used, the file is finished; safe from any thread and signal.
 
-        Parameters
-        ----------
-        by : str
-            Who or what asks for it, in words.
+        `by`: who or what asks for it, in words.
         """
         self.lifecycle.stop(by)
         self._reader.stop()

@@ -16,17 +16,10 @@ _MARKS = 50
 
 @dataclass(frozen=True, slots=True)
 class OperatorMark:
-    """What the operator said.
+    """What the operator said."""
 
-    Attributes
-    ----------
-    at_ns : int or None
-        Monotonic; None if it belongs to an earlier run of samples than the present one.
-    utc, text : str
-        When, as a clock on the wall shows it, and what.
-    """
-
-    at_ns: int | None
+    at_ns: int | None  # monotonic; None if it belongs to an earlier run of samples than the present one
+    # utc, text: when, as a clock on the wall shows it, and what
     utc: str
     text: str
 
@@ -34,10 +27,7 @@ class OperatorMark:
 class EventLog:
     """Keeps the last 20 events and the last 50 marks.
 
-    Parameters
-    ----------
-    timebase : Timebase
-        Monotonic to UTC.
+    `timebase`: monotonic to UTC.
     """
 
     def __init__(self, timebase: Timebase) -> None:

@@ -36,10 +36,7 @@ _RAW = TOPICS.index(schemas.RAW)
 class Subscriptions:
     """Who watches what. The library calls the methods in threads of its own.
 
-    Attributes
-    ----------
-    new : queue.SimpleQueue
-        Topics that somebody has subscribed to, until they are taken from it.
+    `new`: topics that somebody has subscribed to, until they are taken from it.
     """
 
     def __init__(self) -> None:
@@ -64,10 +61,7 @@ class Subscriptions:
 class LibraryMessages(logging.Handler):
     """What the library says: of viewers that do not keep up it is counted, warnings go to stderr.
 
-    Attributes
-    ----------
-    slow : int
-        How often a viewer's backlog was said to be full; the library says it again after a while only.
+    `slow`: how often a viewer's backlog was said to be full; the library says it again after a while only.
     """
 
     def __init__(self) -> None:

@@ -20,10 +20,7 @@ _TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 class GravityCheck:
     """Looks once, after the first second, whether gravity reads where it should.
 
-    Parameters
-    ----------
-    instrument : Instrument
-        Only of one that turns its own axes something is said: of others the filter's alarms say enough.
+    `instrument`: only of one that turns its own axes something is said: of others the filter's alarms say enough.
     """
 
     def __init__(self, instrument: Instrument) -> None:
@@ -54,14 +51,9 @@ def unexpected_gravity(accels_g: npt.NDArray[np.float64], axes: AxisMap, own_mou
     Of one that lies on a side, and whose own configuration does not explain it, nothing is said: it may be a tilt that
     is meant.
 
-    Parameters
-    ----------
-    accels_g : np.ndarray
-        What the accelerometers read at rest, g, instrument axes and sign, shape (3,).
-    axes : AxisMap
-        To body axes, of which Z points down, as the operator says that the unit is mounted.
-    own_mount : str
-        Axes of its case in those of its packets, as its own configuration has them; "" if it does not say.
+    `accels_g`: what the accelerometers read at rest, g, instrument axes and sign, shape (3,).
+    `axes`: to body axes, of which Z points down, as the operator says that the unit is mounted.
+    `own_mount`: axes of its case in those of its packets, as its own configuration has them; "" if it does not say.
     """
     z = float(axes.accel_to_body(accels_g)[2])
     if z < -_ALONG:

@@ -103,10 +103,7 @@ def names() -> list[str]:
 def lock(name: str) -> int:
     """Take the name for the life of this process; the kernel gives it back however the process ends.
 
-    Raises
-    ------
-    NameTakenError
-        If another process has it.
+    Raises NameTakenError if another process has it.
     """
     if name in names():
         raise NameTakenError(name)
@@ -194,12 +191,8 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
     heard, at most `MAX_VIEWERS` at a time.
 
-    Parameters
-    ----------
-    name : str
-        Of the acquisition, whose lock this process holds.
-    answer : callable
-        From request to reply, both JSON objects; called in a thread for each viewer.
+    `name`: of the acquisition, whose lock this process holds.
+    `answer`: from request to reply, both JSON objects; called in a thread for each viewer.
     """
 
     daemon_threads = True
@@ -266,12 +259,8 @@ class _Handler(socketserver.StreamRequestHandler):
 def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal:
     """Reply to whatever came as a line.
 
-    Parameters
-    ----------
-    line : bytes
-        Should be a request.
-    answer : callable
-        See `Server`.
+    `line`: should be a request.
+    `answer`: see `Server`.
     """
     try:
         reply = answer(_request(line))

@@ -12,25 +12,16 @@ if TYPE_CHECKING:
 class Lifecycle:
     """State, error and exit code of one acquisition.
 
-    Attributes
-    ----------
-    state : str
-        "connecting" until the first packet, then "running"; "stopping" once the end is asked for; "stopped", or
-        "failed", at the end.
-    error : str or None
-        Why it failed, for the user; the first reason counts.
-    exit_code : int
-        Of the process; 0 unless it failed.
-    findings : list of EndFinding
-        What must be said at the end of one that did not fail.
-    stopping_since_ns : int or None
-        When the end was first asked for, monotonic.
-    ended_by : str
-        Who or what asked first, in words; empty if nobody did, or did not say.
-    terminated : bool
-        Whether a signal asked for the end, as who shuts the machine down does: it is waited for some seconds only.
-    streaming, ended : threading.Event
-        Set with the first packet, and when nothing more will happen.
+    `state`: "connecting" until the first packet, then "running"; "stopping" once the end is asked for; "stopped", or
+      "failed", at the end.
+    `error`: why it failed, for the user; the first reason counts.
+    `exit_code`: of the process; 0 unless it failed.
+    `findings`: what must be said at the end of one that did not fail.
+    `stopping_since_ns`: when the end was first asked for, monotonic.
+    `ended_by`: who or what asked first, in words; empty if nobody did, or did not say.
+    `terminated`: whether a signal asked for the end, as who shuts the machine down does: it is waited for some seconds
+      only.
+    `streaming`, `ended`: set with the first packet, and when nothing more will happen.
     """
 
     def __init__(self) -> None:

@@ -18,31 +18,18 @@ from imutui.session.timebase import Timebase
 
 @dataclass(frozen=True, slots=True)
 class LineState:
-    """How the line stands.
+    """How the line stands."""
 
-    Attributes
-    ----------
-    silent_s : float
-        Since the last packet.
-    expected : bool
-        Whether no packet is expected now.
-    """
-
-    silent_s: float
-    expected: bool
+    silent_s: float  # since the last packet
+    expected: bool  # whether no packet is expected now
 
 
 class LineWatch:
     """Follows one acquisition's line.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Port, unit, sampling and rate.
-    timebase : Timebase
-        Monotonic to UTC.
-    stream_hz : float
-        Packets a second that the unit sends where it streams, at most.
+    `info`: port, unit, sampling and rate.
+    `timebase`: monotonic to UTC.
+    `stream_hz`: packets a second that the unit sends where it streams, at most.
     """
 
     def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
@@ -111,12 +98,8 @@ class LineWatch:
     def at_the_end(self, now_ns: int, line: LineState | None) -> Iterator[tuple[EndFinding, bool]]:
         """What must be said when the acquisition ends, and whether that has been said before.
 
-        Parameters
-        ----------
-        now_ns : int
-            Monotonic.
-        line : LineState or None
-            As it was when the end was asked for; None if that is not to be judged.
+        `now_ns`: monotonic.
+        `line`: as it was when the end was asked for; None if that is not to be judged.
         """
         slow = self._rate.finding()
         if slow is not None:

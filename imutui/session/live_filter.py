@@ -31,16 +31,9 @@ ESTIMATE_PERIOD_S = 0.1
 class Preparation:
     """Loading, or the first time on a machine compiling, of the filter's step; in a thread, once a process.
 
-    Parameters
-    ----------
-    effects : bool
-        Whether the step for states of effects is prepared too, which is one of its own. The other one is as well:
-        effects need not add any state.
-
-    Attributes
-    ----------
-    ready : threading.Event
-        Set when the step can be used, or will say itself why not.
+    `effects`: whether the step for states of effects is prepared too, which is one of its own. The other one is as
+      well: effects need not add any state.
+    `ready`: set when the step can be used, or will say itself why not.
     """
 
     def __init__(self, *, effects: bool) -> None:
@@ -84,36 +77,17 @@ def load() -> None:
 class LiveFilter:
     """The estimator of one run of samples, and what keeps it from stopping a recording.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Settings.
-    motion : Profile, Trajectory or None
-        What the reference needs.
-    effects : callable or None
-        Makes the effects that join the filter.
-    history : EstimateHistory or None
-        Takes its biases.
-
-    Attributes
-    ----------
-    history : EstimateHistory
-        Biases since the run began.
-    estimator : Estimator or None
-        None until the first samples are used.
-    failure : str or None
-        Why the filter stopped, if it did.
-    seconds : float
-        Time that it took so far.
-    waiting : int
-        Samples that wait for it.
-    preparation : Preparation
-        Of the step that it runs.
-
-    Raises
-    ------
-    ValueError
-        If the settings cannot be.
+    `info`: settings.
+    `motion`: what the reference needs.
+    `effects`: makes the effects that join the filter.
+    `history`: takes its biases.
+    `history`: biases since the run began.
+    `estimator`: none until the first samples are used.
+    `failure`: why the filter stopped, if it did.
+    `seconds`: time that it took so far.
+    `waiting`: samples that wait for it.
+    `preparation`: of the step that it runs.
+    Raises ValueError if the settings cannot be.
     """
 
     def __init__(

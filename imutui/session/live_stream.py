@@ -40,17 +40,9 @@ class StreamError(Exception):
 class LiveStream:
     """The stream of one acquisition. Not thread-safe: the worker, which writes the file, hands messages on.
 
-    Parameters
-    ----------
-    host, port : str, int
-        Address and TCP port to listen on.
-    name : str
-        What viewers show.
-
-    Raises
-    ------
-    StreamError
-        If the library is not installed, the port is taken, or the address is none of this computer.
+    `host`, `port`: address and TCP port to listen on.
+    `name`: what viewers show.
+    Raises StreamError if the library is not installed, the port is taken, or the address is none of this computer.
     """
 
     def __init__(self, host: str, port: int, name: str) -> None:
@@ -97,14 +89,9 @@ class LiveStream:
     def send(self, topic: str, data: bytes, log_ns: int) -> None:
         """Hand a message on, or keep it for a moment; never waits and never raises.
 
-        Parameters
-        ----------
-        topic : str
-            One of `schemas.TYPES`.
-        data : bytes
-            CDR.
-        log_ns : int
-            Its log time, UTC, ns.
+        `topic`: one of `schemas.TYPES`.
+        `data`: CDR.
+        `log_ns`: its log time, UTC, ns.
         """
         if self._ended:
             return

@@ -116,18 +116,9 @@ _WITHOUT_FILE = ("level", "gravity", "turned")
 def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup:
     """Setup with another reference or other effects, checked as at the start.
 
-    Parameters
-    ----------
-    plan, info : Plan, SessionInfo
-        As they are.
-    changes : FilterChanges
-        A reference
-        that needs no file lays the present one aside, and a file says itself which reference it is.
-
-    Raises
-    ------
-    ValueError
-        If something is not known, or the filter could not run with it.
+    `plan`, `info`: as they are.
+    `changes`: a reference that needs no file lays the present one aside, and a file says itself which reference it is.
+    Raises ValueError if something is not known, or the filter could not run with it.
     """
     known = FilterChanges.__annotations__
     unknown = sorted(set(changes) - known.keys())

@@ -25,81 +25,40 @@ _LOADING_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class AcquisitionView:
-    """What a snapshot is made of.
+    """What a snapshot is made of."""
 
-    Attributes
-    ----------
-    now_ns, started_ns, last_packet_ns : int
-        Monotonic: now, when the acquisition began, when its last packet was read.
-    utc_ns : int
-        Now, UTC.
-    loss_advice : str
-        Where to look when packets are lost.
-    plan, info : Plan, SessionInfo
-        As they are in force.
-    state, error : str, str or None
-        See `imutui.session.lifecycle.Lifecycle`.
-    findings : tuple of str
-        What must be said at the end, so far.
-    ended_by : str
-        Who or what asked for the end, in words.
-    zeroing : bool
-        Whether packets pause for the unit to zero its rate sensors.
-    reconnecting : ReconnectingSnapshot or None
-        What is being waited for while the unit is away.
-    follows_profile : bool
-        Whether the reference comes from a table profile.
-    pipeline : SamplePipeline
-        The present run of samples.
-    recording : Recording or None
-        What is being recorded.
-    free_bytes : int or None
-        Free space where the present recording goes, or the next one would.
-    recent : RecentPackets
-        For numbers and curves.
-    status : str
-        The newest packet's status word in words; "" where no bit is set.
-    events : EventLog
-        Last events and marks.
-    guide : Guide or None
-        Where the operator is in a profile.
-    stream : StreamSnapshot or None
-        The live stream for Foxglove.
-    """
-
+    # now_ns, started_ns, last_packet_ns: monotonic: now, when the acquisition began, when its last packet was read
     now_ns: int
     started_ns: int
     last_packet_ns: int
-    utc_ns: int
-    loss_advice: str
+    utc_ns: int  # now, UTC
+    loss_advice: str  # where to look when packets are lost
+    # plan, info: as they are in force
     plan: Plan
     info: SessionInfo
+    # state, error: see `imutui.session.lifecycle.Lifecycle`
     state: SessionState
     error: str | None
-    findings: tuple[str, ...]
-    ended_by: str
-    zeroing: bool
-    reconnecting: ReconnectingSnapshot | None
-    follows_profile: bool
-    pipeline: SamplePipeline
-    recording: Recording | None
-    free_bytes: int | None
-    recent: RecentPackets
-    status: str
-    events: EventLog
-    guide: Guide | None
-    stream: StreamSnapshot | None
+    findings: tuple[str, ...]  # what must be said at the end, so far
+    ended_by: str  # who or what asked for the end, in words
+    zeroing: bool  # whether packets pause for the unit to zero its rate sensors
+    reconnecting: ReconnectingSnapshot | None  # what is being waited for while the unit is away
+    follows_profile: bool  # whether the reference comes from a table profile
+    pipeline: SamplePipeline  # the present run of samples
+    recording: Recording | None  # what is being recorded
+    free_bytes: int | None  # free space where the present recording goes, or the next one would
+    recent: RecentPackets  # for numbers and curves
+    status: str  # the newest packet's status word in words; "" where no bit is set
+    events: EventLog  # last events and marks
+    guide: Guide | None  # where the operator is in a profile
+    stream: StreamSnapshot | None  # the live stream for Foxglove
 
 
 def snapshot(view: AcquisitionView, since: int) -> Snapshot:
     """Everything a screen shows.
 
-    Parameters
-    ----------
-    view : AcquisitionView
-        The acquisition, between two packets.
-    since : int
-        Number of the first packet wanted in `series`.
+    `view`: the acquisition, between two packets.
+    `since`: number of the first packet wanted in `series`.
     """
     now, info, plan, pipeline = view.now_ns, view.info, view.plan, view.pipeline
     counters = pipeline.counters

@@ -14,12 +14,8 @@ from imutui.verdict import sources
 def snapshot(estimator: Estimator, info: SessionInfo) -> FilterSnapshot:
     """What a screen shows of the filter, in the instrument's axes and units.
 
-    Parameters
-    ----------
-    estimator : Estimator
-        Between two samples.
-    info : SessionInfo
-        Axes and units.
+    `estimator`: between two samples.
+    `info`: axes and units.
     """
     latest = estimator.latest
     out: FilterSnapshot = {

@@ -8,29 +8,18 @@ from imutui.session.plan import MIN_RATE_HZ
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What a kind of unit gives.
+    """What a kind of unit gives."""
 
-    Attributes
-    ----------
-    name : str
-        What files of such units begin with.
-    least_rate_hz, most_rate_hz : float
-        Bounds of the output rate.
-    rates_hz : tuple of float
-        Rates, rising, at which each packet of a stream is a sample; at others samples are means of packets.
-    mode, mode_words : str
-        What its packets are, in two words and in a line.
-    zeroes_rates : bool
-        Whether it has a command that zeroes its rate sensors.
-    """
-
-    name: str
+    name: str  # what files of such units begin with
+    # least_rate_hz, most_rate_hz: bounds of the output rate
     least_rate_hz: float
     most_rate_hz: float
+    # rates, rising, at which each packet of a stream is a sample; at others samples are means of packets
     rates_hz: tuple[float, ...]
+    # mode, mode_words: what its packets are, in two words and in a line
     mode: str
     mode_words: str
-    zeroes_rates: bool
+    zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
 
 
 NAMES = tuple(registry.INSTRUMENTS)

@@ -22,17 +22,9 @@ CANCELLED: GuideState = "cancelled"
 class Guide:
     """One way through a profile.
 
-    Parameters
-    ----------
-    profile : Profile
-        What is to be done.
-
-    Attributes
-    ----------
-    state : str
-        "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
-    segment : int
-        The present one, from 0; after the last, the last.
+    `profile`: what is to be done.
+    `state`: "go": the operator is on the way to the segment. "hold": it has begun. "done": all have been. "cancelled".
+    `segment`: the present one, from 0; after the last, the last.
     """
 
     def __init__(self, profile: Profile) -> None:
@@ -46,10 +38,7 @@ class Guide:
     def do(self, what: str, now_ns: int, *, recording: bool) -> str | None:
         """Carry out the operator's "next", "cancel" or "resume"; returns the mark to write, if there is one.
 
-        Raises
-        ------
-        ValueError
-            If it cannot be done now, or is none of them.
+        Raises ValueError if it cannot be done now, or is none of them.
         """
         match what:
             case "next":
@@ -71,15 +60,8 @@ class Guide:
     def arrive(self, now_ns: int) -> str:
         """Take it that the operator has arrived, and hold.
 
-        Returns
-        -------
-        str
-            The mark to write.
-
-        Raises
-        ------
-        ValueError
-            If nobody is on the way.
+        Returns the mark to write.
+        Raises ValueError if nobody is on the way.
         """
         self.advance(now_ns)
         if self.state == HOLD:
@@ -100,16 +82,9 @@ class Guide:
     def cancel(self, now_ns: int) -> str | None:
         """Stop guiding.
 
-        Returns
-        -------
-        str or None
-            The mark to write: that the segment under way has ended before its time. Without it the table would be
-            taken to rest there still.
-
-        Raises
-        ------
-        ValueError
-            If there is nothing to cancel.
+        Returns the mark to write: that the segment under way has ended before its time. Without it the table would be
+          taken to rest there still.
+        Raises ValueError if there is nothing to cancel.
         """
         self.advance(now_ns)
         self._refuse_unless_under_way()
@@ -123,10 +98,7 @@ class Guide:
     def resume(self) -> None:
         """Go on after a cancellation, with the first segment that has not been done.
 
-        Raises
-        ------
-        ValueError
-            If it was not cancelled.
+        Raises ValueError if it was not cancelled.
         """
         if self.state != CANCELLED:
             raise ValueError(f"the guide is not cancelled but in state {self.state}; there is nothing to resume")
@@ -155,12 +127,8 @@ class Guide:
     def snapshot(self, now_ns: int, started_ns: int | None) -> GuideSnapshot:
         """What viewers see.
 
-        Parameters
-        ----------
-        now_ns : int
-            Monotonic clock.
-        started_ns : int or None
-            When the run of samples began, on the same clock, if it has.
+        `now_ns`: monotonic clock.
+        `started_ns`: when the run of samples began, on the same clock, if it has.
         """
         self.advance(now_ns)
         return {
@@ -181,21 +149,9 @@ def _seconds_since(started_ns: int | None, at_ns: int | None) -> float | None:
 def begin_guide(motion: object, filter_name: str, present: Guide | None, *, recording: bool) -> Guide:
     """Guide through the profile of an acquisition.
 
-    Parameters
-    ----------
-    motion : object
-        What its reference needs, if anything.
-    filter_name : str
-        Its filter.
-    present : Guide or None
-        The present guide.
-    recording : bool
-        Whether something is being recorded, which then began before this guide.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to be guided through, or not now; the message says what next.
+    `motion`: what its reference needs, if anything.
+    `recording`: whether something is being recorded, which then began before this guide.
+    Raises ValueError if there is nothing to be guided through, or not now; the message says what next.
     """
     if not isinstance(motion, Profile):
         raise ValueError("there is no profile to be guided through: load one as the reference first")
@@ -223,19 +179,10 @@ def hold_seconds(profile: Profile) -> list[float]:
 def describe(profile: Profile, name: str, text: str = "") -> ProfileDescription:
     """A profile for viewers.
 
-    Parameters
-    ----------
-    profile : Profile
-        What is to be done.
-    name : str
-        Of its file.
-    text : str
-        Its content.
-
-    Returns
-    -------
-    ProfileDescription
-        Fields of a segment that do not apply are None.
+    `profile`: what is to be done.
+    `name`: of its file.
+    `text`: its content.
+    Returns fields of a segment that do not apply are None.
     """
     segments = [
         _describe_segment(segment, seconds)

@@ -14,21 +14,11 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What an acquisition says of itself.
+    """What an acquisition says of itself."""
 
-    Attributes
-    ----------
-    name : str
-        Of the acquisition.
-    snapshot : Snapshot or None
-        Without series; None if there is none to be had.
-    missing : str
-        Why there is none: "connecting" or "does not answer".
-    """
-
-    name: str
-    snapshot: Snapshot | None
-    missing: str = ""
+    name: str  # of the acquisition
+    snapshot: Snapshot | None  # without series; None if there is none to be had
+    missing: str = ""  # why there is none: "connecting" or "does not answer"
 
 
 def ask(names: Sequence[str]) -> list[Answer]:

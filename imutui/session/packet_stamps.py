@@ -19,10 +19,7 @@ class StampedPacket:
 class PacketStamps:
     """Stamps packets in the order of their arrival.
 
-    Parameters
-    ----------
-    clock : Clock
-        Of the line.
+    `clock`: of the line.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -61,10 +58,7 @@ class PacketStamps:
 def gap_text(stamp: Stamp) -> str:
     """Words for the gap before a packet, with its bounds for programs; "" if there is none.
 
-    Parameters
-    ----------
-    stamp : Stamp
-        Of the first packet behind it.
+    `stamp`: of the first packet behind it.
     """
     gap = stamp.gap
     if gap is None:

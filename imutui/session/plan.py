@@ -27,37 +27,27 @@ VIRTUAL_PORT = "virtual"
 
 @dataclass(frozen=True, slots=True)
 class HistoryWish:
-    """What a viewer lacks of a run's history.
+    """What a viewer lacks of a run's history."""
 
-    Attributes
-    ----------
-    run : int
-        The run that it has rows of; of another one all is sent.
-    estimates_s, temperature_s : float or None
-        Instants of the last rows that it has, s since the run's first sample; None if it has none.
-    """
-
-    run: int = 0
+    run: int = 0  # the run that it has rows of; of another one all is sent
+    # estimates_s, temperature_s: instants of the last rows that it has, s since the run's first sample; None if it has
+    # none
     estimates_s: float | None = None
     temperature_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingWish:
-    """What the operator says when a recording begins; None leaves it as the plan has it.
+    """What the operator says when a recording begins; None leaves it as the plan has it."""
 
-    Attributes
-    ----------
-    note, operator, place, table : str or None
-        Go into the file: remark, who, where in words, which turn table. Empty says that there is none.
-    rotate_minutes, rotate_mb : float or None
-        The file is finished, and the next one begun, after so many minutes or megabytes; 0 for never.
-    """
-
+    # note, operator, place, table: go into the file: remark, who, where in words, which turn table. Empty says that
+    # there is none.
     note: str | None = None
     operator: str | None = None
     place: str | None = None
     table: str | None = None
+    # rotate_minutes, rotate_mb: the file is finished, and the next one begun, after so many minutes or megabytes; 0 for
+    # never
     rotate_minutes: float | None = None
     rotate_mb: float | None = None
 
@@ -93,75 +83,33 @@ def check_rotation(minutes: float, mb: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """One acquisition.
+    """One acquisition."""
 
-    Attributes
-    ----------
-    port : str
-        Path, stable id, pyserial URL, or "virtual".
-    rate_hz : float
-        Output rate, 0.1 to 133 Hz.
-    sampling : str
-        "stream": every packet at a rate that the unit has, else means over each period. "polled": one request a period.
-    baud : int
-        Line speed.
-    duration_s : float or None
-        Ends by itself so many seconds after the first packet, gaps included.
-    record : bool
-        Whether recording starts with the first packet, or when a viewer asks.
-    filter, reference : str
-        Names; filter "none" records only.
-    name : str
-        Of the acquisition; one of a name a user.
-    logs : str
-        Folder of recordings, absolute.
-    file_mode : str
-        Permissions of files, octal, as "0640".
-    min_free_mb : float
-        Megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit.
-    output, overwrite : str, bool
-        File of the first recording instead of a name made up in `logs`, and whether it may replace one.
-    note, operator, place, table : str
-        Go into the file: remark, who, where in words, which turn table.
-    rotate_minutes, rotate_mb : float
-        A file is finished, and the next one begun, after so many minutes or megabytes; 0 for never. See `rotates`.
-    noise : str
-        Of the filter; "log" is refused, since it needs the whole log.
-    reference_file : tuple of str
-        Name (its ending counts: .toml or .csv) and text of the file that the reference comes from, both empty if it
-        comes from none.
-    effects : str
-        Text of the effects file; empty for none.
-    foxglove_port, foxglove_host : int, str
-        TCP port and address at which what is recorded is streamed to Foxglove; port 0 for no stream.
-    unattended : bool
-        Nobody looks on: a recording names the one before it, be it finished.
-    virtual : tuple of str
-        Further arguments of `imutui virtual`, for port "virtual".
-    instrument : str
-        Which kind of unit, by its name in the registry; empty for whichever answers.
-    explicit : tuple of str
-        Fields that somebody chose: `of_instrument` leaves them as they are.
-    """
-
-    port: str
-    rate_hz: float = MAX_RATE_HZ
+    port: str  # path, stable id, pyserial URL, or "virtual"
+    rate_hz: float = MAX_RATE_HZ  # output rate, 0.1 to 133 Hz
+    # "stream": every packet at a rate that the unit has, else means over each period. "polled": one request a period.
     sampling: str = "stream"
-    baud: int = POWER_UP_BAUD
-    duration_s: float | None = None
-    record: bool = False
+    baud: int = POWER_UP_BAUD  # line speed
+    duration_s: float | None = None  # ends by itself so many seconds after the first packet, gaps included
+    record: bool = False  # whether recording starts with the first packet, or when a viewer asks
+    # filter, reference: names; filter "none" records only
     filter: str = "spkf"
     reference: str = "level"
-    name: str = "default"
-    logs: str = "logs"
-    file_mode: str = FILE_MODE
+    name: str = "default"  # of the acquisition; one of a name a user
+    logs: str = "logs"  # folder of recordings, absolute
+    file_mode: str = FILE_MODE  # permissions of files, octal, as "0640"
+    # megabytes that the disk keeps free: recording does not start, and stops, below; 0 for no limit
     min_free_mb: float = MIN_FREE_MB
+    # output, overwrite: file of the first recording instead of a name made up in `logs`, and whether it may replace one
     output: str = ""
     overwrite: bool = False
+    # note, operator, place, table: go into the file: remark, who, where in words, which turn table
     note: str = ""
     operator: str = ""
     place: str = ""
     table: str = ""
+    # rotate_minutes, rotate_mb: a file is finished, and the next one begun, after so many minutes or megabytes; 0 for
+    # never. See `rotates`.
     rotate_minutes: float = 0.0
     rotate_mb: float = 0.0
     accel_sign: int = -1
@@ -175,15 +123,19 @@ class Plan:
     measurements: str = "exact"
     seed: int = 0
     kappa: float = 0.0
-    noise: str = "table1"
+    noise: str = "table1"  # of the filter; "log" is refused, since it needs the whole log
+    # name (its ending counts: .toml or .csv) and text of the file that the reference comes from, both empty if it comes
+    # from none
     reference_file: tuple[str, str] = ("", "")
-    effects: str = ""
+    effects: str = ""  # text of the effects file; empty for none
+    # foxglove_port, foxglove_host: TCP port and address at which what is recorded is streamed to Foxglove; port 0 for
+    # no stream
     foxglove_port: int = 0
     foxglove_host: str = LOOPBACK
-    unattended: bool = False
-    virtual: tuple[str, ...] = ()
-    instrument: str = DEFAULT
-    explicit: tuple[str, ...] = ()
+    unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
+    virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
+    instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
+    explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
 
     def __post_init__(self) -> None:
         if self.instrument and self.instrument not in INSTRUMENTS:
@@ -216,10 +168,7 @@ class Plan:
     def of_instrument(self, name: str) -> "Plan":
         """The plan for an instrument: what nobody chose is as that one has it.
 
-        Raises
-        ------
-        ValueError
-            If it can't be asked of it.
+        Raises ValueError if it can't be asked of it.
         """
         instrument = INSTRUMENTS[name]
         if name == DEFAULT:
@@ -288,14 +237,9 @@ DEMO = "demo"
 def demo(defaults: Plan, rate_hz: float = DEMO_RATE_HZ, seed: int = 0) -> Plan:
     """The demo: a virtual instrument with an effect to be found, recorded from the first packet.
 
-    Parameters
-    ----------
-    defaults : Plan
-        Where to record, and who does.
-    rate_hz : float
-        Output rate.
-    seed : int
-        Of the virtual unit's biases and noise.
+    `defaults`: where to record, and who does.
+    `rate_hz`: output rate.
+    `seed`: of the virtual unit's biases and noise.
     """
     scenario = Path(__file__).with_name("demo.toml")
     return Plan(

@@ -23,24 +23,14 @@ _SUFFIX = ".mcap"
 
 @dataclass(frozen=True, slots=True)
 class PreviousLog:
-    """A recording that an acquisition takes up after.
+    """A recording that an acquisition takes up after."""
 
-    Attributes
-    ----------
-    name, log_id : str
-        Of its last file.
-    finished : bool
-        Whether that has its end.
-    last_s : float
-        Its last sample, or when it was last written to if it does not tell, Unix time, s.
-    restart : str
-        "process" if this computer has run on since, "computer" if that was started anew, "" if it is not known.
-    """
-
+    # name, log_id: of its last file
     name: str
     log_id: str
-    finished: bool
-    last_s: float
+    finished: bool  # whether that has its end
+    last_s: float  # its last sample, or when it was last written to if it does not tell, Unix time, s
+    # "process" if this computer has run on since, "computer" if that was started anew, "" if it is not known
     restart: str
 
     def in_words(self) -> str:
@@ -66,19 +56,10 @@ def boot_id() -> str:
 def find(folder: Path, info: SessionInfo, *, finished_too: bool) -> PreviousLog | None:
     """The last recording of the same acquisition, unit and computer in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the recordings.
-    info : SessionInfo
-        Of the recording that is to begin.
-    finished_too : bool
-        Whether one that was finished counts, or is nothing to be told of.
-
-    Returns
-    -------
-    PreviousLog or None
-        None if there is none, or it was finished and that does not count.
+    `folder`: of the recordings.
+    `info`: of the recording that is to begin.
+    `finished_too`: whether one that was finished counts, or is nothing to be told of.
+    Returns none if there is none, or it was finished and that does not count.
     """
     for path in _newest(folder):
         try:

@@ -21,30 +21,19 @@ from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, Still
 
 @dataclass(frozen=True, slots=True)
 class PacketArrival:
-    """A packet as it was read.
-
-    Attributes
-    ----------
-    host_ns : int
-        When its last byte was read, monotonic.
-    contiguous, quiet : bool
-        Whether it followed the packet before byte by byte; whether the line was found without a byte in between.
-    behind : bool
-        Whether more had arrived already when it was read.
-    bad_checksums, discarded_bytes : int
-        Of the line so far.
-    requested_ns : int or None
-        When it was asked for; None if it came by itself.
-    """
+    """A packet as it was read."""
 
     packet: DataPacket
-    host_ns: int
+    host_ns: int  # when its last byte was read, monotonic
+    # contiguous, quiet: whether it followed the packet before byte by byte; whether the line was found without a byte
+    # in between
     contiguous: bool
     quiet: bool
-    behind: bool
+    behind: bool  # whether more had arrived already when it was read
+    # bad_checksums, discarded_bytes: of the line so far
     bad_checksums: int
     discarded_bytes: int
-    requested_ns: int | None = None
+    requested_ns: int | None = None  # when it was asked for; None if it came by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +45,10 @@ class PollUnanswered:
 
 @dataclass(frozen=True, slots=True)
 class ZeroingFinished:
-    """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between.
+    """The rate sensors were to be zeroed. Packets before and after do not belong together: none came in between."""
 
-    Attributes
-    ----------
-    argument : int
-        As it was sent.
-    seconds : float or None
-        Until the unit said that it is done; None if it did not.
-    """
-
-    argument: int
-    seconds: float | None
+    argument: int  # as it was sent
+    seconds: float | None  # until the unit said that it is done; None if it did not
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,21 +64,11 @@ ReaderEvent = PacketArrival | PollUnanswered | ZeroingFinished | LineLost | Stil
 class Reader:
     """Reads packets until told to stop.
 
-    Parameters
-    ----------
-    host : Host
-        Of a unit that is identified, set up, and sends nothing by itself.
-    poll_hz : float or None
-        Requests a second; None to have the unit stream.
-    emit : callable
-        Takes what happens; called in the reader's thread.
-    known : KnownUnit or None
-        The unit to find again after the first packet; None to end when its line is lost.
-
-    Attributes
-    ----------
-    last_packet_ns : int
-        When the last packet was read, or the last pause of packets was over, monotonic.
+    `host`: of a unit that is identified, set up, and sends nothing by itself.
+    `poll_hz`: requests a second; None to have the unit stream.
+    `emit`: takes what happens; called in the reader's thread.
+    `known`: the unit to find again after the first packet; None to end when its line is lost.
+    `last_packet_ns`: when the last packet was read, or the last pause of packets was over, monotonic.
     """
 
     def __init__(

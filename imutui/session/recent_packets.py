@@ -18,10 +18,7 @@ _MAX_ROWS = 4000
 class RecentPackets:
     """Keeps the last minute of packets.
 
-    Parameters
-    ----------
-    scaling : Scaling
-        Ranges of the unit.
+    `scaling`: ranges of the unit.
     """
 
     def __init__(self, scaling: Scaling) -> None:

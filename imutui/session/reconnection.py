@@ -27,24 +27,12 @@ _SILENT_PERIODS = 4.0
 
 @dataclass(frozen=True, slots=True)
 class KnownUnit:
-    """The unit that an acquisition began with, and alone goes on with.
+    """The unit that an acquisition began with, and alone goes on with."""
 
-    Attributes
-    ----------
-    identity : Identity
-        What it said of itself.
-    baud : int
-        Speed of its line.
-    power_up_bauds : tuple of int
-        Speeds that it may have after power-up.
-    returns : bool
-        Whether its line may come back once it is lost: not that of a virtual unit of our own.
-    """
-
-    identity: Identity
-    baud: int
-    power_up_bauds: tuple[int, ...] = ()
-    returns: bool = True
+    identity: Identity  # what it said of itself
+    baud: int  # speed of its line
+    power_up_bauds: tuple[int, ...] = ()  # speeds that it may have after power-up
+    returns: bool = True  # whether its line may come back once it is lost: not that of a virtual unit of our own
 
     def in_words(self) -> str:
         """How the unit is told from others."""
@@ -54,21 +42,11 @@ class KnownUnit:
 
 @dataclass(frozen=True, slots=True)
 class LineLost:
-    """The line went away, or nothing has come over it for long.
+    """The line went away, or nothing has come over it for long."""
 
-    Attributes
-    ----------
-    message : str
-        Which line, and what is known of why.
-    since_ns : int
-        When the last packet was read, monotonic.
-    final : bool
-        Whether it is not waited for: nothing had come over it yet, or what went away cannot come back.
-    """
-
-    message: str
-    since_ns: int
-    final: bool
+    message: str  # which line, and what is known of why
+    since_ns: int  # when the last packet was read, monotonic
+    final: bool  # whether it is not waited for: nothing had come over it yet, or what went away cannot come back
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,19 +59,12 @@ class StillAway:
 
 @dataclass(frozen=True, slots=True)
 class LineReturned:
-    """The same unit is back and was set up as before; its first packet follows.
+    """The same unit is back and was set up as before; its first packet follows."""
 
-    Attributes
-    ----------
-    from_ns, to_ns : int
-        When the last packet before and the first one after were read, monotonic.
-    found : str
-        How it was found, in words.
-    """
-
+    # from_ns, to_ns: when the last packet before and the first one after were read, monotonic
     from_ns: int
     to_ns: int
-    found: str
+    found: str  # how it was found, in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,19 +89,10 @@ def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes
 
     That may be the answer of a unit that was reset; or packets from before, where it was the line that had stalled.
 
-    Parameters
-    ----------
-    host : Host
-        Its port is open, and left as it is.
-    known : KnownUnit
-        It has its speed still, or that of power-up.
-    stopping : threading.Event
-        Ends the wait.
-
-    Raises
-    ------
-    PortError
-        If the line goes away, or its name leads to another device by now.
+    `host`: its port is open, and left as it is.
+    `known`: it has its speed still, or that of power-up.
+    `stopping`: ends the wait.
+    Raises PortError if the line goes away, or its name leads to another device by now.
     """
     port = host.port
     speeds = dict.fromkeys((known.baud, *known.power_up_bauds))
@@ -165,23 +127,12 @@ def find_again(
 ) -> FoundUnit | None:
     """Wait for the unit, and set it up as it was; it is polled afterwards.
 
-    Parameters
-    ----------
-    host : Host
-        Its port is opened anew if it was closed, or its name leads to another device by now.
-    known : KnownUnit
-        Which unit, and its speed.
-    stopping : threading.Event
-        Ends the wait.
-    tell : callable
-        Told what is being waited for, whenever that has changed.
-    streams : bool
-        Whether the unit sends by itself, if it kept its power.
-
-    Returns
-    -------
-    FoundUnit or None
-        None if the wait was ended.
+    `host`: its port is opened anew if it was closed, or its name leads to another device by now.
+    `known`: which unit, and its speed.
+    `stopping`: ends the wait.
+    `tell`: told what is being waited for, whenever that has changed.
+    `streams`: whether the unit sends by itself, if it kept its power.
+    Returns none if the wait was ended.
     """
     port = host.port
     told: StillAway | None = None

@@ -33,46 +33,22 @@ _MOST_FINDINGS = 20
 class Recorder:
     """Runs of samples, one after the other, with a file or without. Not thread-safe.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    info : SessionInfo
-        Metadata of its logs.
-    lifecycle : Lifecycle
-        Where the acquisition stands; what must be said at its end goes there.
-    timebase : Timebase
-        From the monotonic clock to UTC.
-    stream : LiveStream or None
-        Gets what goes into files.
-
-    Attributes
-    ----------
-    plan, info : Plan, SessionInfo
-        As they are in force.
-    motion : Profile, Trajectory or None
-        What the reference says of the motion.
-    pipeline : SamplePipeline
-        The present run.
-    recording : Recording or None
-        The file that it goes into, if there is one.
-    result : ResultDocument or None
-        Of the last recording that was finished.
-    duration : Duration
-        How long the plan asks for.
-    events : EventLog
-        Last events and marks.
-    event_clock : EventClock
-        When what is told happened.
-    stream : LiveStream or None
-        As given.
-    begins_with_packet : bool
-        Whether the next packet begins the plan's recording.
-
-    Raises
-    ------
-    ValueError
-        If the filter could not run with what is asked; the message names it.
+    `plan`: what is asked.
+    `info`: metadata of its logs.
+    `lifecycle`: where the acquisition stands; what must be said at its end goes there.
+    `timebase`: from the monotonic clock to UTC.
+    `stream`: gets what goes into files.
+    `plan`, `info`: as they are in force.
+    `motion`: what the reference says of the motion.
+    `pipeline`: the present run.
+    `recording`: the file that it goes into, if there is one.
+    `result`: of the last recording that was finished.
+    `duration`: how long the plan asks for.
+    `events`: last events and marks.
+    `event_clock`: when what is told happened.
+    `stream`: as given.
+    `begins_with_packet`: whether the next packet begins the plan's recording.
+    Raises ValueError if the filter could not run with what is asked; the message names it.
     """
 
     def __init__(
@@ -151,10 +127,7 @@ class Recorder:
     def record(self, wish: RecordingWish) -> None:
         """Begin a recording as wished. What is wished stays for later ones, but not the note: it is of one recording.
 
-        Raises
-        ------
-        ValueError
-            If the disk does not take it.
+        Raises ValueError if the disk does not take it.
         """
         said = {key: value for key, value in asdict(wish).items() if value is not None}
         note = said.pop("note", self.plan.note)
@@ -171,10 +144,7 @@ class Recorder:
     def describe(self, note: str | None, operator: str | None) -> None:
         """Change note and operator of the file that is being written; None leaves one as it is. Raises OSError.
 
-        Raises
-        ------
-        ValueError
-            If nothing is being recorded.
+        Raises ValueError if nothing is being recorded.
         """
         if self.recording is None:
             raise ValueError("nothing is being recorded, so there is no file to describe; start recording first")
@@ -283,12 +253,8 @@ class Recorder:
     def end_recording(self) -> "ResultDocument":
         """Finish the recording; the run of samples, its filter included, goes on without a file.
 
-        Raises
-        ------
-        ValueError
-            If nothing is being recorded.
-        OSError
-            If the disk does not take the end.
+        Raises ValueError if nothing is being recorded.
+        Raises OSError if the disk does not take the end.
         """
         if self.recording is None:
             raise ValueError("nothing is being recorded")

@@ -29,40 +29,19 @@ if TYPE_CHECKING:
 class Recording:
     """One recording, in one file or several; begins the first file at once.
 
-    Parameters
-    ----------
-    plan : Plan
-        Folder, limits, what goes along.
-    info : SessionInfo
-        Of the acquisition.
-    note : str
-        The operator's remark on this recording.
-    path : Path or None
-        First file; None for a name made up in the plan's folder.
-    stream : LiveStream or None
-        Gets every message after the file.
-
-    Attributes
-    ----------
-    info : SessionInfo
-        Of the present file: with the recording's note, and the file that it continues.
-    writer : LogWriter
-        Of the present file.
-    parts : RecordingParts
-        All files so far.
-    growth : GrowthRate
-        How fast they grow.
-    guard : DiskGuard
-        When their disk has no room for more.
-    vanished : VanishedFile or None
-        What became of the present file, if it is not where it was made any more.
-
-    Raises
-    ------
-    FileExistsError
-        If the file exists and the plan does not let it be replaced.
-    OSError
-        If the disk does not take it, or has no room for it.
+    `plan`: folder, limits, what goes along.
+    `info`: of the acquisition.
+    `note`: the operator's remark on this recording.
+    `path`: first file; None for a name made up in the plan's folder.
+    `stream`: gets every message after the file.
+    `info`: of the present file: with the recording's note, and the file that it continues.
+    `writer`: of the present file.
+    `parts`: all files so far.
+    `growth`: how fast they grow.
+    `guard`: when their disk has no room for more.
+    `vanished`: what became of the present file, if it is not where it was made any more.
+    Raises FileExistsError if the file exists and the plan does not let it be replaced.
+    Raises OSError if the disk does not take it, or has no room for it.
     """
 
     def __init__(
@@ -164,19 +143,10 @@ class Recording:
 def finish_file(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "ResultDocument":
     """Filter what still waits, finish the file and return its result; the pipeline goes on without a file.
 
-    Parameters
-    ----------
-    writer : LogWriter
-        Of the file.
-    pipeline : SamplePipeline
-        That writes into it.
-    now_ns : int
-        Monotonic clock.
-
-    Raises
-    ------
-    OSError
-        If the disk does not take the end; the file then ends with its last flush.
+    `writer`: of the file.
+    `pipeline`: that writes into it.
+    `now_ns`: monotonic clock.
+    Raises OSError if the disk does not take the end; the file then ends with its last flush.
     """
     pipeline.use_waiting(now_ns)
     pipeline.flush(now_ns)
@@ -205,14 +175,9 @@ def _given_up(writer: LogWriter, pipeline: SamplePipeline, now_ns: int) -> "Resu
 def result_document(pipeline: SamplePipeline, path: Path, log_sha256: str | None) -> "ResultDocument":
     """Result of a run of samples.
 
-    Parameters
-    ----------
-    pipeline : SamplePipeline
-        After its last sample.
-    path : Path
-        Its file.
-    log_sha256 : str or None
-        Hash of the file; None before it is finished.
+    `pipeline`: after its last sample.
+    `path`: its file.
+    `log_sha256`: hash of the file; None before it is finished.
     """
     # loads statistics: not before a recording ends
     from imutui.logbook import results

@@ -20,35 +20,21 @@ _MIN_FILE_S = 1.0
 
 @dataclass(slots=True)
 class RecordingParts:
-    """The files of one recording.
+    """The files of one recording."""
 
-    Attributes
-    ----------
-    first : Path
-        The first file.
-    minutes, mb : float
-        After how much a file is full; 0 for never.
-    number : int
-        Of the present file, from 1.
-    finished : list of PartResult
-        Of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran.
-    """
-
-    first: Path
+    first: Path  # the first file
+    # minutes, mb: after how much a file is full; 0 for never
     minutes: float
     mb: float
-    number: int = 1
+    number: int = 1  # of the present file, from 1
+    # of each finished file: `log`, and `converged` and `passes`, which are true where no filter ran
     finished: "list[PartResult]" = field(default_factory=list)
 
     def is_full(self, seconds: float, size: int) -> bool:
         """Whether the present file has had its time or size; never before it is a second long.
 
-        Parameters
-        ----------
-        seconds : float
-            Of the file, by a clock that nobody sets.
-        size : int
-            Bytes of it on the disk.
+        `seconds`: of the file, by a clock that nobody sets.
+        `size`: bytes of it on the disk.
         """
         if seconds < _MIN_FILE_S:
             return False

@@ -18,12 +18,8 @@ PIECE_ROWS = 100
 class RunHistory:
     """Estimates and temperature of one run.
 
-    Attributes
-    ----------
-    estimates : EstimateHistory
-        Gyro biases in deg/s, accelerometer biases in mg, instrument axes.
-    temperature : EstimateHistory
-        degC.
+    `estimates`: gyro biases in deg/s, accelerometer biases in mg, instrument axes.
+    `temperature`: degC.
     """
 
     def __init__(self) -> None:
@@ -37,12 +33,8 @@ class RunHistory:
     def piece(self, run: int, wish: HistoryWish) -> HistorySnapshot:
         """What a viewer lacks, as far as one reply has room for it.
 
-        Parameters
-        ----------
-        run : int
-            Identifies this run.
-        wish : HistoryWish
-            What the viewer has.
+        `run`: identifies this run.
+        `wish`: what the viewer has.
         """
         known = wish if wish.run == run else HistoryWish()
         estimates = self.estimates.rows(known.estimates_s, PIECE_ROWS)

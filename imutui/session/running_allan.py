@@ -19,30 +19,17 @@ _FIRST_FACTORS = (1, 2, 4, 8)
 
 @dataclass(frozen=True, slots=True)
 class AllanTable:
-    """Allan deviations of several channels.
+    """Allan deviations of several channels."""
 
-    Attributes
-    ----------
-    factors : (M,)
-        Samples in each mean.
-    deviation : (M, k)
-        In the samples' unit.
-    dof : (M,)
-        Equivalent degrees of freedom of each deviation's square.
-    """
-
-    factors: Integers
-    deviation: Floats
-    dof: Floats
+    factors: Integers  # samples in each mean
+    deviation: Floats  # in the samples' unit
+    dof: Floats  # equivalent degrees of freedom of each deviation's square
 
 
 class RunningAllan:
     """Takes samples block by block; differences are never taken across an interruption.
 
-    Parameters
-    ----------
-    channels : int
-        Values of a sample.
+    `channels`: values of a sample.
     """
 
     def __init__(self, channels: int) -> None:

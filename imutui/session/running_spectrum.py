@@ -32,42 +32,21 @@ _NEIGHBOUR, _NEXT = 4.0 / 9.0, 1.0 / 36.0
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """One-sided power spectral density of several channels in bands of equal ratio; frequencies in cycles a sample.
+    """One-sided power spectral density of several channels in bands of equal ratio; frequencies in cycles a sample."""
 
-    Attributes
-    ----------
-    frequency : (M,)
-        Middle of each band.
-    power : (M, k)
-        Mean density of each band, unit² a cycle a sample.
-    peak : (M, k)
-        Greatest density in each band.
-    peak_at : (M, k)
-        Its frequency.
-    averages : (M,)
-        Independent estimates in each mean: its relative standard deviation is one over their root.
-    segments : int
-        How many were averaged.
-    resolution : float
-        Distance of two bins.
-    """
-
-    frequency: Floats
-    power: Floats
-    peak: Floats
-    peak_at: Floats
-    averages: Floats
-    segments: int
-    resolution: float
+    frequency: Floats  # middle of each band
+    power: Floats  # mean density of each band, unit² a cycle a sample
+    peak: Floats  # greatest density in each band
+    peak_at: Floats  # its frequency
+    averages: Floats  # independent estimates in each mean: its relative standard deviation is one over their root
+    segments: int  # how many were averaged
+    resolution: float  # distance of two bins
 
 
 class RunningSpectrum:
     """Takes samples block by block; no segment reaches across an interruption.
 
-    Parameters
-    ----------
-    channels : int
-        Values of a sample.
+    `channels`: values of a sample.
     """
 
     def __init__(self, channels: int) -> None:

@@ -65,42 +65,19 @@ class SampleRate:
 class SamplePipeline:
     """Packets in; raw packets, samples and estimates out, to the file if there is one.
 
-    Parameters
-    ----------
-    info : SessionInfo
-        Of this run.
-    timebase : Timebase
-        Monotonic to UTC.
-    writer : LogWriter or None
-        None when not recording.
-    motion : Profile, Trajectory or None
-        What the filter's reference needs.
-    effects : callable or None
-        Makes the effects that join the filter.
-    instrument : Instrument
-        What the packets are of.
-
-    Attributes
-    ----------
-    counters : LineCounters
-        Of the line.
-    samples, marks : int
-        How many so far.
-    rate : SampleRate
-        Of the samples.
-    history : RunHistory
-        Biases and temperature since the run began.
-    filter : LiveFilter or None
-        None if nothing is filtered.
-    started_ns, flushed_ns : int or None
-        When the first packet was sampled, and when all was last seen onto the disk, monotonic.
-    first_stamp_ns : int or None
-        Sampling instant of the first sample, UTC.
-
-    Raises
-    ------
-    ValueError
-        If the filter's settings cannot be.
+    `info`: of this run.
+    `timebase`: monotonic to UTC.
+    `writer`: none when not recording.
+    `motion`: what the filter's reference needs.
+    `effects`: makes the effects that join the filter.
+    `instrument`: what the packets are of.
+    `samples`, `marks`: how many so far.
+    `rate`: of the samples.
+    `history`: biases and temperature since the run began.
+    `filter`: none if nothing is filtered.
+    `started_ns`, `flushed_ns`: when the first packet was sampled, and when all was last seen onto the disk, monotonic.
+    `first_stamp_ns`: sampling instant of the first sample, UTC.
+    Raises ValueError if the filter's settings cannot be.
     """
 
     def __init__(

@@ -7,10 +7,7 @@ _PERIODS = 3.0
 class SilenceMonitor:
     """Notices when packets stop coming, and when they come again.
 
-    Parameters
-    ----------
-    period_s : float
-        Of the packets that are asked for one by one; 0 for a unit that streams.
+    `period_s`: of the packets that are asked for one by one; 0 for a unit that streams.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -24,17 +21,10 @@ class SilenceMonitor:
     def check(self, silence_s: float, *, expected: bool) -> bool | None:
         """Look at how long there was no packet.
 
-        Parameters
-        ----------
-        silence_s : float
-            Since the last one.
-        expected : bool
-            Whether the silence is asked for, and therefore none.
-
-        Returns
-        -------
-        bool or None
-            True if the unit has fallen silent since the last look, False if it speaks again, None if nothing changed.
+        `silence_s`: since the last one.
+        `expected`: whether the silence is asked for, and therefore none.
+        Returns true if the unit has fallen silent since the last look, False if it speaks again, None if nothing
+          changed.
         """
         silent = self.is_silent(silence_s) and not expected
         if silent == self._silent:

@@ -9,10 +9,7 @@ _MOST_TOLD = 20
 class StatusWords:
     """Follows the status words of an acquisition's packets.
 
-    Parameters
-    ----------
-    instrument : Instrument
-        Knows what their bits mean.
+    `instrument`: knows what their bits mean.
     """
 
     def __init__(self, instrument: Instrument) -> None:

@@ -28,10 +28,7 @@ class Timebase:
 class ClockStepMonitor:
     """Notices when the system's clock is set.
 
-    Parameters
-    ----------
-    timebase : Timebase
-        That of the acquisition, which keeps to the clock as it was at the start.
+    `timebase`: that of the acquisition, which keeps to the clock as it was at the start.
     """
 
     def __init__(self, timebase: Timebase) -> None:

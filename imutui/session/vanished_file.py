@@ -31,24 +31,12 @@ DISK_GONE = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class VanishedFile:
-    """What became of a file.
+    """What became of a file."""
 
-    Attributes
-    ----------
-    path : Path
-        Where it was made.
-    now_at : Path or None
-        Where it is now, if that is known.
-    is_lost : bool
-        Whether it can't be finished.
-    words : str
-        What happened, for the user.
-    """
-
-    path: Path
-    now_at: Path | None
-    is_lost: bool
-    words: str
+    path: Path  # where it was made
+    now_at: Path | None  # where it is now, if that is known
+    is_lost: bool  # whether it can't be finished
+    words: str  # what happened, for the user
 
 
 def look(writer: LogWriter) -> VanishedFile | None:

@@ -6,14 +6,9 @@ import numpy as np
 def in_words(argument: int, seconds: float, before_dps: np.ndarray | None) -> str:
     """What came of it.
 
-    Parameters
-    ----------
-    argument : int
-        As it was sent.
-    seconds : float
-        Until the unit said that it is done.
-    before_dps : np.ndarray or None
-        What the rate sensors read before, deg/s, shape (3,).
+    `argument`: as it was sent.
+    `seconds`: until the unit said that it is done.
+    `before_dps`: what the rate sensors read before, deg/s, shape (3,).
     """
     done = "erased its stored zero" if argument == 0 else "zeroed its rate sensors"
     read = ""

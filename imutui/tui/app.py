@@ -46,19 +46,12 @@ _NEEDS_ACQUISITION = ("record", "mark", "detach")
 class ImutuiApp(NothingUnseen):
     """The terminal UI.
 
-    Parameters
-    ----------
-    client : Client or None
-        Acquisition to look at.
-    plan : Plan or None
-        Acquisition to start at once.
-    logs : str
-        Folder of recordings of acquisitions that are started from here.
-    defaults : Plan or None
-        What such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the configuration's.
-        Its own `logs` counts.
-    appearance : Appearance or None
-        Theme, signs, speed and plots.
+    `client`: acquisition to look at.
+    `plan`: acquisition to start at once.
+    `logs`: folder of recordings of acquisitions that are started from here.
+    `defaults`: what such acquisitions have beside port, rate and sampling (signs, mounting, site, ...): the
+      configuration's. Its own `logs` counts.
+    `appearance`: theme, signs, speed and plots.
     """
 
     TITLE = "imutui"

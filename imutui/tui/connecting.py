@@ -37,14 +37,9 @@ class FromPoller(Message):
 class Connector:
     """Has at most one attempt under way, and at most one acquisition.
 
-    Parameters
-    ----------
-    context : AppContext
-        Pages that say what happens, and the acquisition.
-    defaults : Plan
-        What an acquisition that is started here has beside port, rate and sampling.
-    tell_finished : callable
-        Takes the recording that an acquisition finished at its end, and its result.
+    `context`: pages that say what happens, and the acquisition.
+    `defaults`: what an acquisition that is started here has beside port, rate and sampling.
+    `tell_finished`: takes the recording that an acquisition finished at its end, and its result.
     """
 
     def __init__(self, context: AppContext, defaults: Plan, tell_finished: TellFinished) -> None:

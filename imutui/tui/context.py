@@ -26,10 +26,7 @@ FAULTS = (SessionError, OSError)
 class AppContext:
     """The application, the acquisition, and the pages that were opened so far.
 
-    Parameters
-    ----------
-    app : App
-        Gets a mode for every page.
+    `app`: gets a mode for every page.
     """
 
     def __init__(self, app: App[int]) -> None:

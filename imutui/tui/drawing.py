@@ -14,12 +14,8 @@ from imutui.tui.terminal.painter import Painter
 class Drawing:
     """Has the page in front drawn at the pace that the terminal keeps up with.
 
-    Parameters
-    ----------
-    context : AppContext
-        What is drawn.
-    appearance : Appearance
-        How much of it, and how often.
+    `context`: what is drawn.
+    `appearance`: how much of it, and how often.
     """
 
     def __init__(self, context: AppContext, appearance: Appearance) -> None:

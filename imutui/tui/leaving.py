@@ -19,14 +19,9 @@ if TYPE_CHECKING:
 class Leaving:
     """Ends the screen, the acquisition, or both.
 
-    Parameters
-    ----------
-    context : AppContext
-        What is left.
-    connector : Connector
-        Lets go of the acquisition.
-    recorder : RecordingControl
-        Is told which file was finished.
+    `context`: what is left.
+    `connector`: lets go of the acquisition.
+    `recorder`: is told which file was finished.
     """
 
     def __init__(self, context: AppContext, connector: Connector, recorder: RecordingControl) -> None:

@@ -13,14 +13,9 @@ from imutui.tui.pages.registry import SCREENS
 def commands(app: App[Any], page: Page | None, go: Callable[[str], None]) -> Iterable[SystemCommand]:
     """Pages, then the page's actions, then the application's.
 
-    Parameters
-    ----------
-    app : App
-        Runs its own actions.
-    page : Page or None
-        The page in front, which runs its own.
-    go : callable
-        Goes to a page by name.
+    `app`: runs its own actions.
+    `page`: the page in front, which runs its own.
+    `go`: goes to a page by name.
     """
     for (key, title), name in zip(PAGES, SCREENS, strict=True):
         yield SystemCommand(f"{title} page", f"key {key}", lambda name=name: go(name))

@@ -10,19 +10,10 @@ from imutui.tui import portable_svg
 def save(svg: str, folder: Path, page: str) -> Path:
     """Write a picture for any renderer, under a name that no file has yet; where `folder` takes none, here.
 
-    Parameters
-    ----------
-    svg : str
-        The picture as Textual exports it.
-    folder : Path
-        Where recordings go; made if absent.
-    page : str
-        Which page it shows, for its name.
-
-    Raises
-    ------
-    OSError
-        If neither folder takes a file.
+    `svg`: the picture as Textual exports it.
+    `folder`: where recordings go; made if absent.
+    `page`: which page it shows, for its name.
+    Raises OSError if neither folder takes a file.
     """
     svg = portable_svg.portable(svg)
     stem = "_".join(part for part in ("imutui", page, time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())) if part)

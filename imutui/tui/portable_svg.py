@@ -40,10 +40,7 @@ _DOTS = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
 def portable(svg: str) -> str:
     """The same picture for any renderer.
 
-    Parameters
-    ----------
-    svg : str
-        As Textual exports it.
+    `svg`: as Textual exports it.
     """
     svg = re.sub(r"\s*@font-face \{.*?\n    \}", "", svg, flags=re.DOTALL)
     svg = svg.replace("font-family: Fira Code, monospace", f"font-family: {_FONTS}")

@@ -30,10 +30,7 @@ _SEEN_S = 2.0
 class RecordingControl:
     """Begins and finishes recordings as the Record page's form says, and tells that page what was written.
 
-    Parameters
-    ----------
-    context : AppContext
-        The acquisition, and where things are said.
+    `context`: the acquisition, and where things are said.
     """
 
     def __init__(self, context: AppContext) -> None:

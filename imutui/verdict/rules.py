@@ -40,114 +40,55 @@ RANK = {"none": 0, "good": 1, "wait": 2, "bad": 3}
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What a filter has come to, of a run that goes on or is over.
+    """What a filter has come to, of a run that goes on or is over."""
 
-    Attributes
-    ----------
-    t : float or None
-        Of its last sample, s; None before the first.
-    biases : sequence of BiasSnapshot
-        Six, in the instrument's axes.
-    nis : NisSnapshot
-        Mean, band, and whether it is a test.
-    remainder : sequence of RemainderSnapshot
-        What the model leaves unexplained, by channel.
-    alarms, confounded : sequence of str
-        Sentences on data that contradict the model, and on biases that the motion does not tell from other effects.
-    noise : NoiseSnapshot or None
-        What is noisier than the filter expects; None while that is not known, or the unit moves.
-    slope_k_per_min : float or None
-        Of the temperature; None while it is not known.
-    departure : str or None
-        Where in a table profile the readings depart from the model, and what it may be, in words.
-    held_since : float or None
-        When the reference ended, s, from where on biases are held; None while there is one.
-    failure : str or None
-        Why the filter stopped, if it did.
-    waiting : str or None
-        What it waits for, in words.
-    silent : str or None
-        That the line is silent, in words, if it is.
-    waiting_profile : str or None
-        That a table profile waits to be begun, in words, if one does.
-    over : bool
-        Whether no sample comes any more.
-    own_limits : bool
-        Whether the limits of the biases are this unit's, and not another type's.
-    limits_of : str
-        Where they are from.
-    """
-
-    t: float | None
-    biases: Sequence[BiasSnapshot]
-    nis: NisSnapshot
-    remainder: Sequence[RemainderSnapshot]
+    t: float | None  # of its last sample, s; None before the first
+    biases: Sequence[BiasSnapshot]  # six, in the instrument's axes
+    nis: NisSnapshot  # mean, band, and whether it is a test
+    remainder: Sequence[RemainderSnapshot]  # what the model leaves unexplained, by channel
+    # alarms, confounded: sentences on data that contradict the model, and on biases that the motion does not tell from
+    # other effects
     alarms: Sequence[str]
     confounded: Sequence[str]
+    # what is noisier than the filter expects; None while that is not known, or the unit moves
     noise: NoiseSnapshot | None = None
-    slope_k_per_min: float | None = None
+    slope_k_per_min: float | None = None  # of the temperature; None while it is not known
+    # where in a table profile the readings depart from the model, and what it may be, in words
     departure: str | None = None
+    # when the reference ended, s, from where on biases are held; None while there is one
     held_since: float | None = None
-    failure: str | None = None
-    waiting: str | None = None
-    silent: str | None = None
-    waiting_profile: str | None = None
-    over: bool = False
-    own_limits: bool = True
-    limits_of: str = "Table 1"
+    failure: str | None = None  # why the filter stopped, if it did
+    waiting: str | None = None  # what it waits for, in words
+    silent: str | None = None  # that the line is silent, in words, if it is
+    waiting_profile: str | None = None  # that a table profile waits to be begun, in words, if one does
+    over: bool = False  # whether no sample comes any more
+    own_limits: bool = True  # whether the limits of the biases are this unit's, and not another type's
+    limits_of: str = "Table 1"  # where they are from
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One rule, applied.
+    """One rule, applied."""
 
-    Attributes
-    ----------
-    level : str
-        "good", "wait" or "bad"; "none" where it says nothing.
-    name : str
-        Of the rule.
-    said : str
-        What was found, with its threshold.
-    brief : str
-        The same in a few characters.
-    todo : str
-        What to do about it; empty for nothing.
-    """
-
-    level: str
-    name: str
-    said: str
-    brief: str = ""
-    todo: str = ""
+    level: str  # "good", "wait" or "bad"; "none" where it says nothing
+    name: str  # of the rule
+    said: str  # what was found, with its threshold
+    brief: str = ""  # the same in a few characters
+    todo: str = ""  # what to do about it; empty for nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The badge.
+    """The badge."""
 
-    Attributes
-    ----------
-    level : str
-        "good", "wait", "bad" or "none"; it only colours.
-    word : str
-        GREEN, AMBER, RED, WAIT, OFF or ENDED.
-    reason, todo : str
-        Why, and what to do.
-    brief : str
-        The reason in a few characters, for the header.
-    checks : tuple of Check
-        All rules.
-    sudden : bool
-        Whether it is shown at once, however short the last word stood: there is no filter to wait with.
-    """
-
-    level: str
-    word: str
+    level: str  # "good", "wait", "bad" or "none"; it only colours
+    word: str  # GREEN, AMBER, RED, WAIT, OFF or ENDED
+    # reason, todo: why, and what to do
     reason: str
     todo: str = ""
-    brief: str = ""
-    checks: tuple[Check, ...] = ()
+    brief: str = ""  # the reason in a few characters, for the header
+    checks: tuple[Check, ...] = ()  # all rules
+    # whether it is shown at once, however short the last word stood: there is no filter to wait with
     sudden: bool = False
 
     @property

@@ -18,12 +18,8 @@ _NO_FILTER = "no filter ran: readings were taken, nothing was estimated"
 def of_snapshot(estimates: "FilterSnapshot", slope_k_per_min: float | None = None) -> Standing:
     """Standing of a running filter.
 
-    Parameters
-    ----------
-    estimates : FilterSnapshot
-        The snapshot's `filter`.
-    slope_k_per_min : float or None
-        Of the temperature as the viewer sees it, for an acquisition that does not tell its own.
+    `estimates`: the snapshot's `filter`.
+    `slope_k_per_min`: of the temperature as the viewer sees it, for an acquisition that does not tell its own.
     """
     return Standing(
         t=estimates["t"],

@@ -61,38 +61,20 @@ class Numbered:
 
 @dataclass
 class Run:
-    """One acquisition of a second or two, and what its unit did.
+    """One acquisition of a second or two, and what its unit did."""
 
-    Attributes
-    ----------
-    instrument : str
-        Name of the unit's kind.
-    refused : str
-        Why it did not begin.
-    sent : list of tuple of int
-        Rates, forces, temperature and counter of each packet that the unit sent.
-    sampled : list of int
-        When, on the host's monotonic clock, ns.
-    lost : int
-        Packets between the first and the last that were recorded, less those.
-    modes : list of Mode or None
-        What the unit meant by each that it sent; None of units that have one way only.
-    recorded_modes : set of Mode or None
-        Those of the packets that were recorded.
-    seen : Snapshot or None
-        Its last.
-    """
-
-    instrument: str
-    refused: str = ""
+    instrument: str  # name of the unit's kind
+    refused: str = ""  # why it did not begin
+    # rates, forces, temperature and counter of each packet that the unit sent
     sent: list[tuple[int, ...]] = field(default_factory=list)
-    sampled: list[int] = field(default_factory=list)
-    lost: int = 0
+    sampled: list[int] = field(default_factory=list)  # when, on the host's monotonic clock, ns
+    lost: int = 0  # packets between the first and the last that were recorded, less those
+    # what the unit meant by each that it sent; None of units that have one way only
     modes: list[Mode | None] = field(default_factory=list)
-    recorded_modes: set[Mode | None] = field(default_factory=set)
+    recorded_modes: set[Mode | None] = field(default_factory=set)  # those of the packets that were recorded
     exit_code: int = 0
     findings: list[EndFinding] = field(default_factory=list)
-    seen: Snapshot | None = None
+    seen: Snapshot | None = None  # its last
     log: reader.Log = field(default_factory=lambda: reader.Log(Path()))
 
     @property

@@ -66,12 +66,8 @@ def plugged_in(link: Path, made: Callable[..., Any] = unit, **options: Any) -> I
 class Run:
     """An acquisition in this process.
 
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    port : Port
-        Of the unit.
+    `plan`: what is asked.
+    `port`: of the unit.
     """
 
     def __init__(self, plan: Plan, port: Port) -> None:

@@ -25,10 +25,7 @@ _LOOK_S = 0.15
 class Terminal:
     """A tmux server of our own with one window of 80×24.
 
-    Attributes
-    ----------
-    logs : Path
-        Where recordings go that are begun in it.
+    `logs`: where recordings go that are begun in it.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -34,12 +34,8 @@ class _Listener(event.Listener):
 def told(say: Callable[[str], None], *, effects: bool) -> Iterator[None]:
     """Tell how far compiling has come; nothing is said where the step comes from the disk.
 
-    Parameters
-    ----------
-    say : callable
-        Takes a sentence, after each part.
-    effects : bool
-        Whether what effects need is compiled as well.
+    `say`: takes a sentence, after each part.
+    `effects`: whether what effects need is compiled as well.
     """
     own = [part for part in PARTS if effects or part.py_func.__module__ != extra_states.__name__]
     with event.install_listener("numba:compile", _Listener(say, own)):

@@ -61,67 +61,36 @@ from filters.types import Array
 
 
 class Run(NamedTuple):
-    """What a run keeps, in the layout of `filters.kalman.layout`.
+    """What a run keeps, in the layout of `filters.kalman.layout`."""
 
-    Attributes
-    ----------
-    core : Array
-        State and totals, shape (CORE,).
-    P : Array
-        Covariance, shape (15 · STRIDE,).
-    par : Array
-        What does not change but for the noise in force, shape (PAR,).
-    sums, moments : Array
-        Of the present block, shape (SUMS,), and of the errors after convergence, (MOMENTS,).
-    out : Array
-        Room for output, shape (rows, OUT).
-    """
-
-    core: Array
-    P: Array
-    par: Array
+    core: Array  # state and totals, shape (CORE,)
+    P: Array  # covariance, shape (15 · STRIDE,)
+    par: Array  # what does not change but for the noise in force, shape (PAR,)
+    # sums, moments: of the present block, shape (SUMS,), and of the errors after convergence, (MOMENTS,)
     sums: Array
     moments: Array
-    out: Array
+    out: Array  # room for output, shape (rows, OUT)
 
 
 class Samples(NamedTuple):
-    """Samples and what is known of them.
+    """Samples and what is known of them."""
 
-    Attributes
-    ----------
-    t, gyro, accel : Array
-        s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3).
-    known : Array
-        KNOWN numbers for what never changes, or N · KNOWN.
-    draws : Array
-        Standard normal draws, (N, 9), or empty for exact measurements.
-    noise_scale : Array
-        Factors on white noise, (N, 6), or empty.
-    """
-
+    # t, gyro, accel: s, rad/s, m/s², body axes; shapes (N,), (N, 3), (N, 3)
     t: Array
     gyro: Array
     accel: Array
-    known: Array
-    draws: Array
-    noise_scale: Array
+    known: Array  # KNOWN numbers for what never changes, or N · KNOWN
+    draws: Array  # standard normal draws, (N, 9), or empty for exact measurements
+    noise_scale: Array  # factors on white noise, (N, 6), or empty
 
 
 class Extra(NamedTuple):
-    """The p states beyond the 15, p at least 1.
+    """The p states beyond the 15, p at least 1."""
 
-    Attributes
-    ----------
-    states, across : Array
-        As `filters.kalman.layout` says, shapes ((EXTRA_OWN + 2 p) · p,) and (2 p · STRIDE,).
-    phi : Array
-        Regressor, shape (N, 6, p).
-    """
-
+    # states, across: as `filters.kalman.layout` says, shapes ((EXTRA_OWN + 2 p) · p,) and (2 p · STRIDE,)
     states: Array
     across: Array
-    phi: Array
+    phi: Array  # regressor, shape (N, 6, p)
 
 
 class Work(NamedTuple):
@@ -260,26 +229,14 @@ def _loop(sources: int) -> Callable[..., Any]:
     def advance(run, samples, first, stop, work, extra):  # type: ignore[no-untyped-def]
         """Feed samples from `first` while t < `stop` and the output has room.
 
-        Parameters
-        ----------
-        run : Run
-            Changed in place.
-        samples : Samples
-            As many as there are, N.
-        first : int
-            The first to be used.
-        stop : float
-            s.
-        work : Work
-            Scratch.
-        extra : Extra or None
-            The states of effects.
-
-        Returns
-        -------
-        tuple of int
-            Index of the first sample not used, rows written to `out`, why it returned (`DONE`, `INDEFINITE`,
-            `NOT_FINITE`), and the row of P at fault.
+        `run`: changed in place.
+        `samples`: as many as there are, N.
+        `first`: the first to be used.
+        `stop`: s.
+        `work`: scratch.
+        `extra`: the states of effects.
+        Returns index of the first sample not used, rows written to `out`, why it returned (`DONE`, `INDEFINITE`,
+          `NOT_FINITE`), and the row of P at fault.
         """
         _ = sources
         core = run.core

@@ -20,15 +20,8 @@ from imutui.instrument.imu400.messages import (
 def in_words(command: Command) -> str:
     """Say what a command asks for.
 
-    Parameters
-    ----------
-    command : Command
-        As received.
-
-    Returns
-    -------
-    str
-        Such as ``c: scaled mode``.
+    `command`: as received.
+    Returns such as ``c: scaled mode``.
     """
     letter = ascii(encode(command)[:1].decode("latin-1"))[1:-1]
     match command:

@@ -103,27 +103,17 @@ class Decoder:
 
         Bytes still held belong to what was expected before: they are discarded with the next feed.
 
-        Parameters
-        ----------
-        mode : Mode
-            What the unit was told to measure.
-        streaming : bool
-            Whether packets come by themselves, back to back or at the loop's rate, or one for each `GetPacket`.
+        `mode`: what the unit was told to measure.
+        `streaming`: whether packets come by themselves, back to back or at the loop's rate, or one for each
+          `GetPacket`.
         """
         self._expect(PacketSearch(mode, streaming=streaming, due=self._inbox.end))
 
     def expect_reply(self, command: Command) -> None:
         """Look for the reply to `command` from here on, and after it for nothing.
 
-        Parameters
-        ----------
-        command : Command
-            One that is answered by a letter, a serial number or a version.
-
-        Raises
-        ------
-        ValueError
-            If the unit answers `command` with packets or not at all.
+        `command`: one that is answered by a letter, a serial number or a version.
+        Raises ValueError if the unit answers `command` with packets or not at all.
         """
         match command:
             case AskSerialNumber():
@@ -146,15 +136,8 @@ class Decoder:
     def feed(self, data: bytes) -> list[Event]:
         """Take bytes from the line.
 
-        Parameters
-        ----------
-        data : bytes
-            Any number of bytes, cut anywhere.
-
-        Returns
-        -------
-        list of Event
-            Packets, replies and discarded bytes, in the order of the line.
+        `data`: any number of bytes, cut anywhere.
+        Returns packets, replies and discarded bytes, in the order of the line.
         """
         self._inbox.append(data)
         return self._and_then_nothing(self._search.scan(self._inbox))
@@ -163,10 +146,6 @@ class Decoder:
         """Take note that the line has been quiet for some 30 ms.
 
         A version reply ends here, a good packet that waited for a witness is released, leftovers are discarded.
-
-        Returns
-        -------
-        list of Event
         """
         events = self._search.close(self._inbox)
         return self._and_then_nothing(events + self._inbox.drop(self._inbox.end))
@@ -176,10 +155,6 @@ class Decoder:
 
         A good packet that waited for a witness is released. The beginning of a packet is kept: a line that was held up
         brings the rest later, and if it brings something else, the sum tells.
-
-        Returns
-        -------
-        list of Event
         """
         return self._search.release(self._inbox) if isinstance(self._search, PacketSearch) else []
 
@@ -224,14 +199,7 @@ class CommandDecoder:
     def feed(self, data: bytes) -> list[Command]:
         """Take bytes from the line.
 
-        Parameters
-        ----------
-        data : bytes
-            Any number of bytes; the argument of `z` may come in a later feed than its letter.
-
-        Returns
-        -------
-        list of Command
+        `data`: any number of bytes; the argument of `z` may come in a later feed than its letter.
         """
         commands: list[Command] = []
         for byte in data:

@@ -60,31 +60,14 @@ def open_dialogue(
 ) -> Identity:
     """Stop the unit, find its speed, identify it, set speed and scaled mode; it is polled afterwards.
 
-    Parameters
-    ----------
-    port : Port
-        Open; left at the unit's speed.
-    baud : int
-        Wanted speed; the unit is moved there by its auto-baud sequence.
-    say : callable
-        Told what is being waited for.
-    accept : callable
-        Raises InstrumentError to refuse a unit for what it says of itself, before anything of it is changed.
-    speeds : sequence of int
-        Where to look for it, besides the speed of the port and the wanted one.
-    patience_s : float
-        How long a reply may take.
-
-    Returns
-    -------
-    Identity
-
-    Raises
-    ------
-    InstrumentError
-        If nothing answers, garbage answers, or another model does.
-    PortError
-        If the line goes away.
+    `port`: open; left at the unit's speed.
+    `baud`: wanted speed; the unit is moved there by its auto-baud sequence.
+    `say`: told what is being waited for.
+    `accept`: raises InstrumentError to refuse a unit for what it says of itself, before anything of it is changed.
+    `speeds`: where to look for it, besides the speed of the port and the wanted one.
+    `patience_s`: how long a reply may take.
+    Raises InstrumentError if nothing answers, garbage answers, or another model does.
+    Raises PortError if the line goes away.
     """
     say("waiting for the instrument to answer a ping")
     find_speed(port, baud, speeds, patience_s)
@@ -169,24 +152,13 @@ def answers_at(port: Port, baud: int) -> bool:
 def find_speed(port: Port, wanted: int, speeds: Sequence[int] = SPEEDS, patience_s: float = PATIENCE_S) -> None:
     """Stop the unit and find the speed at which it answers a ping; the port is left at it.
 
-    Parameters
-    ----------
-    port : Port
-        Open; its speed is tried first.
-    wanted : int
-        Tried next.
-    speeds : sequence of int
-        Tried then.
-    patience_s : float
-        How long an answer may take. At most speeds none is waited for so long: a slow unit is looked for at the first
-        two once more, when no quick one was found.
-
-    Raises
-    ------
-    InstrumentError
-        If nothing answers at any speed, or not as a Crossbow unit does.
-    PortError
-        If the line goes away.
+    `port`: open; its speed is tried first.
+    `wanted`: tried next.
+    `speeds`: tried then.
+    `patience_s`: how long an answer may take. At most speeds none is waited for so long: a slow unit is looked for at
+      the first two once more, when no quick one was found.
+    Raises InstrumentError if nothing answers at any speed, or not as a Crossbow unit does.
+    Raises PortError if the line goes away.
     """
     heard, first = b"", port.baud
     likely = [first, wanted]  # and those at which something answered that was not quick

@@ -71,12 +71,8 @@ def _packets(events: list[Event]) -> list[Packet | Discarded]:
 class Imu400Host:
     """See `host.Host`. Packets leave at the pace of the unit's own loop: a stream has no other rate.
 
-    Parameters
-    ----------
-    port : Port
-        Open.
-    rate_hz : float or None
-        Makes no difference.
+    `port`: open.
+    `rate_hz`: makes no difference.
     """
 
     as_after_power_up = "the unit measures in volts, as after power-up"

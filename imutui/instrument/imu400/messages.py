@@ -80,15 +80,9 @@ class AskVersion:
 
 @dataclass(frozen=True, slots=True)
 class ZeroRateSensors:
-    """Average the rate sensors, unit still, and subtract the mean from then on.
+    """Average the rate sensors, unit still, and subtract the mean from then on."""
 
-    Attributes
-    ----------
-    argument : int
-        Length of the average in a unit that the sources dispute, 0 to 255; 0 erases the stored zero.
-    """
-
-    argument: int
+    argument: int  # length of the average in a unit that the sources dispute, 0 to 255; 0 erases the stored zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,25 +107,14 @@ class UnknownCommand:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One data packet, in counts.
+    """One data packet, in counts."""
 
-    Attributes
-    ----------
-    mode : Mode
-        The mode the host believed in; the packet itself does not say.
-    rates, accels : tuple of int
-        X, Y, Z; signed in scaled mode, unsigned sensor voltages in voltage mode.
-    temperature : int
-        Voltage of the temperature sensor.
-    ticks : int
-        Time counter when the sensors were sampled; it counts down.
-    """
-
-    mode: Mode
+    mode: Mode  # the mode the host believed in; the packet itself does not say
+    # rates, accels: X, Y, Z; signed in scaled mode, unsigned sensor voltages in voltage mode
     rates: tuple[int, int, int]
     accels: tuple[int, int, int]
-    temperature: int
-    ticks: int
+    temperature: int  # voltage of the temperature sensor
+    ticks: int  # time counter when the sensors were sampled; it counts down
 
     @property
     def details(self) -> None:
@@ -232,19 +215,8 @@ def checksum(payload: Iterable[int]) -> int:
 def encode(message: Command | Packet | Reply) -> bytes:
     """Write a command, a packet or a reply as it goes over the line.
 
-    Parameters
-    ----------
-    message : Command, Packet or Reply
-        Anything that either decoder returns, but `Discarded`.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    ValueError
-        If a field does not fit its place on the line.
+    `message`: anything that either decoder returns, but `Discarded`.
+    Raises ValueError if a field does not fit its place on the line.
     """
     match message:
         case Packet():

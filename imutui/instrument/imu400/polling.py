@@ -25,17 +25,9 @@ _LETTER = REPLY_LETTERS[ModeSet(Mode.SCALED)]
 class Poller:
     """Asks a unit for one packet at a time.
 
-    Parameters
-    ----------
-    port : Port
-        Of a unit that is polled, in scaled mode.
-    giving_up : callable
-        Whether to wait no longer for what has not come.
-
-    Attributes
-    ----------
-    unanswered : bool
-        Whether the last request was sent and has no answer; also after an error of the line.
+    `port`: of a unit that is polled, in scaled mode.
+    `giving_up`: whether to wait no longer for what has not come.
+    `unanswered`: whether the last request was sent and has no answer; also after an error of the line.
     """
 
     def __init__(self, port: Port, giving_up: Callable[[], bool]) -> None:
@@ -60,10 +52,7 @@ class Poller:
     def poll(self) -> Answer | None:
         """Ask for a packet and wait for it; None if it certainly does not come, or is waited for no longer.
 
-        Raises
-        ------
-        PortError
-            If the line goes away.
+        Raises PortError if the line goes away.
         """
         self.unanswered = False
         # what waits here came before the request, so it is no answer to it

@@ -24,24 +24,12 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Asker:
-    """Asks one thing after the other, on a quiet line.
+    """Asks one thing after the other, on a quiet line."""
 
-    Attributes
-    ----------
-    port : Port
-        Of a unit that is polled, at its own speed.
-    patience_s : float
-        How long to wait for a reply.
-    tries : int
-        How often at most to ask for what comes damaged.
-    slowest_s : float
-        How long the slowest reply so far took.
-    """
-
-    port: Port
-    patience_s: float = PATIENCE_S
-    tries: int = 2
-    slowest_s: float = 0.0
+    port: Port  # of a unit that is polled, at its own speed
+    patience_s: float = PATIENCE_S  # how long to wait for a reply
+    tries: int = 2  # how often at most to ask for what comes damaged
+    slowest_s: float = 0.0  # how long the slowest reply so far took
 
     def ask(self, command: Command, kind: type[T], patience_s: float | None = None) -> T | None:
         """Send a command and wait for its reply; None if it does not come, or came damaged each time."""

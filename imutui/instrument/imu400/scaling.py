@@ -26,17 +26,10 @@ class Scaling:
 
     Each method takes an int, a tuple or an array of any shape, and returns a numpy scalar or array of that shape.
     The ranges follow from the model's suffix and are not in the packets.
-
-    Attributes
-    ----------
-    rate_range_dps : float
-        RR, 200 deg/s for the IMU400CD-200. Words reach 1.5 times as far.
-    accel_range_g : float
-        GR, 4 g for the IMU400CD-200. Words reach 1.5 times as far.
     """
 
-    rate_range_dps: float = 200.0
-    accel_range_g: float = 4.0
+    rate_range_dps: float = 200.0  # RR, 200 deg/s for the IMU400CD-200. Words reach 1.5 times as far.
+    accel_range_g: float = 4.0  # GR, 4 g for the IMU400CD-200. Words reach 1.5 times as far.
 
     def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Angular rate, deg/s, of scaled counts: data · RR · 1.5 / 2^15."""

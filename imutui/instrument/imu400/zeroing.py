@@ -26,10 +26,7 @@ def patience_s(argument: int) -> float:
 def check(argument: int) -> None:
     """Refuse what cannot be sent.
 
-    Raises
-    ------
-    ValueError
-        With the argument and what it may be.
+    Raises ValueError with the argument and what it may be.
     """
     if not 0 <= argument <= MAX_ARGUMENT:
         raise ValueError(
@@ -40,24 +37,11 @@ def check(argument: int) -> None:
 def zero(port: Port, argument: int, stopping: Callable[[], bool]) -> float | None:
     """Stop the unit's packets and have it zero its rate sensors.
 
-    Parameters
-    ----------
-    port : Port
-        Of a unit that may stream; it is polled afterwards.
-    argument : int
-        Length of the average, 0 to 255; 0 erases the stored zero.
-    stopping : callable
-        Whether to give up.
-
-    Returns
-    -------
-    float or None
-        Seconds until it said that it is done; None if it did not in time, and may be at it still.
-
-    Raises
-    ------
-    PortError
-        If the line goes away.
+    `port`: of a unit that may stream; it is polled afterwards.
+    `argument`: length of the average, 0 to 255; 0 erases the stored zero.
+    `stopping`: whether to give up.
+    Returns seconds until it said that it is done; None if it did not in time, and may be at it still.
+    Raises PortError if the line goes away.
     """
     handshake.stop_stream(port)
     command = ZeroRateSensors(argument)

@@ -22,23 +22,12 @@ _TOGETHER = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE)
 class Configuration:
     """The fields of a unit.
 
-    Parameters
-    ----------
-    options : UnitOptions
-        Its fields at first, and what it takes.
-    only : FieldValues
-        Fields that take no value but this; a divider may be `QUIET` all the same.
-
-    Attributes
-    ----------
-    baud : int
-        Speed in force.
-    packet_type : bytes
-        Type of the stream's packets in force.
-    rate_hz : int
-        Packets a second in force; 0 if the unit is quiet.
-    orientation : Orientation
-        Orientation in force.
+    `options`: its fields at first, and what it takes.
+    `only`: fields that take no value but this; a divider may be `QUIET` all the same.
+    `baud`: speed in force.
+    `packet_type`: type of the stream's packets in force.
+    `rate_hz`: packets a second in force; 0 if the unit is quiet.
+    `orientation`: orientation in force.
     """
 
     def __init__(self, options: UnitOptions, only: FieldValues = ()) -> None:

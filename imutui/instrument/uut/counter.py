@@ -44,20 +44,9 @@ class CounterWatch:
 
     A unit of the family streams by itself from power-up on, at its own rate: nothing but the counter tells.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Packets a second, as the unit was told.
-
-    Raises
-    ------
-    ValueError
-        If `rate_hz` is not positive.
-
-    Attributes
-    ----------
-    meaning : Meaning
-        What the counter counts, as far as it is known.
+    `rate_hz`: packets a second, as the unit was told.
+    Raises ValueError if `rate_hz` is not positive.
+    `meaning`: what the counter counts, as far as it is known.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -76,13 +65,8 @@ class CounterWatch:
     def began_anew(self, counter: int, elapsed_s: float | None) -> bool:
         """Take a packet; whether it does not go on where the last one was.
 
-        Parameters
-        ----------
-        counter : int
-            0 to 65535.
-        elapsed_s : float or None
-            Since the arrival of the last packet that had it, s; None if an arrival says nothing, since the host reads
-            what came earlier.
+        `elapsed_s`: since the arrival of the last packet that had it, s; None if an arrival says nothing, since the
+          host reads what came earlier.
         """
         last, self._last = self._last, counter
         in_time, follows = self._in_time, self._was_in_time

@@ -24,35 +24,19 @@ class Decoder:
     def feed(self, data: bytes) -> list[Event]:
         """Take bytes from the line.
 
-        Parameters
-        ----------
-        data : bytes
-            Any number of bytes, cut anywhere.
-
-        Returns
-        -------
-        list of Event
-            Measurements, replies and discarded bytes, in the order of the line.
+        `data`: any number of bytes, cut anywhere.
+        Returns measurements, replies and discarded bytes, in the order of the line.
         """
         return _events(self._search.feed(data))
 
     def quiet(self) -> list[Event]:
-        """Take note that the line has been quiet for some 30 ms: what has begun and was not finished is discarded.
-
-        Returns
-        -------
-        list of Event
-        """
+        """Take note that the line has been quiet for some 30 ms: what has begun and was not finished is discarded."""
         return _events(self._search.quiet())
 
     def pause(self) -> list[Event]:
         """Take note that the line is quiet for the moment, while a stream is expected to go on.
 
         The beginning of a frame is kept, unless there are whole ones within it, which noise seemed to cover.
-
-        Returns
-        -------
-        list of Event
         """
         return _events(self._search.pause())
 
@@ -85,24 +69,14 @@ class RequestDecoder:
     def feed(self, data: bytes) -> list[Request]:
         """Take bytes from the line, any number, cut anywhere.
 
-        Parameters
-        ----------
-        data : bytes
-
-        Returns
-        -------
-        list of Request
-            A bare ping comes with its fourth byte.
+        Returns a bare ping comes with its fourth byte.
         """
         return [read_request(found) for found in self._search.feed(data) if isinstance(found, Frame)]
 
     def quiet(self) -> list[Request]:
         """Give up the beginning of a frame, whose rest has not come in time.
 
-        Returns
-        -------
-        list of Request
-            What was whole behind that beginning.
+        Returns what was whole behind that beginning.
         """
         return [read_request(found) for found in self._search.quiet() if isinstance(found, Frame)]
 

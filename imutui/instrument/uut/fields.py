@@ -71,21 +71,11 @@ _BITS_PER_AXIS = 3
 class Orientation:
     """How the axes of the packets lie in the case: a rotation by quarter turns.
 
-    Attributes
-    ----------
-    axes : tuple of int
-        Which axis of the case, 0 to 2, the X, Y and Z of the packets are.
-    signs : tuple of int
-        +1 or -1 for each.
-
-    Raises
-    ------
-    ValueError
-        If that is no rotation.
+    Raises ValueError if that is no rotation.
     """
 
-    axes: tuple[int, int, int] = (0, 1, 2)
-    signs: tuple[int, int, int] = (1, 1, 1)
+    axes: tuple[int, int, int] = (0, 1, 2)  # which axis of the case, 0 to 2, the X, Y and Z of the packets are
+    signs: tuple[int, int, int] = (1, 1, 1)  # +1 or -1 for each
 
     def __post_init__(self) -> None:
         if sorted(self.axes) != [0, 1, 2] or not set(self.signs) <= {-1, 1}:
@@ -98,15 +88,8 @@ class Orientation:
     def of_field(cls, value: int) -> "Orientation":
         """Orientation that the field's value says.
 
-        Parameters
-        ----------
-        value : int
-            16 bits.
-
-        Raises
-        ------
-        ValueError
-            If it is none of the 24 that a unit takes.
+        `value`: 16 bits.
+        Raises ValueError if it is none of the 24 that a unit takes.
         """
         codes = [value >> _BITS_PER_AXIS * k + 1 & 0b11 for k in range(3)]
         if value >> 3 * _BITS_PER_AXIS or 3 in codes:
@@ -144,10 +127,7 @@ class Orientation:
 def in_words(values: Mapping[int, int]) -> str:
     """What fields in force say, for a reader; those that a unit did not say are left out.
 
-    Parameters
-    ----------
-    values : Mapping
-        Value by number of the field; 16 bits each.
+    `values`: value by number of the field; 16 bits each.
     """
     said = []
     for field, value in values.items():

@@ -42,18 +42,10 @@ class FrameSearch:
     bytes, is held between feeds. A frame of a known type is waited for until its end. What begins like a frame of an
     unknown type, or has a length that its type never has, is likelier noise: a whole frame within it comes first.
 
-    Parameters
-    ----------
-    ping_at_once : bool
-        Whether the four bytes of a bare ping are a ping as soon as they are there, as for a unit, which can't wait for
-        more. Else they are one when something other than the rest of a whole ping follows, or nothing.
-
-    Attributes
-    ----------
-    bad_checksums : int
-        Frames that were due, right behind another one, and had a wrong CRC.
-    discarded_bytes : int
-        Bytes that belonged to no frame.
+    `ping_at_once`: whether the four bytes of a bare ping are a ping as soon as they are there, as for a unit, which
+      can't wait for more. Else they are one when something other than the rest of a whole ping follows, or nothing.
+    `bad_checksums`: frames that were due, right behind another one, and had a wrong CRC.
+    `discarded_bytes`: bytes that belonged to no frame.
     """
 
     def __init__(self, *, ping_at_once: bool = False) -> None:

@@ -21,17 +21,9 @@ _CRC_START = 0x1D0F
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What a whole frame with the right CRC carried.
+    """What a whole frame with the right CRC carried."""
 
-    Attributes
-    ----------
-    type : bytes
-        Two bytes, mostly letters.
-    payload : bytes
-        0 to 255 bytes.
-    """
-
-    type: bytes
+    type: bytes  # two bytes, mostly letters
     payload: bytes = b""
 
 
@@ -43,10 +35,7 @@ def crc16(covered: bytes) -> int:
 def framed(frame: Frame) -> bytes:
     """Bytes of a frame as it goes over the line.
 
-    Raises
-    ------
-    ValueError
-        If type or payload are of a length that no frame has.
+    Raises ValueError if type or payload are of a length that no frame has.
     """
     if len(frame.type) != TYPE_BYTES:
         raise ValueError(f"`type` must be two bytes, not {frame.type!r}")

@@ -41,13 +41,9 @@ _OWN = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE, Field.LOW_PASS_5, Fie
 class UutHost:
     """See `host.Host`.
 
-    Parameters
-    ----------
-    port : Port
-        Open.
-    rate_hz : float or None
-        Asked rate of a stream: the unit sends at it if it can, else faster, to be averaged. None if packets are asked
-        for.
+    `port`: open.
+    `rate_hz`: asked rate of a stream: the unit sends at it if it can, else faster, to be averaged. None if packets are
+      asked for.
     """
 
     as_after_power_up = "the unit sends other packets than it was told to, or its counter began anew, as after power-up"

@@ -13,10 +13,7 @@ from imutui.instrument.uut.scaling import COUNT_LIMITS, Scaling
 def check_zeroing(argument: int) -> None:
     """Refuse to zero the rate sensors.
 
-    Raises
-    ------
-    ValueError
-        Always.
+    Raises ValueError: always.
     """
     raise ValueError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
 

@@ -69,16 +69,9 @@ class Reset:
 
 @dataclass(frozen=True, slots=True)
 class OtherFrame:
-    """A whole frame of an unknown type, or one whose payload is not what its type has.
+    """A whole frame of an unknown type, or one whose payload is not what its type has."""
 
-    Attributes
-    ----------
-    type : bytes
-        Two bytes.
-    payload : bytes
-    """
-
-    type: bytes
+    type: bytes  # two bytes
     payload: bytes
 
 
@@ -191,28 +184,15 @@ class StatusWords:
 
 @dataclass(frozen=True, slots=True)
 class PacketS1:
-    """Packet S1, in counts with sign; every unit of the family has it.
+    """Packet S1, in counts with sign; every unit of the family has it."""
 
-    Attributes
-    ----------
-    accels, rates : tuple of int
-        X, Y, Z.
-    rate_temperatures : tuple of int
-        Of the rate sensors X, Y, Z.
-    board_temperature : int
-        Declared unused on the IMU380ZA-200.
-    counter : int
-        0 to 65535. Its meaning depends on the unit: see `counter`.
-    bit : int
-        Status word; see `flags`. Declared unused on the IMU380ZA-200.
-    """
-
+    # accels, rates: X, Y, Z
     accels: Triple
     rates: Triple
-    rate_temperatures: Triple
-    board_temperature: int
-    counter: int
-    bit: int
+    rate_temperatures: Triple  # of the rate sensors X, Y, Z
+    board_temperature: int  # declared unused on the IMU380ZA-200
+    counter: int  # 0 to 65535. Its meaning depends on the unit: see `counter`.
+    bit: int  # status word; see `flags`. Declared unused on the IMU380ZA-200.
 
     @property
     def flags(self) -> Bit:
@@ -222,28 +202,16 @@ class PacketS1:
 
 @dataclass(frozen=True, slots=True)
 class PacketS0:
-    """Packet S0: as S1, with a magnetometer.
+    """Packet S0: as S1, with a magnetometer."""
 
-    Attributes
-    ----------
-    accels, rates, magnetics : tuple of int
-        X, Y, Z.
-    rate_temperatures : tuple of int
-        Of the rate sensors X, Y, Z.
-    board_temperature : int
-    time : int
-        0 to 65535: time of week, a timer or nothing, by the product.
-    bit : int
-        Status word.
-    """
-
+    # accels, rates, magnetics: X, Y, Z
     accels: Triple
     rates: Triple
     magnetics: Triple
-    rate_temperatures: Triple
+    rate_temperatures: Triple  # of the rate sensors X, Y, Z
     board_temperature: int
-    time: int
-    bit: int
+    time: int  # 0 to 65535: time of week, a timer or nothing, by the product
+    bit: int  # status word
 
     @property
     def flags(self) -> Bit:
@@ -253,22 +221,13 @@ class PacketS0:
 
 @dataclass(frozen=True, slots=True)
 class PacketS2:
-    """Packet S2 of the 440: sums over the time since the packet before.
+    """Packet S2 of the 440: sums over the time since the packet before."""
 
-    Attributes
-    ----------
-    velocity_steps, angle_steps : tuple of int
-        X, Y, Z, 32 bits with sign.
-    counter : int
-        0 to 65535.
-    bit : int
-        Status word.
-    """
-
+    # velocity_steps, angle_steps: X, Y, Z, 32 bits with sign
     velocity_steps: Triple
     angle_steps: Triple
     counter: int
-    bit: int
+    bit: int  # status word
 
     @property
     def flags(self) -> Bit:

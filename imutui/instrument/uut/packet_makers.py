@@ -97,21 +97,10 @@ class RecordedStream:
 
     Bytes between two packets belong to the later one, those behind the last to that.
 
-    Parameters
-    ----------
-    raw : bytes
-        The stream.
-
-    Attributes
-    ----------
-    divider : int
-        Divider of its rate, by the steps of its counter, which stands still at 1 Hz; that of 100 Hz where it does not
-        count time.
-
-    Raises
-    ------
-    ValueError
-        If there is no packet in it, or of several types.
+    `raw`: the stream.
+    `divider`: divider of its rate, by the steps of its counter, which stands still at 1 Hz; that of 100 Hz where it
+      does not count time.
+    Raises ValueError if there is no packet in it, or of several types.
     """
 
     def __init__(self, raw: bytes) -> None:

@@ -104,19 +104,8 @@ def read_reply(frame: Frame) -> Measurement | Reply:
 def encode(message: Request | Reply | Measurement) -> bytes:
     """Write a request, a reply or a measurement as it goes over the line.
 
-    Parameters
-    ----------
-    message : Request, Reply or Measurement
-        Anything that either decoder returns, but `Discarded`.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    ValueError
-        If a field does not fit its place on the line.
+    `message`: anything that either decoder returns, but `Discarded`.
+    Raises ValueError if a field does not fit its place on the line.
     """
     try:
         return framed(frame_of(message))

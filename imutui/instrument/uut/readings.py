@@ -16,22 +16,14 @@ _LEAST_PATIENCE_S, _MOST_PATIENCE_S = 0.1, 2.0
 
 @dataclass(frozen=True, slots=True)
 class DataPacket:
-    """See `host.DataPacket`; the temperature is that of the X rate sensor.
-
-    Attributes
-    ----------
-    status : int
-        The word that the manuals call BIT.
-    source : PacketS0 or PacketS1
-        The packet with all its fields.
-    """
+    """See `host.DataPacket`; the temperature is that of the X rate sensor."""
 
     rates: Triple
     accels: Triple
     temperature: int
     ticks: int
-    status: int
-    source: PacketS0 | PacketS1
+    status: int  # the word that the manuals call BIT
+    source: PacketS0 | PacketS1  # the packet with all its fields
 
     @property
     def details(self) -> PacketDetails:
@@ -53,10 +45,7 @@ def reading_of(event: Event) -> DataPacket | None:
 class Packets:
     """Packets of a stream; see `host.PacketStream`.
 
-    Parameters
-    ----------
-    refused : str
-        What to say if the unit refuses what was set last.
+    `refused`: what to say if the unit refuses what was set last.
     """
 
     def __init__(self, refused: str) -> None:
@@ -108,12 +97,8 @@ class Poller:
     request, or before the answer to a ping that follows an unanswered one, belongs to an earlier request, and counts
     for nothing.
 
-    Parameters
-    ----------
-    port : Port
-        At the unit's speed.
-    giving_up : callable
-        Whether to wait no longer for what has not come.
+    `port`: at the unit's speed.
+    `giving_up`: whether to wait no longer for what has not come.
     """
 
     def __init__(self, port: Port, giving_up: Callable[[], bool]) -> None:

@@ -17,15 +17,8 @@ from imutui.instrument.uut.payloads import frame_of
 def in_words(request: Request) -> str:
     """Say what a request asks for.
 
-    Parameters
-    ----------
-    request : Request
-        As received.
-
-    Returns
-    -------
-    str
-        Such as ``SF: set in RAM 0001=0000``.
+    `request`: as received.
+    Returns such as ``SF: set in RAM 0001=0000``.
     """
     match request:
         case Ping():

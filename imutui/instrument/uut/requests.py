@@ -38,21 +38,11 @@ ReplyT = TypeVar("ReplyT", bound=Reply)
 
 @dataclass(slots=True)
 class Requests:
-    """Asks one thing after the other.
+    """Asks one thing after the other."""
 
-    Attributes
-    ----------
-    port : Port
-        At the unit's speed.
-    patience_s : float
-        How long to wait for a reply.
-    slowest_s : float
-        How long the slowest reply so far took.
-    """
-
-    port: Port
-    patience_s: float = PATIENCE_S
-    slowest_s: float = field(default=0.0)
+    port: Port  # at the unit's speed
+    patience_s: float = PATIENCE_S  # how long to wait for a reply
+    slowest_s: float = field(default=0.0)  # how long the slowest reply so far took
 
     def ping(self, patience_s: float) -> bool:
         """Whether the unit answers a ping."""

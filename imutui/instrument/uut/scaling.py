@@ -14,29 +14,14 @@ class Scaling:
     """Counts to units and back, in the axes and signs of the packets. All units of the family share the scales.
 
     Each method takes an int, a tuple or an array of any shape, and returns a numpy scalar or array of that shape.
-
-    Attributes
-    ----------
-    accel_lsb_g : float
-        "20 / 2^16 g".
-    rate_lsb_dps : float
-        "1260 / 2^16 deg/s": 7 pi rad/s.
-    temperature_lsb_degc : float
-        "200 / 2^16 degC".
-    magnetic_lsb_gauss : float
-        "2 / 2^16 gauss"; some tables have 20.
-    velocity_lsb_mps : float
-        "200 / 2^32 m/s" of S2.
-    angle_lsb_deg : float
-        "1260 / 2^32 deg" of S2.
     """
 
     accel_lsb_g: float = 20.0 / 2**16
-    rate_lsb_dps: float = 1260.0 / 2**16
+    rate_lsb_dps: float = 1260.0 / 2**16  # "1260 / 2^16 deg/s": 7 pi rad/s
     temperature_lsb_degc: float = 200.0 / 2**16
-    magnetic_lsb_gauss: float = 2.0 / 2**16
-    velocity_lsb_mps: float = 200.0 / 2**32
-    angle_lsb_deg: float = 1260.0 / 2**32
+    magnetic_lsb_gauss: float = 2.0 / 2**16  # "2 / 2^16 gauss"; some tables have 20
+    velocity_lsb_mps: float = 200.0 / 2**32  # "200 / 2^32 m/s" of S2
+    angle_lsb_deg: float = 1260.0 / 2**32  # "1260 / 2^32 deg" of S2
 
     def accels_g(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Specific force as the unit reads it, g."""

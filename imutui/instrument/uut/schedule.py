@@ -8,15 +8,8 @@ from imutui.instrument.transmitter import SAME_INSTANT_S
 class Schedule:
     """The loop, which runs from time 0 on, and the number of its instant that the stream's next packet has.
 
-    Parameters
-    ----------
-    loop_hz : int
-        Rate of the loop.
-
-    Attributes
-    ----------
-    next : int
-        The loop's instant of the next packet.
+    `loop_hz`: rate of the loop.
+    `next`: the loop's instant of the next packet.
     """
 
     def __init__(self, loop_hz: int) -> None:

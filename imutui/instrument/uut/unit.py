@@ -60,23 +60,12 @@ class VirtualUnit:
     Times are seconds on any one scale that never goes back; the unit's own loop runs on it. Speeds of the host are
     passed with each call, since a real host changes its own without asking.
 
-    Parameters
-    ----------
-    packets : PacketMaker
-        What its packets are made of.
-    options : UnitOptions
-        Which unit this is.
-    seed : int, optional
-        Where the counter starts is drawn from it; without a seed it starts at 0.
-
-    Attributes
-    ----------
-    options : UnitOptions
-        Which unit this is.
-    on_packet : callable or None
-        Told of every packet that it begins to send, and of the instant that was sampled.
-    data_asked_for : bool
-        Whether a host has ever asked for data.
+    `packets`: what its packets are made of.
+    `options`: which unit this is.
+    `seed`: where the counter starts is drawn from it; without a seed it starts at 0.
+    `options`: which unit this is.
+    `on_packet`: told of every packet that it begins to send, and of the instant that was sampled.
+    `data_asked_for`: whether a host has ever asked for data.
     """
 
     in_words = staticmethod(in_words)
@@ -123,12 +112,8 @@ class VirtualUnit:
     def power_up(self, now: float, serial_number: int | None = None) -> None:
         """Begin anew: what is on the line breaks off, fields are those in EEPROM, the counter restarts.
 
-        Parameters
-        ----------
-        now : float
-            Time, s.
-        serial_number : int, optional
-            That of another unit, which takes this one's place.
+        `now`: time, s.
+        `serial_number`: that of another unit, which takes this one's place.
         """
         self._advance(now)
         self._line.cut(now)
@@ -154,19 +139,10 @@ class VirtualUnit:
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
         """Let bytes from the host arrive.
 
-        Parameters
-        ----------
-        data : bytes
-            The bytes, all of which have arrived by `now`.
-        now : float
-            Time, s.
-        host_baud : int
-            The speed the host sent them at.
-
-        Returns
-        -------
-        list of Request
-            What the unit understood, for a log.
+        `data`: the bytes, all of which have arrived by `now`.
+        `now`: time, s.
+        `host_baud`: the speed the host sent them at.
+        Returns what the unit understood, for a log.
         """
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
@@ -185,17 +161,9 @@ class VirtualUnit:
     def transmit(self, now: float, host_baud: int) -> bytes:
         """Return the bytes whose last bit has left the unit by `now`, as a host at `host_baud` gets them.
 
-        Parameters
-        ----------
-        now : float
-            Time, s.
-        host_baud : int
-            The speed the host listens at.
-
-        Returns
-        -------
-        bytes
-            Each byte is returned once. At a wrong speed they are garbage.
+        `now`: time, s.
+        `host_baud`: the speed the host listens at.
+        Returns each byte is returned once. At a wrong speed they are garbage.
         """
         self._advance(now)
         return b"".join(as_heard(data, baud, host_baud) for baud, data in self._line.take(now))
@@ -203,15 +171,8 @@ class VirtualUnit:
     def next_event(self, now: float) -> float | None:
         """Return when a packet or reply will next have left, so that `transmit` is worth calling.
 
-        Parameters
-        ----------
-        now : float
-            Time, s.
-
-        Returns
-        -------
-        float or None
-            None if nothing will leave until the next request.
+        `now`: time, s.
+        Returns none if nothing will leave until the next request.
         """
         self._advance(now)
         sending = self._line.next_end()

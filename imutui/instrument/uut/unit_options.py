@@ -33,55 +33,26 @@ IMU381ZA: FieldValues = (
 
 @dataclass(frozen=True)
 class UnitOptions:
-    """What may differ from unit to unit, or is disputed between documents.
+    """What may differ from unit to unit, or is disputed between documents."""
 
-    Attributes
-    ----------
-    serial_number : int
-        First part of the answer to a request for ID.
-    text : str
-        The other part: model, part number, version of the firmware and whatever follows, with spaces between. Other
-        programs need three words.
-    text_ends_with_zero : bool
-        Whether a zero byte follows it.
-    version : Version
-        The answer to a request for VR.
-    fields : tuple of pairs
-        Configuration fields in EEPROM at first, as number and value; a unit knows no others.
-    packet_types : tuple of bytes
-        Measurements that it has; the first is the usual one.
-    baud_codes : tuple of int
-        Values of the field `BAUD` that it takes.
-    loop_hz : int
-        Rate of its own loop, Hz, 100 or 200; only the latter has the dividers of later firmware.
-    counter : Meaning
-        What the counter of S1 counts.
-    bit : int
-        Its status word.
-    factory_words : tuple of pairs
-        Address and word of the factory's memory; a unit refuses to read others.
-    new_baud_at_once : bool
-        Whether the reply to a new speed comes at that speed, as the manuals say, or at the old one.
-    boot_s : float
-        How long it is deaf and silent after a restart.
-    reply_delay_s : float
-        How late it answers.
-    clock_skew_ppm : float
-        How much faster than the host's its clock runs: loop, counter and line.
-    """
-
-    serial_number: int = 9911750
+    serial_number: int = 9911750  # first part of the answer to a request for ID
+    # the other part: model, part number, version of the firmware and whatever follows, with spaces between. Other
+    # programs need three words.
     text: str = "IMU381ZA-200 VIRTUAL 1.0"
-    text_ends_with_zero: bool = True
-    version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))
+    text_ends_with_zero: bool = True  # whether a zero byte follows it
+    version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))  # the answer to a request for VR
+    # configuration fields in EEPROM at first, as number and value; a unit knows no others
     fields: FieldValues = IMU381ZA
-    packet_types: tuple[bytes, ...] = (b"S1", b"S0")
-    baud_codes: tuple[int, ...] = (2, 3, 5, 6)
+    packet_types: tuple[bytes, ...] = (b"S1", b"S0")  # measurements that it has; the first is the usual one
+    baud_codes: tuple[int, ...] = (2, 3, 5, 6)  # values of the field `BAUD` that it takes
+    # rate of its own loop, Hz, 100 or 200; only the latter has the dividers of later firmware
     loop_hz: Literal[100, 200] = 100
-    counter: Meaning = Meaning.TIME
-    bit: int = 0
+    counter: Meaning = Meaning.TIME  # what the counter of S1 counts
+    bit: int = 0  # its status word
+    # address and word of the factory's memory; a unit refuses to read others
     factory_words: tuple[tuple[int, int], ...] = ((0x071C, 0x0081),)
+    # whether the reply to a new speed comes at that speed, as the manuals say, or at the old one
     new_baud_at_once: bool = True
-    boot_s: float = 0.1
-    reply_delay_s: float = 0.0
-    clock_skew_ppm: float = 0.0
+    boot_s: float = 0.1  # how long it is deaf and silent after a restart
+    reply_delay_s: float = 0.0  # how late it answers
+    clock_skew_ppm: float = 0.0  # how much faster than the host's its clock runs: loop, counter and line

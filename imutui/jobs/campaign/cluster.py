@@ -42,14 +42,9 @@ def available() -> bool:
 class Cluster:
     """Rows by the workers of a scheduler.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as tcp://host:8786.
-    root : str
-        Folder of the logs, which workers must see under the same name.
-    say : callable
-        Told in a sentence what is worth knowing.
+    `address`: of the scheduler, such as tcp://host:8786.
+    `root`: folder of the logs, which workers must see under the same name.
+    `say`: told in a sentence what is worth knowing.
     """
 
     def __init__(self, address: str, root: str, say: Callable[[str], None] = lambda text: None) -> None:
@@ -60,11 +55,8 @@ class Cluster:
     def __call__(self, tasks: Iterator[Task], count: int) -> Iterator[tuple[Task, Row | None]]:
         """Rows as they are ready.
 
-        Raises
-        ------
-        ClusterError
-            If the scheduler does not answer or goes away, there is no worker, or workers have other versions or do not
-            see the logs.
+        Raises ClusterError if the scheduler does not answer or goes away, there is no worker, or workers have other
+          versions or do not see the logs.
         """
         del count
         client = _connected(self._address)
@@ -180,16 +172,10 @@ def _fed(client: "Client", tasks: Iterator[Task], address: str) -> Iterator[tupl
 def _row(status: str, result: Any, task: Task, address: str) -> Row | None:
     """What has come of a task: its row, or one that says why there is none.
 
-    Parameters
-    ----------
-    status : str
-        Of its future.
-    result : Any
-        The row, or type, error and traceback.
-    task : Task
-        What was to be computed.
-    address : str
-        Of the scheduler.
+    `status`: of its future.
+    `result`: the row, or type, error and traceback.
+    `task`: what was to be computed.
+    `address`: of the scheduler.
     """
     if status in ("cancelled", "lost"):
         raise ClusterError(

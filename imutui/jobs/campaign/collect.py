@@ -32,23 +32,12 @@ class CollectDocument(TypedDict):
 def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     """Join the results of parts.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Folders of results.
-    results : Path
-        Folder to make; it must have no results.
-    mode : int
-        Permissions of what is written.
-
-    Raises
-    ------
-    UnreadableLogError
-        If one of the parts has no results.
-    ValueError
-        If they are of different settings.
-    OSError
-        If the disk does not take the results.
+    `paths`: folders of results.
+    `results`: folder to make; it must have no results.
+    `mode`: permissions of what is written.
+    Raises UnreadableLogError if one of the parts has no results.
+    Raises ValueError if they are of different settings.
+    Raises OSError if the disk does not take the results.
     """
     parts = [results_folder.read(path) for path in paths]
     for part in parts[1:]:

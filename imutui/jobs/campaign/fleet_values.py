@@ -15,22 +15,13 @@ _SECONDS = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class BiasValue:
-    """A bias of a log.
+    """A bias of a log."""
 
-    Attributes
-    ----------
-    row : Row
-        What it is of.
-    value, sd : float
-        deg/s or mg.
-    converged : bool
-        Whether the filter's estimate had settled.
-    """
-
-    row: Row
+    row: Row  # what it is of
+    # value, sd: deg/s or mg
     value: float
     sd: float
-    converged: bool
+    converged: bool  # whether the filter's estimate had settled
 
 
 @dataclass(frozen=True, slots=True)

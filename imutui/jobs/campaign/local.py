@@ -29,10 +29,7 @@ _KILLED = (
 class Processes:
     """Rows by processes of this machine.
 
-    Parameters
-    ----------
-    workers : int
-        How many work side by side.
+    `workers`: how many work side by side.
     """
 
     def __init__(self, workers: int) -> None:

@@ -19,18 +19,10 @@ _SHARD = re.compile(r"([0-9]{1,7})/([0-9]{1,7})")
 
 @dataclass(frozen=True, slots=True)
 class LogList:
-    """Logs below a root.
+    """Logs below a root."""
 
-    Attributes
-    ----------
-    root : str
-        Absolute path of a folder.
-    logs : tuple of str
-        Paths relative to it, with slashes, in order.
-    """
-
-    root: str
-    logs: tuple[str, ...]
+    root: str  # absolute path of a folder
+    logs: tuple[str, ...]  # paths relative to it, with slashes, in order
 
     def path(self, log: str) -> str:
         """Absolute path of one of them."""
@@ -64,10 +56,7 @@ class Shard:
 def parse_shard(text: str) -> Shard:
     """Shard of "i/n", i from 1 to n.
 
-    Raises
-    ------
-    ValueError
-        If the text does not read so.
+    Raises ValueError if the text does not read so.
     """
     found = _SHARD.fullmatch(text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
@@ -78,16 +67,9 @@ def parse_shard(text: str) -> Shard:
 def find(arguments: Sequence[str]) -> LogList:
     """Logs that arguments name.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        Folders, of which all `*.mcap` at any depth are taken except hidden ones; files, whatever their names; and
-        patterns as shells know them, `**` for any depth.
-
-    Raises
-    ------
-    UnreadableLogError
-        If an argument names nothing, or there is no log in any.
+    `arguments`: folders, of which all `*.mcap` at any depth are taken except hidden ones; files, whatever their names;
+      and patterns as shells know them, `**` for any depth.
+    Raises UnreadableLogError if an argument names nothing, or there is no log in any.
     """
     bases: list[Path] = []
     paths: set[str] = set()

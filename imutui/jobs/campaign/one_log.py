@@ -42,27 +42,13 @@ _OF_THE_LOG = (UnreadableLogError, ValueError, DivergenceError)
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A log to compute.
+    """A log to compute."""
 
-    Attributes
-    ----------
-    log : str
-        Its name in the row.
-    path : str
-        Where it lies.
-    settings : CampaignSettings
-        How to take it.
-    settings_sha256 : str
-        Hash of these.
-    unless_sha256 : str or None
-        Hash of the log that there is a row for: if it is still the same, none is made.
-    """
-
-    log: str
-    path: str
-    settings: CampaignSettings
-    settings_sha256: str
-    unless_sha256: str | None = None
+    log: str  # its name in the row
+    path: str  # where it lies
+    settings: CampaignSettings  # how to take it
+    settings_sha256: str  # hash of these
+    unless_sha256: str | None = None  # hash of the log that there is a row for: if it is still the same, none is made
 
 
 @cache
@@ -136,14 +122,8 @@ def _made(task: Task) -> Row | None:
 def error_row(task: Task, error: str, *, retry: bool) -> Row:
     """The row of a log without a result.
 
-    Parameters
-    ----------
-    task : Task
-        The log.
-    error : str
-        Why, in words.
-    retry : bool
-        Whether another try may do, though nothing about the log has changed.
+    `error`: why, in words.
+    `retry`: whether another try may do, though nothing about the log has changed.
     """
     row: Row = {
         "log": task.log,

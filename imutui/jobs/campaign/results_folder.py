@@ -78,30 +78,14 @@ class _RowsOfJournal(Mapping[str, Row]):
 class ResultsFolder:
     """A folder of results that a run writes.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if absent.
-    head : HeadFields
-        What the run is asked for; rows of other settings are left aside.
-    mode : int
-        Permissions of its files.
-
-    Attributes
-    ----------
-    known : dict
-        What is known of each log's row, by the row's `log`.
-    broken : int
-        How many lines could not be read; their logs are computed again.
-
-    Raises
-    ------
-    ValueError
-        If another run holds it, or it has results of another root.
-    UnreadableLogError
-        If a `results.json` is there that is none.
-    OSError
-        If the disk does not take it.
+    `folder`: made if absent.
+    `head`: what the run is asked for; rows of other settings are left aside.
+    `mode`: permissions of its files.
+    `known`: what is known of each log's row, by the row's `log`.
+    `broken`: how many lines could not be read; their logs are computed again.
+    Raises ValueError if another run holds it, or it has results of another root.
+    Raises UnreadableLogError if a `results.json` is there that is none.
+    Raises OSError if the disk does not take it.
     """
 
     def __init__(self, folder: Path, head: HeadFields, mode: int) -> None:
@@ -236,10 +220,7 @@ class ResultsFolder:
 def head_of(folder: Path) -> HeadFields | None:
     """What the last run in a folder of results was asked for; None if there was none.
 
-    Raises
-    ------
-    UnreadableLogError
-        If what is there cannot be read.
+    Raises UnreadableLogError if what is there cannot be read.
     """
     journal, document = folder / JOURNAL, folder / DOCUMENT
     if not journal.exists():
@@ -263,10 +244,7 @@ def remove_results(folder: Path) -> None:
 def read(folder: Path) -> Part:
     """Results of a folder, from its journal, or from its `results.json` where that was not copied along.
 
-    Raises
-    ------
-    UnreadableLogError
-        If there are none.
+    Raises UnreadableLogError if there are none.
     """
     journal = folder / JOURNAL
     if not journal.exists():

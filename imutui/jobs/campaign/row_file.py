@@ -51,15 +51,9 @@ def path_of(results: Path) -> Path:
 def read(results: Path) -> list[Row]:
     """Rows of a campaign; fields that a summary does not read may lack.
 
-    Parameters
-    ----------
-    results : Path
-        The folder that a campaign wrote, or its `results.json`.
-
-    Raises
-    ------
-    UnreadableLogError
-        If there is none, or it has no rows, or what stands there is of another shape; the message says where.
+    `results`: the folder that a campaign wrote, or its `results.json`.
+    Raises UnreadableLogError if there is none, or it has no rows, or what stands there is of another shape; the message
+      says where.
     """
     path = path_of(results)
     try:

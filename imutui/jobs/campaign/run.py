@@ -28,33 +28,15 @@ class Way(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What is asked for.
+    """What is asked for."""
 
-    Attributes
-    ----------
-    logs : LogList
-        All logs, of which a shard takes its own.
-    settings : CampaignSettings
-        How each is taken.
-    results : Path
-        Folder for the results.
-    shard : Shard or None
-        Which part of the logs; None for all.
-    retry : bool
-        Whether rows with an error are tried again though nothing has changed.
-    again : bool
-        Whether all rows are made anew.
-    mode : int
-        Permissions of what is written.
-    """
-
-    logs: LogList
-    settings: CampaignSettings
-    results: Path
-    shard: Shard | None = None
-    retry: bool = False
-    again: bool = False
-    mode: int = 0o640
+    logs: LogList  # all logs, of which a shard takes its own
+    settings: CampaignSettings  # how each is taken
+    results: Path  # folder for the results
+    shard: Shard | None = None  # which part of the logs; None for all
+    retry: bool = False  # whether rows with an error are tried again though nothing has changed
+    again: bool = False  # whether all rows are made anew
+    mode: int = 0o640  # permissions of what is written
 
     def own_logs(self) -> list[str]:
         """Logs of the shard."""
@@ -115,23 +97,12 @@ def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda 
 
     Interrupted at any time, it leaves the rows that were done, and `results.json` of them.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What is asked for.
-    way : callable
-        `local.Processes` or `cluster.Cluster`.
-    tell : callable
-        Told how far it is, after each log.
-
-    Raises
-    ------
-    ValueError
-        If another run writes to the folder, or it has results of another root.
-    UnreadableLogError
-        If what is in the folder is no result of a campaign.
-    OSError
-        If the disk does not take the results.
+    `campaign`: what is asked for.
+    `way`: `local.Processes` or `cluster.Cluster`.
+    `tell`: told how far it is, after each log.
+    Raises ValueError if another run writes to the folder, or it has results of another root.
+    Raises UnreadableLogError if what is in the folder is no result of a campaign.
+    Raises OSError if the disk does not take the results.
     """
     logs = campaign.own_logs()
     with ResultsFolder(campaign.results, campaign.head(len(logs)), campaign.mode) as folder:

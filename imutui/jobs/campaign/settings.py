@@ -10,18 +10,11 @@ from imutui.jobs.replay import ReplayOptions
 
 @dataclass(frozen=True, slots=True)
 class CampaignSettings:
-    """How each log is to be taken; it can be pickled, so that it reaches workers.
+    """How each log is to be taken; it can be pickled, so that it reaches workers."""
 
-    Attributes
-    ----------
-    options : ReplayOptions
-        Of the replay: overrides, reference and effects; nothing else of them counts.
-    trace : bool
-        Whether each log is traced too, on its own.
-    """
-
+    # of the replay: overrides, reference and effects; nothing else of them counts
     options: ReplayOptions = field(default_factory=ReplayOptions)
-    trace: bool = False
+    trace: bool = False  # whether each log is traced too, on its own
 
     def fields(self) -> SettingsFields:
         """As documents have it: files by their hashes."""

@@ -15,12 +15,8 @@ _KINDS: tuple[Kind, ...] = ("measured", "simulated", "unknown")
 def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
     """Summary of a fleet.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of `row_file.read`, at least one.
-    results : str
-        Name of the file that they stand in.
+    `rows`: of `row_file.read`, at least one.
+    `results`: name of the file that they stand in.
     """
     good = [row for row in rows if not row.get("error") and row["final"] is not None]
     bad = [row for row in rows if row.get("error") or row["final"] is None]

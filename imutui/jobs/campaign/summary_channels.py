@@ -26,10 +26,7 @@ class _Prepared:
 def channels(rows: Sequence[Row]) -> list[ChannelField]:
     """All six channels; drift is corrected for the number of units and channels.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one model and one kind, with a result and a serial number.
+    `rows`: of one model and one kind, with a result and a serial number.
     """
     prepared = [_prepared(told) for told in fleet_values.channels(rows)]
     courses = [_courses(one) for one in prepared]

@@ -34,10 +34,7 @@ def traced(rows: Sequence[Row]) -> list[Row]:
 def effects(rows: Sequence[Row]) -> list[EffectField]:
     """Effects by the number of units they were found in, then of power-ons.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one group, with a result and a serial number.
+    `rows`: of one group, with a result and a serial number.
     """
     asked = traced(rows)
     found: dict[_Key, list[_Found]] = {}

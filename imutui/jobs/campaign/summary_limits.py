@@ -36,10 +36,7 @@ class _Worst(NamedTuple):
 def limits(rows: Sequence[Row]) -> list[LimitField]:
     """Units that fail a limit, and those that are too near to tell; a log without a serial number stands for itself.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one group, with a result.
+    `rows`: of one group, with a result.
     """
     units: dict[tuple[str, str], list[Row]] = {}
     for row in rows:

@@ -30,21 +30,11 @@ _KINDS = {float: "double", int: "int64", bool: "bool", str: "string"}
 def write(path: Path, rows: Iterable[Row], notes: Mapping[str, str], mode: int) -> None:
     """Write the table, there whole or not at all, in place of an older one; memory is bounded.
 
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    rows : iterable of Row
-        In the order in which they are to stand.
-    notes : mapping
-        What the table is of, as its metadata.
-    mode : int
-        Permissions.
-
-    Raises
-    ------
-    OSError
-        If the disk does not take it.
+    `path`: file to write.
+    `rows`: in the order in which they are to stand.
+    `notes`: what the table is of, as its metadata.
+    `mode`: permissions.
+    Raises OSError if the disk does not take it.
     """
     columns = list(_columns(Row, ""))
     with atomic_file.part_of(path, overwrite=True, mode=mode) as part:

@@ -14,24 +14,12 @@ _PARTS = {3: "xyz", 4: "wxyz"}
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A quantity.
+    """A quantity."""
 
-    Attributes
-    ----------
-    name : str
-        As contracts and docs/formats.md have it.
-    unit : str
-        "" for a text or a number of things.
-    width : int
-        Its components; 1 for a number.
-    dtype : str
-        "f8", "i8", "u8", "?" or "U", a text.
-    """
-
-    name: str
-    unit: str = ""
-    width: int = 1
-    dtype: str = "f8"
+    name: str  # as contracts and docs/formats.md have it
+    unit: str = ""  # "" for a text or a number of things
+    width: int = 1  # its components; 1 for a number
+    dtype: str = "f8"  # "f8", "i8", "u8", "?" or "U", a text
 
     @property
     def parts(self) -> list[str]:
@@ -43,24 +31,12 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Columns, and how to walk through their rows.
+    """Columns, and how to walk through their rows."""
 
-    Attributes
-    ----------
-    columns : tuple of Column
-        In order.
-    blocks : callable
-        Gives the rows anew with every call, a bounded number at a time.
-    about : dict
-        What is to be known of them: names and texts.
-    damage : callable
-        What is wrong with the log, "" for nothing; known behind the last block.
-    """
-
-    columns: tuple[Column, ...]
-    blocks: Callable[[], Iterator[Block]]
-    about: dict[str, str] = field(default_factory=dict)
-    damage: Callable[[], str] = lambda: ""
+    columns: tuple[Column, ...]  # in order
+    blocks: Callable[[], Iterator[Block]]  # gives the rows anew with every call, a bounded number at a time
+    about: dict[str, str] = field(default_factory=dict)  # what is to be known of them: names and texts
+    damage: Callable[[], str] = lambda: ""  # what is wrong with the log, "" for nothing; known behind the last block
 
     def units(self) -> dict[str, str]:
         """Unit of each column that has one."""

@@ -27,16 +27,10 @@ _KINDS: dict[str, parquet.Kind] = {"f8": "double", "i8": "int64", "u8": "uint64"
 def write(kind: str, table: Table, path: Path, progress: Progress = lambda rows: None) -> int:
     """Write a table to a file, which is replaced; returns the number of rows.
 
-    Parameters
-    ----------
-    kind : str
-        One of `FORMATS`.
-    table : Table
-        What to write.
-    path : Path
-        Where to.
-    progress : callable
-        Told the number of rows written, now and then.
+    `kind`: one of `FORMATS`.
+    `table`: what to write.
+    `path`: where to.
+    `progress`: told the number of rows written, now and then.
     """
     return {"csv": _csv, "npz": _npz, "parquet": _parquet}[kind](table, path, progress)
 

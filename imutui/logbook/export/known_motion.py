@@ -15,14 +15,9 @@ _POSITION, _VELOCITY, _ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 class KnownMotion:
     """Rows of a trajectory, each at the first sample from its time on.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The log's own.
-    mount : Array
-        M from instrument to body axes, shape (3, 3).
-    has_angles : bool
-        Whether a table's angles are exported: they are its attitude, and its place is the site.
+    `trajectory`: the log's own.
+    `mount`: M from instrument to body axes, shape (3, 3).
+    `has_angles`: whether a table's angles are exported: they are its attitude, and its place is the site.
     """
 
     def __init__(self, trajectory: Trajectory, mount: Array, *, has_angles: bool) -> None:

@@ -25,19 +25,10 @@ DEFAULTS = SessionInfo()
 def table(known: Outline, start: float | None = None, end: float | None = None, rows: int = pieces.ROWS) -> Table:
     """Samples of a log, those without a reading left out.
 
-    Parameters
-    ----------
-    known : Outline
-        Of the log.
-    start, end : float or None
-        Part to take, s since its first sample.
-    rows : int
-        About so many in a block.
-
-    Raises
-    ------
-    ValueError
-        If the log has no sample in that part.
+    `known`: of the log.
+    `start`, `end`: part to take, s since its first sample.
+    `rows`: about so many in a block.
+    Raises ValueError if the log has no sample in that part.
     """
     path = known.log.path
     seconds = seconds_since(known.last_ns, known.first_ns)

@@ -44,19 +44,10 @@ class _Topic:
 def table(path: Path, topic: str, start: float | None = None, end: float | None = None) -> Table:
     """Messages of a topic.
 
-    Parameters
-    ----------
-    path : Path
-        An MCAP file, ours or another program's.
-    topic : str
-        Its topic, of a ROS 2 type in CDR.
-    start, end : float or None
-        Part to take, s since the file's first message by its log_time.
-
-    Raises
-    ------
-    UnreadableLogError
-        If the file cannot be read, or the topic is not in it, has no message, or is not in CDR.
+    `path`: an MCAP file, ours or another program's.
+    `topic`: its topic, of a ROS 2 type in CDR.
+    `start`, `end`: part to take, s since the file's first message by its log_time.
+    Raises UnreadableLogError if the file cannot be read, or the topic is not in it, has no message, or is not in CDR.
     """
     found = _find(path, topic)
     columns = _outline(found)

@@ -12,12 +12,8 @@ class Attempt:
 
     An acquisition that begins after it was given up is stopped again: nobody would know of it.
 
-    Parameters
-    ----------
-    start : callable
-        Blocks until the acquisition streams, or raises SessionError.
-    stops : bool
-        Whether giving up stops it; False for one that ran before, which is only let go.
+    `start`: blocks until the acquisition streams, or raises SessionError.
+    `stops`: whether giving up stops it; False for one that ran before, which is only let go.
     """
 
     def __init__(self, start: Callable[[], Client], *, stops: bool = True) -> None:

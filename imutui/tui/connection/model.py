@@ -27,48 +27,20 @@ NOTHING = ("none", "")
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What a page shows.
+    """What a page shows."""
 
-    Attributes
-    ----------
-    now : Snapshot or None
-        The newest snapshot: recording, link, alarms; never frozen.
-    shown : Snapshot or None
-        The snapshot of tables and plots; an old one while the view is frozen.
-    series : PacketSeries
-        Packets of the plots.
-    biases : EstimateHistory
-        Estimated biases and their certainty over the run.
-    temperature : EstimateHistory
-        Temperature over the run, degC; empty from an acquisition that keeps no history.
-    frozen : bool
-        Whether the view stands still.
-    notice : tuple of str
-        Level and text of what the UI has to say, empty text for nothing.
-    pacing : Pacing
-        How much is drawn, and how often.
-    debug : str
-        What drawing costs.
-    verdict : Verdict or None
-        On the filter, now; never frozen.
-    shown_verdict : Verdict or None
-        On the filter of `shown`.
-    slope_k_per_min : float or None
-        Of the temperature of `shown`.
-    """
-
-    now: Snapshot | None
-    shown: Snapshot | None
-    series: PacketSeries
-    biases: EstimateHistory
-    temperature: EstimateHistory
-    frozen: bool
-    notice: tuple[str, str]
-    verdict: Verdict | None = None
-    shown_verdict: Verdict | None = None
-    slope_k_per_min: float | None = None
-    pacing: Pacing = field(default_factory=Pacing)
-    debug: str = ""
+    now: Snapshot | None  # the newest snapshot: recording, link, alarms; never frozen
+    shown: Snapshot | None  # the snapshot of tables and plots; an old one while the view is frozen
+    series: PacketSeries  # packets of the plots
+    biases: EstimateHistory  # estimated biases and their certainty over the run
+    temperature: EstimateHistory  # temperature over the run, degC; empty from an acquisition that keeps no history
+    frozen: bool  # whether the view stands still
+    notice: tuple[str, str]  # level and text of what the UI has to say, empty text for nothing
+    verdict: Verdict | None = None  # on the filter, now; never frozen
+    shown_verdict: Verdict | None = None  # on the filter of `shown`
+    slope_k_per_min: float | None = None  # of the temperature of `shown`
+    pacing: Pacing = field(default_factory=Pacing)  # how much is drawn, and how often
+    debug: str = ""  # what drawing costs
 
     @property
     def estimates(self) -> FilterSnapshot | None:

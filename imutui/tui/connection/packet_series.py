@@ -13,12 +13,8 @@ TEMPERATURE = CHANNELS - 1
 class PacketSeries:
     """Instants and rows of values of the packets that came.
 
-    Parameters
-    ----------
-    columns : int
-        Values of a row.
-    capacity : int
-        Rows kept; half an hour of packets by default.
+    `columns`: values of a row.
+    `capacity`: rows kept; half an hour of packets by default.
     """
 
     def __init__(self, columns: int, capacity: int = 1 << 18) -> None:

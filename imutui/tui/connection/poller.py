@@ -22,14 +22,9 @@ _PIECES = 30
 class Poller:
     """A polling thread.
 
-    Parameters
-    ----------
-    client : Client
-        Asked for snapshots.
-    post : callable
-        Takes `Arrived` and `Lost`, from any thread; False if nobody listens any more.
-    rate_hz : float
-        Polls per second; may be changed at any time.
+    `client`: asked for snapshots.
+    `post`: takes `Arrived` and `Lost`, from any thread; False if nobody listens any more.
+    `rate_hz`: polls per second; may be changed at any time.
     """
 
     @dataclass(frozen=True, slots=True)

@@ -37,14 +37,9 @@ class Page(Screen[None]):
     class Ask(Message):
         """Have something asked of the acquisition, in a thread.
 
-        Parameters
-        ----------
-        function : callable
-            Asks the client; returns what to say when it is done, empty for nothing.
-        busy : str
-            What to say meanwhile, empty for nothing.
-        done : callable or None
-            Called in the event loop once it has worked.
+        `function`: asks the client; returns what to say when it is done, empty for nothing.
+        `busy`: what to say meanwhile, empty for nothing.
+        `done`: called in the event loop once it has worked.
         """
 
         def __init__(

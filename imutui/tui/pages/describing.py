@@ -12,10 +12,7 @@ _HINT = "Both go into the file that is being written; what stood there before st
 def describe_recording(page: Page) -> None:
     """Ask for note and operator of the recording that runs, and have the acquisition write what was changed.
 
-    Parameters
-    ----------
-    page : Page
-        In front of which it is asked; nothing happens where no recording runs.
+    `page`: in front of which it is asked; nothing happens where no recording runs.
     """
     now = page.view.now if page.view is not None else None
     recording = now["recording"] if now is not None else None

@@ -15,27 +15,13 @@ _PLOTS = ("auto", "scroll", "sweep", "numbers")
 class Appearance:
     """What the configuration says about the screen.
 
-    Attributes
-    ----------
-    theme : str
-        Name of a theme, "dark" or "light"; empty leaves it to the terminal.
-    glyphs : str
-        "auto", "braille", "block" or "ascii".
-    fps : float
-        Redraws per second; 0 for the usual.
-    plot : str
-        "auto", "scroll", "sweep" or "numbers".
-
-    Raises
-    ------
-    ValueError
-        If there is no such theme, or no such kind of signs or plots; the message lists those there are.
+    Raises ValueError if there is no such theme, or no such kind of signs or plots; the message lists those there are.
     """
 
-    theme: str = ""
-    glyphs: str = "auto"
-    fps: float = 0.0
-    plot: str = "auto"
+    theme: str = ""  # name of a theme, "dark" or "light"; empty leaves it to the terminal
+    glyphs: str = "auto"  # "auto", "braille", "block" or "ascii"
+    fps: float = 0.0  # redraws per second; 0 for the usual
+    plot: str = "auto"  # "auto", "scroll", "sweep" or "numbers"
 
     def __post_init__(self) -> None:
         _one_of("theme", self.theme, ("", *SHORT_THEMES, *BUILTIN_THEMES))

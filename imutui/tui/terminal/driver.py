@@ -96,12 +96,8 @@ class Meter:
 class Output:
     """Stands for the terminal's file: counts, and stays calm when the terminal is gone.
 
-    Parameters
-    ----------
-    file : file
-        Of the terminal.
-    meter : Meter
-        Is told.
+    `file`: of the terminal.
+    `meter`: is told.
     """
 
     def __init__(self, file: IO[str], meter: Meter) -> None:

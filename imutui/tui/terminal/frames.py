@@ -18,10 +18,7 @@ _REST_S = 0.1
 class FrameMonitor:
     """Asks the terminal's driver, and tells what it takes to the pacing controller.
 
-    Parameters
-    ----------
-    controller : PacingController
-        Decides what is drawn.
+    `controller`: decides what is drawn.
     """
 
     def __init__(self, controller: PacingController) -> None:
@@ -46,14 +43,9 @@ class FrameMonitor:
         A terminal that still chews on the last frame gets none: drawing into a full queue would stop the UI, and
         what it would show, once it is through, would be old.
 
-        Parameters
-        ----------
-        driver : Driver or None
-            Of the terminal; one that does not measure is taken as one that keeps up.
-        snapshot : Snapshot
-            The data.
-        asked_at : float
-            When it was asked for, monotonic, s.
+        `driver`: of the terminal; one that does not measure is taken as one that keeps up.
+        `snapshot`: the data.
+        `asked_at`: when it was asked for, monotonic, s.
         """
         now = time.monotonic()
         if isinstance(driver, Measured):

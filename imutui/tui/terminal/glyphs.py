@@ -14,22 +14,13 @@ _ASCII = {
 
 @dataclass(frozen=True, slots=True)
 class Glyphs:
-    """One set of signs.
+    """One set of signs."""
 
-    Attributes
-    ----------
-    name : str
-        "braille", "block" or "ascii".
-    columns, rows : int
-        Dots of a plot in one character cell.
-    replaced : Mapping
-        Signs that this set lacks and what stands for them.
-    """
-
-    name: str
+    name: str  # "braille", "block" or "ascii"
+    # columns, rows: dots of a plot in one character cell
     columns: int
     rows: int
-    replaced: Mapping[str, str]
+    replaced: Mapping[str, str]  # signs that this set lacks and what stands for them
 
     def text(self, text: str) -> str:
         """Text with only the signs that the font has."""

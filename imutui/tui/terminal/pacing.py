@@ -23,23 +23,12 @@ _PATIENCE_S, _MOST_PATIENCE_S = 20.0, 640.0
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """How a terminal takes what it is sent.
+    """How a terminal takes what it is sent."""
 
-    Attributes
-    ----------
-    busy : float
-        Share of the last second in which a write was under way.
-    stuck_s : float
-        How long the write under way has lasted; 0 if none is.
-    queue : int
-        Writes that wait behind it.
-    round_trip_s : float or None
-        How long the terminal took to answer, at least; None if it does not answer such questions.
-    """
-
-    busy: float = 0.0
-    stuck_s: float = 0.0
-    queue: int = 0
+    busy: float = 0.0  # share of the last second in which a write was under way
+    stuck_s: float = 0.0  # how long the write under way has lasted; 0 if none is
+    queue: int = 0  # writes that wait behind it
+    # how long the terminal took to answer, at least; None if it does not answer such questions
     round_trip_s: float | None = None
 
     @property
@@ -55,24 +44,13 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
-    """What is drawn, and how often.
+    """What is drawn, and how often."""
 
-    Attributes
-    ----------
-    mode : str
-        "scroll", "sweep" or "numbers".
-    fps : float
-        Frames a second.
-    table_hz : float
-        Changes a second of the table of channels: nobody reads faster, and a plot shows what is between.
-    note : str
-        Why it is less than wished, for the screen; empty if it is not.
-    """
-
-    mode: str = SCROLL
-    fps: float = LOCAL_FPS
+    mode: str = SCROLL  # "scroll", "sweep" or "numbers"
+    fps: float = LOCAL_FPS  # frames a second
+    # changes a second of the table of channels: nobody reads faster, and a plot shows what is between
     table_hz: float = _TABLE_HZ[False]
-    note: str = ""
+    note: str = ""  # why it is less than wished, for the screen; empty if it is not
 
 
 def is_remote(environ: Mapping[str, str]) -> bool:
@@ -86,14 +64,9 @@ class PacingController:
     Steps down at once where the terminal falls behind, and up again only after it has kept up for a while: longer each
     time that going up turned out to be too much.
 
-    Parameters
-    ----------
-    wish : str
-        "auto", "scroll", "sweep" or "numbers".
-    fps : float
-        Frames a second; 0 for 10, and 5 over SSH.
-    remote : bool
-        Whether the terminal is at the other end of an SSH link.
+    `wish`: "auto", "scroll", "sweep" or "numbers".
+    `fps`: frames a second; 0 for 10, and 5 over SSH.
+    `remote`: whether the terminal is at the other end of an SSH link.
     """
 
     def __init__(self, wish: str = AUTO, fps: float = 0.0, *, remote: bool = False) -> None:
@@ -137,12 +110,8 @@ class PacingController:
     def judge(self, now: float, load: Load) -> bool:
         """Take what the terminal does; True if the pacing has changed.
 
-        Parameters
-        ----------
-        now : float
-            Any clock, s.
-        load : Load
-            What was measured.
+        `now`: any clock, s.
+        `load`: what was measured.
         """
         if not load.keeps_up:
             self._kept_since = float("inf")

@@ -34,10 +34,7 @@ class Painter:
     def exact(self, update: Any) -> Any:
         """An update that sends no cell which the terminal holds already.
 
-        Parameters
-        ----------
-        update : object
-            What Textual wants shown; what is not known here is passed on, and nothing is taken as remembered.
+        `update`: what Textual wants shown; what is not known here is passed on, and nothing is taken as remembered.
         """
         if isinstance(update, ChopsUpdate):
             return _Changes(self, update)
@@ -105,12 +102,8 @@ class _Changes(CompositorUpdate):
 def differing(before: Strip | None, after: Strip) -> list[tuple[int, Cells]]:
     """Start and cells of the runs in which two strips of one place differ.
 
-    Parameters
-    ----------
-    before : Strip or None
-        What is there, if known.
-    after : Strip
-        What is to be there.
+    `before`: what is there, if known.
+    `after`: what is to be there.
     """
     text, styles = new = flat(after)
     if before is None or len(text) != after.cell_length:  # wide signs: a character is not a cell

@@ -85,26 +85,15 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """What is drawn.
+    """What is drawn."""
 
-    Attributes
-    ----------
-    x, y : Axis
-        Both axes; `x_unit` stands at the end of the x axis.
-    curves : tuple of Curve
-        Data and what they are compared with.
-    bars : Floats or None
-        Heights of bars of equal width all over the x axis, instead of data.
-    cursor : float or None
-        x that is read.
-    """
-
+    # x, y: both axes; `x_unit` stands at the end of the x axis
     x: Axis
     y: Axis
     x_unit: str
-    curves: tuple[Curve, ...] = ()
-    bars: Floats | None = None
-    cursor: float | None = None
+    curves: tuple[Curve, ...] = ()  # data and what they are compared with
+    bars: Floats | None = None  # heights of bars of equal width all over the x axis, instead of data
+    cursor: float | None = None  # x that is read
 
 
 def draw(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[list[Part]]:

@@ -15,12 +15,7 @@ _PORT_ROOM = 14
 class StatusHeader(TextLines):
     """Two lines: unit, port, recording and time; pages and the filter's badge.
 
-    Parameters
-    ----------
-    pages : sequence of (key, title)
-        All pages.
-    current : str
-        Title of this one.
+    `current`: title of this one.
     """
 
     DEFAULT_CSS = "StatusHeader { height: 2; background: $panel; }"

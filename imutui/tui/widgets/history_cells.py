@@ -31,22 +31,13 @@ EMPTY, LINE, EDGE, HALF, GAP, ESTIMATE, CONVERGED = range(7)
 
 @dataclass(frozen=True, slots=True)
 class BiasEnvelope:
-    """An estimate and its band in dot columns from the run's begin on.
+    """An estimate and its band in dot columns from the run's begin on."""
 
-    Attributes
-    ----------
-    estimate, band : Envelope
-        Extremes.
-    converged : Bits
-        Whether the estimate was converged all through a column, (columns,).
-    gaps : tuple of (int, int)
-        First and last column of each pause.
-    """
-
+    # estimate, band: extremes
     estimate: Envelope
     band: Envelope
-    converged: Bits
-    gaps: tuple[tuple[int, int], ...] = ()
+    converged: Bits  # whether the estimate was converged all through a column, (columns,)
+    gaps: tuple[tuple[int, int], ...] = ()  # first and last column of each pause
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +61,10 @@ def span_s(seconds: float) -> float:
 def envelope(history: EstimateHistory, column: int, span: float, columns: int) -> BiasEnvelope:
     """Extremes of each dot column.
 
-    Parameters
-    ----------
-    history : EstimateHistory
-        With at least one row.
-    column : int
-        Which estimate.
-    span : float
-        Length of the time axis, s.
-    columns : int
-        Dot columns.
+    `history`: with at least one row.
+    `column`: which estimate.
+    `span`: length of the time axis, s.
+    `columns`: dot columns.
     """
     t = history.instants() - history.begin
     width = span / columns
@@ -134,20 +119,12 @@ def cells(
 ) -> Cells:
     """What a plot shows: the estimate as a line of dots, its band behind it.
 
-    Parameters
-    ----------
-    envelope : BiasEnvelope
-        In dot columns.
-    limits : tuple of float
-        Of the axis.
-    levels : list of float
-        Level lines: zero and the data sheet's limits.
-    rows : int
-        Lines.
-    glyphs : Glyphs
-        Signs of the terminal.
-    shades : bool
-        Whether the terminal can show the band as background; else its edges are drawn.
+    `envelope`: in dot columns.
+    `limits`: of the axis.
+    `levels`: level lines: zero and the data sheet's limits.
+    `rows`: lines.
+    `glyphs`: signs of the terminal.
+    `shades`: whether the terminal can show the band as background; else its edges are drawn.
     """
     dots, columns = rows * glyphs.rows, envelope.estimate.low.size
     estimate = raster.dots(envelope.estimate, limits, dots)

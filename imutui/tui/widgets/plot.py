@@ -37,14 +37,9 @@ class _Line(NamedTuple):
 class Plot(Widget):
     """Lanes of one quantity's axes over the last seconds.
 
-    Parameters
-    ----------
-    title : str
-        With the unit.
-    names : tuple of str
-        One a lane.
-    columns : slice
-        Of the series, one a lane.
+    `title`: with the unit.
+    `names`: one a lane.
+    `columns`: of the series, one a lane.
     """
 
     COMPONENT_CLASSES = {_TITLE, _AXIS, _MEAN, *_LANE_STYLES}  # noqa: RUF012 - Textual's way
@@ -96,20 +91,12 @@ class Plot(Widget):
     ) -> None:
         """Draw the last `span` seconds of a series; only lines that changed are drawn anew.
 
-        Parameters
-        ----------
-        series : PacketSeries
-            The data.
-        span : float
-            s.
-        mode : str
-            "scroll", "sweep", or "numbers" for no plot.
-        note : str
-            Why it is this mode, for the title.
-        locked : bool
-            Whether the scales stay.
-        frozen : bool
-            Whether the view stands still.
+        `series`: the data.
+        `span`: s.
+        `mode`: "scroll", "sweep", or "numbers" for no plot.
+        `note`: why it is this mode, for the title.
+        `locked`: whether the scales stay.
+        `frozen`: whether the view stands still.
         """
         if not locked and self._locked:
             self._lanes.follow_scales()

@@ -28,17 +28,10 @@ _FEWEST_ROWS = 3
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Size and time of the cells.
+    """Size and time of the cells."""
 
-    Attributes
-    ----------
-    span : float
-        Of the whole width, s.
-    cells, rows : int
-        Width, and height of a lane.
-    """
-
-    span: float
+    span: float  # of the whole width, s
+    # cells, rows: width, and height of a lane
     cells: int
     rows: int
 
@@ -51,14 +44,9 @@ def mean_columns(columns: int) -> int:
 class PlotLanes:
     """Cells of some columns of a series.
 
-    Parameters
-    ----------
-    columns : slice
-        Of the series, one a lane.
-    count : int
-        Number of lanes.
-    glyphs : Glyphs
-        Signs to draw with.
+    `columns`: of the series, one a lane.
+    `count`: number of lanes.
+    `glyphs`: signs to draw with.
     """
 
     def __init__(self, columns: slice, count: int, glyphs: Glyphs) -> None:
@@ -80,16 +68,10 @@ class PlotLanes:
     def update(self, series: PacketSeries, frame: Frame, *, sweep: bool, locked: bool) -> list[list[str]]:
         """Take what is new; returns the lines of each lane.
 
-        Parameters
-        ----------
-        series : PacketSeries
-            The data.
-        frame : Frame
-            Size and span.
-        sweep : bool
-            Whether time stands still and an erase bar moves, or the other way round.
-        locked : bool
-            Whether scales stay as they are.
+        `series`: the data.
+        `frame`: size and span.
+        `sweep`: whether time stands still and an erase bar moves, or the other way round.
+        `locked`: whether scales stay as they are.
         """
         width = frame.span / (frame.cells * self._glyphs.columns)
         t, values = series.last(

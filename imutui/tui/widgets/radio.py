@@ -13,10 +13,7 @@ from textual.widget import Widget
 class Radio(Widget, can_focus=True):
     """One line: all values, the chosen one crossed, and what that one means: "(x) stream  ( ) polled   …".
 
-    Parameters
-    ----------
-    values : dict
-        Value and what it means; the first one is chosen.
+    `values`: value and what it means; the first one is chosen.
     """
 
     DEFAULT_CSS = """

@@ -43,14 +43,9 @@ def envelope(t: Floats, values: Floats, end: float, span: float, columns: int) -
     Columns stand at whole multiples of their width in absolute time: a moving window then shows the same
     columns shifted, and does not shimmer.
 
-    Parameters
-    ----------
-    t, values : (N,)
-        Instants, increasing, s, and values.
-    end, span : float
-        The window's end and length, s.
-    columns : int
-        Number of columns.
+    `t`, `values`: instants, increasing, s, and values.
+    `end`, `span`: the window's end and length, s.
+    `columns`: number of columns.
     """
     width = span / columns
     first = int(np.floor(end / width)) - columns + 1
@@ -63,21 +58,11 @@ def column_extremes(
 ) -> tuple[Floats, Floats]:
     """Minimum and maximum of some columns, of several series at once.
 
-    Parameters
-    ----------
-    t, values : (N,), (N, k)
-        Instants, increasing, s, and values.
-    width : float
-        Of a column, s.
-    first, columns : int
-        Number of the first column, counted from instant 0, and how many there are.
-    most : float
-        Columns between two samples that are still joined.
-
-    Returns
-    -------
-    low, high : (k, columns)
-        NaN where there is nothing.
+    `t`, `values`: instants, increasing, s, and values.
+    `width`: of a column, s.
+    `first`, `columns`: number of the first column, counted from instant 0, and how many there are.
+    `most`: columns between two samples that are still joined.
+    Returns NaN where there is nothing.
     """
     low = np.full((values.shape[1], columns), np.nan)
     high = low.copy()
@@ -188,21 +173,11 @@ def trailing_mean(
 ) -> Floats:
     """Mean over some columns that end with each one, of several series at once.
 
-    Parameters
-    ----------
-    t, values : (N,), (N, k)
-        Instants, increasing, s, and values, from `window` columns before the first one on.
-    width : float
-        Of a column, s.
-    first, columns : int
-        Number of the first column, counted from instant 0, and how many there are.
-    window, fewest : int
-        Columns that a mean is taken over, and samples that it takes at least.
-
-    Returns
-    -------
-    (k, columns)
-        NaN where there are too few samples.
+    `t`, `values`: instants, increasing, s, and values, from `window` columns before the first one on.
+    `width`: of a column, s.
+    `first`, `columns`: number of the first column, counted from instant 0, and how many there are.
+    `window`, `fewest`: columns that a mean is taken over, and samples that it takes at least.
+    Returns NaN where there are too few samples.
     """
     edges = np.searchsorted(np.floor(t / width).astype(np.int64), np.arange(first - window, first + columns) + 1)
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0, dtype=float)])[edges]

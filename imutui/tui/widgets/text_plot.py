@@ -39,18 +39,11 @@ class PlotLook:
 def of_history(history: EstimateHistory, column: int, title: str, rows: int, look: PlotLook) -> list[Line]:
     """An estimate with its band over time; under it the time axis.
 
-    Parameters
-    ----------
-    history : EstimateHistory
-        Of a run.
-    column : int
-        Which estimate.
-    title : str
-        Name and unit.
-    rows : int
-        Lines of the plot itself.
-    look : PlotLook
-        How it is drawn.
+    `history`: of a run.
+    `column`: which estimate.
+    `title`: name and unit.
+    `rows`: lines of the plot itself.
+    `look`: how it is drawn.
     """
     cells = look.width - _GUTTER
     # a result is over: its axis ends where it does
@@ -71,20 +64,12 @@ def of_curve(
 ) -> list[Line]:  # fmt: skip
     """A curve over x, which increases; interrupted where it is None.
 
-    Parameters
-    ----------
-    x, y : sequence of float
-        Points.
-    title : str
-        Name and unit.
-    limits : tuple of float or None
-        What the axis has to contain; None for the curve alone.
-    ends : tuple of str
-        What stands at both ends of the x axis.
-    rows : int
-        Lines of the plot itself.
-    look : PlotLook
-        How it is drawn.
+    `x`, `y`: points.
+    `title`: name and unit.
+    `limits`: what the axis has to contain; None for the curve alone.
+    `ends`: what stands at both ends of the x axis.
+    `rows`: lines of the plot itself.
+    `look`: how it is drawn.
     """
     columns = (look.width - _GUTTER) * look.glyphs.columns
     at, values = np.array(x, float), np.array([np.nan if value is None else value for value in y], float)

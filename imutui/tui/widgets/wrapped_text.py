@@ -12,12 +12,8 @@ from imutui.tui.terminal.glyphs import choose
 class WrappedText(Widget):
     """A text of several paragraphs, a line each.
 
-    Parameters
-    ----------
-    text : str
-        All of it; signs that the terminal lacks are replaced.
-    classes : str
-        As any widget has them.
+    `text`: all of it; signs that the terminal lacks are replaced.
+    `classes`: as any widget has them.
     """
 
     DEFAULT_CSS = "WrappedText { height: auto; }"

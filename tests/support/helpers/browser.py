@@ -43,12 +43,8 @@ addEventListener("load", () => {
 def measured(whole: str, folder: Path) -> list[dict[str, Any]]:
     """What a browser says of a page at each width; the test is skipped where there is no browser.
 
-    Parameters
-    ----------
-    whole : str
-        Text of the page.
-    folder : Path
-        Empty, for the files that it takes.
+    `whole`: text of the page.
+    `folder`: empty, for the files that it takes.
     """
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if browser is None:

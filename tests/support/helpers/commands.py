@@ -18,12 +18,8 @@ Done = subprocess.CompletedProcess[str]
 def imutui(*arguments: str, check: int | None = 0) -> Done:
     """Call a command here: arguments, streams and exit code are as of a process, which takes seconds to start.
 
-    Parameters
-    ----------
-    *arguments
-        As on the command line.
-    check : int or None
-        What the exit code must be.
+    `*arguments`: as on the command line.
+    `check`: what the exit code must be.
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (

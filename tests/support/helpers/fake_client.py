@@ -84,14 +84,9 @@ def _counted(values: np.ndarray) -> "ChannelStatistics":
 class FakeClient:
     """Has the methods of `imutui.session.client.Client`.
 
-    Parameters
-    ----------
-    name, kind : str
-        Of the acquisition; where its readings come from.
-    history_s : float
-        How long it has been running.
-    clock : callable
-        Seconds; the host's unless a test has one that it sets, for a screen that is always the same.
+    `name`, `kind`: of the acquisition; where its readings come from.
+    `history_s`: how long it has been running.
+    `clock`: seconds; the host's unless a test has one that it sets, for a screen that is always the same.
     """
 
     def __init__(

@@ -43,38 +43,20 @@ def answers(version: str = IMU400CD, **changes: bytes) -> dict[bytes, bytes]:
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """How a device behaves.
+    """How a device behaves."""
 
-    Attributes
-    ----------
-    replies : mapping
-        From letter to reply.
-    echo : bool
-        Whether it returns what it hears instead.
-    chatter : callable or None
-        What it says by itself, asked for some thirty times a second.
-    streams : int or None
-        Packets it streams on `C` before it hangs up; None streams until it is told to stop.
-    hangs_up_at : bytes
-        Letter at which it goes away.
-    """
-
-    replies: Mapping[bytes, bytes] = field(default_factory=dict)
-    echo: bool = False
-    chatter: Callable[[], bytes] | None = None
-    streams: int | None = 0
-    hangs_up_at: bytes = b""
+    replies: Mapping[bytes, bytes] = field(default_factory=dict)  # from letter to reply
+    echo: bool = False  # whether it returns what it hears instead
+    chatter: Callable[[], bytes] | None = None  # what it says by itself, asked for some thirty times a second
+    streams: int | None = 0  # packets it streams on `C` before it hangs up; None streams until it is told to stop
+    hangs_up_at: bytes = b""  # letter at which it goes away
 
 
 class Device:
     """A device with these habits on a pseudo-terminal; use it in a `with`.
 
-    Attributes
-    ----------
-    port : str
-        Path to connect to.
-    heard : bytearray
-        Everything it was told.
+    `port`: path to connect to.
+    `heard`: everything it was told.
     """
 
     def __init__(self, habits: Habits) -> None:

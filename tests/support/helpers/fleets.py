@@ -52,20 +52,13 @@ def fleet(
 ) -> list[dict[str, Any]]:
     """A power-on a month of each unit.
 
-    Parameters
-    ----------
-    serials : sequence of str
-        Units.
-    power_ons : int
-        Of each.
-    seed : int
-        Of everything random.
-    drift_mg : mapping of str to float or None
-        What the bias of az changes in a month, by serial number.
-    finding : sequence of str
-        Units in whose every log a trace found that the bias of gx follows temperature; with any, all were traced.
-    **fields : Any
-        The same in every row.
+    `serials`: units.
+    `power_ons`: of each.
+    `seed`: of everything random.
+    `drift_mg`: what the bias of az changes in a month, by serial number.
+    `finding`: units in whose every log a trace found that the bias of gx follows temperature; with any, all were
+      traced.
+    `**fields`: the same in every row.
     """
     rng = np.random.default_rng(seed)
     rows = []

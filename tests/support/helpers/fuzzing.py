@@ -58,27 +58,13 @@ class NotDoneError(BaseException):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Something that takes bytes from outside.
+    """Something that takes bytes from outside."""
 
-    Attributes
-    ----------
-    seeds : callable
-        Gives inputs that are right; told a folder to work in.
-    spoil : callable
-        Makes another input of one.
-    take : callable
-        Takes an input; told a folder to work in.
-    in_tests : int
-        Inputs that take about a third of a second.
-    told : tuple of type
-        Errors that are documented, and that a command tells in words.
-    """
-
-    seeds: Callable[[Path], list[bytes]]
-    spoil: Callable[[random.Random, bytes], bytes]
-    take: Callable[[bytes, Path], None]
-    in_tests: int
-    told: tuple[type[Exception], ...] = ()
+    seeds: Callable[[Path], list[bytes]]  # gives inputs that are right; told a folder to work in
+    spoil: Callable[[random.Random, bytes], bytes]  # makes another input of one
+    take: Callable[[bytes, Path], None]  # takes an input; told a folder to work in
+    in_tests: int  # inputs that take about a third of a second
+    told: tuple[type[Exception], ...] = ()  # errors that are documented, and that a command tells in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -517,12 +503,8 @@ TARGETS = {
 def take(name: str, data: bytes, folder: Path) -> None:
     """Give a target an input, within a time.
 
-    Raises
-    ------
-    Exception
-        What is not documented.
-    NotDoneError
-        If it takes too long.
+    Raises Exception: what is not documented.
+    Raises NotDoneError if it takes too long.
     """
     target = TARGETS[name]
     # a warning would stand on a user's terminal, too

@@ -66,10 +66,7 @@ def _may_hand_over_terminals() -> bool:
 class SshServer:
     """An sshd of this user; `close` ends it and every session on it.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets keys, configuration and log.
+    `folder`: gets keys, configuration and log.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -126,18 +123,11 @@ class SshServer:
 class Terminal:
     """A program on the far end of an ssh client of ours, and the screen that it shows here.
 
-    Parameters
-    ----------
-    command : list of str
-        The ssh client's, up to what is to be run.
-    program : list of str
-        What is to be run.
-    folder : Path
-        Where it is run.
-    environ : dict
-        Its variables beyond what a log-in has; an ssh client hands over none but TERM.
-    size : tuple
-        Columns and rows.
+    `command`: the ssh client's, up to what is to be run.
+    `program`: what is to be run.
+    `folder`: where it is run.
+    `environ`: its variables beyond what a log-in has; an ssh client hands over none but TERM.
+    `size`: columns and rows.
     """
 
     def __init__(

@@ -14,29 +14,16 @@ _NS = 1e9
 
 @dataclass(slots=True)
 class Stream:
-    """Packets of a unit, and how they reach the host; times in s of the host's clock.
+    """Packets of a unit, and how they reach the host; times in s of the host's clock."""
 
-    Attributes
-    ----------
-    sampled, due : np.ndarray
-        When each packet was sampled, and when its last byte has left the unit, shape (N,).
-    arrives : np.ndarray
-        When its last byte is in the host's buffer.
-    got : np.ndarray
-        Whether it does arrive.
-    cut : np.ndarray
-        Whether bytes that mean nothing come before it.
-    stalls : list of tuple
-        From when to when the host does not read.
-    """
-
+    # sampled, due: when each packet was sampled, and when its last byte has left the unit, shape (N,)
     sampled: np.ndarray
     ticks: np.ndarray
     due: np.ndarray
-    arrives: np.ndarray
-    got: np.ndarray
-    cut: np.ndarray
-    stalls: list[tuple[float, float]] = field(default_factory=list)
+    arrives: np.ndarray  # when its last byte is in the host's buffer
+    got: np.ndarray  # whether it does arrive
+    cut: np.ndarray  # whether bytes that mean nothing come before it
+    stalls: list[tuple[float, float]] = field(default_factory=list)  # from when to when the host does not read
 
     def lose(self, first: int, count: int = 1, *, cut: bool = False) -> None:
         """Let packets be lost on the line; `cut`: a piece of them arrives."""
@@ -89,25 +76,14 @@ def stream(
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a clock made of a stream.
+    """What a clock made of a stream."""
 
-    Attributes
-    ----------
-    stamps : list of Stamp
-        One a packet that arrived.
-    error_s, uncertainty_s : np.ndarray
-        Stamp less truth, and how far off it says it may be.
-    lost_between : np.ndarray
-        Packets truly missing before each.
-    arrival_s : np.ndarray
-        When each was read.
-    """
-
-    stamps: list[Stamp]
+    stamps: list[Stamp]  # one a packet that arrived
+    # error_s, uncertainty_s: stamp less truth, and how far off it says it may be
     error_s: np.ndarray
     uncertainty_s: np.ndarray
-    lost_between: np.ndarray
-    arrival_s: np.ndarray
+    lost_between: np.ndarray  # packets truly missing before each
+    arrival_s: np.ndarray  # when each was read
 
     @property
     def lost(self) -> int:

@@ -7,14 +7,10 @@ from typing import Any, Literal, NotRequired, Required, Union, get_args, get_ori
 def mismatches(value: Any, kind: Any, where: str = "") -> list[str]:
     """What in a value is not as its type says, a sentence each; empty if all is.
 
-    Parameters
-    ----------
-    value : object
-        As `json.loads` gives it.
-    kind : type
-        A TypedDict, or what its fields may be: list, dict with text keys, union, Literal, str, int, float, bool, None.
-    where : str
-        Path to the value, for the sentences.
+    `value`: as `json.loads` gives it.
+    `kind`: a TypedDict, or what its fields may be: list, dict with text keys, union, Literal, str, int, float, bool,
+      None.
+    `where`: path to the value, for the sentences.
     """
     if is_typeddict(kind):
         return _record(value, kind, where)

@@ -12,14 +12,9 @@ import pytest
 def once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
     """Folder of this run of the tests, filled by whoever needs it first; others wait meanwhile.
 
-    Parameters
-    ----------
-    factory : pytest.TempPathFactory
-        The fixture.
-    name : str
-        Of the folder.
-    make : callable
-        Fills it. Whoever comes next tries again if it fails.
+    `factory`: the fixture.
+    `name`: of the folder.
+    `make`: fills it. Whoever comes next tries again if it fails.
     """
     base = factory.getbasetemp()
     # a worker's own folder lies in that of the run

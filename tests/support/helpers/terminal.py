@@ -23,27 +23,14 @@ _ASKS_FOR_SYNCHRONISED, _IT_IS_SYNCHRONISED = b"\x1b[?2026$p", b"\x1b[?2026;2$y"
 class Terminal:
     """A program in a terminal that is read by whoever waits for something on it.
 
-    Parameters
-    ----------
-    command : list of str
-        The program.
-    size : tuple of int
-        Columns and rows.
-    cwd : Path or None
-        Where it runs.
-    synchronised : bool
-        Whether the terminal says that it has synchronised updates.
-    controlling : bool
-        Whether it is the program's controlling terminal, as a shell needs it that stops and resumes its jobs.
-    **environ
-        Variables that the program gets beside this process's.
-
-    Attributes
-    ----------
-    raw : bytes
-        All that was read so far.
-    modes : list
-        Line settings of the beginning.
+    `size`: columns and rows.
+    `cwd`: where it runs.
+    `synchronised`: whether the terminal says that it has synchronised updates.
+    `controlling`: whether it is the program's controlling terminal, as a shell needs it that stops and resumes its
+      jobs.
+    `**environ`: variables that the program gets beside this process's.
+    `raw`: all that was read so far.
+    `modes`: line settings of the beginning.
     """
 
     def __init__(

@@ -16,19 +16,10 @@ from helpers.processes import LIMIT_S
 class TerminalServer:
     """Carries bytes between one client at a time and a serial port; use it in a `with`.
 
-    Parameters
-    ----------
-    device : str
-        Path of the serial port.
-    scheme : str
-        "socket" or "rfc2217".
-    number : int
-        TCP port; 0 for any that is free.
-
-    Attributes
-    ----------
-    url : str
-        To connect with.
+    `device`: path of the serial port.
+    `scheme`: "socket" or "rfc2217".
+    `number`: TCP port; 0 for any that is free.
+    `url`: to connect with.
     """
 
     def __init__(self, device: str, scheme: str, number: int = 0) -> None:

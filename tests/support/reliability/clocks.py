@@ -28,21 +28,11 @@ from reliability.setting import PERIOD_S
 
 @dataclass(frozen=True)
 class ClockSet:
-    """What a log shows of clock steps.
+    """What a log shows of clock steps."""
 
-    Attributes
-    ----------
-    told_s : list of float
-        Steps that its events tell, s.
-    worst_step_ms : float
-        Largest departure of a step between stamps from the unit's period.
-    backwards : int
-        Messages whose log time is before that of the one before them.
-    """
-
-    told_s: list[float]
-    worst_step_ms: float
-    backwards: int
+    told_s: list[float]  # steps that its events tell, s
+    worst_step_ms: float  # largest departure of a step between stamps from the unit's period
+    backwards: int  # messages whose log time is before that of the one before them
 
 
 def clock_set(folder: Path, steps_s: tuple[float, ...]) -> ClockSet:

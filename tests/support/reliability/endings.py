@@ -32,21 +32,11 @@ from reliability.setting import (
 
 @dataclass(frozen=True)
 class Killed:
-    """What a kill -9 cost.
+    """What a kill -9 cost."""
 
-    Attributes
-    ----------
-    lost_s : float
-        Packets that had reached the host's queue and are not in the file, in seconds.
-    held : int
-        Packets in the file.
-    read : dict
-        Packets that others read in the file once it was recovered, by reader.
-    """
-
-    lost_s: float
-    held: int
-    read: dict[str, int]
+    lost_s: float  # packets that had reached the host's queue and are not in the file, in seconds
+    held: int  # packets in the file
+    read: dict[str, int]  # packets that others read in the file once it was recovered, by reader
 
 
 def kill_nine(folder: Path, seconds: float = 1.5) -> Killed:
@@ -87,19 +77,12 @@ def recovered(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Ended:
-    """How an end that was asked for went.
+    """How an end that was asked for went."""
 
-    Attributes
-    ----------
-    file_s, gone_s : float
-        Until the file had its footer, and until the process was gone, s.
-    exit_code : int
-        Of the acquisition, as whoever follows it is told.
-    """
-
+    # file_s, gone_s: until the file had its footer, and until the process was gone, s
     file_s: float
     gone_s: float
-    exit_code: int
+    exit_code: int  # of the acquisition, as whoever follows it is told
 
 
 def after_a_hangup(it: Acquired) -> None:

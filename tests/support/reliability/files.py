@@ -33,19 +33,12 @@ _NAME = re.compile(r"imu400cd_9911750_\d{8}T\d{6}Z_cold-start(_\d+)?\.mcap")
 
 @dataclass(frozen=True)
 class Synced:
-    """What was asked of the disk while a log was written.
+    """What was asked of the disk while a log was written."""
 
-    Attributes
-    ----------
-    flushes, data : int
-        Flushes that were asked for, and calls of fdatasync on the file.
-    folder : int
-        Calls of fsync on its folder: its name is on the disk too.
-    """
-
+    # flushes, data: flushes that were asked for, and calls of fdatasync on the file
     flushes: int
     data: int
-    folder: int
+    folder: int  # calls of fsync on its folder: its name is on the disk too
 
 
 def synced(folder: Path, flushes: int) -> Synced:
@@ -75,19 +68,12 @@ def synced(folder: Path, flushes: int) -> Synced:
 
 @dataclass(frozen=True)
 class Cuts:
-    """What a reader made of a log that was cut.
+    """What a reader made of a log that was cut."""
 
-    Attributes
-    ----------
-    count, wrong : int
-        How many cuts, and how many of them were read as something else than a true beginning that says so.
-    samples : set of int
-        How many samples were read.
-    """
-
+    # count, wrong: how many cuts, and how many of them were read as something else than a true beginning that says so
     count: int
     wrong: int
-    samples: set[int]
+    samples: set[int]  # how many samples were read
 
 
 def cuts(folder: Path, every: int) -> Cuts:
@@ -159,23 +145,12 @@ def disk_full(folder: Path, disk: Path) -> DiskFull:
 
 @dataclass(frozen=True)
 class Guarded:
-    """How a recording ended before its disk was full.
+    """How a recording ended before its disk was full."""
 
-    Attributes
-    ----------
-    stopped_s : float
-        From the moment that others had filled the disk beyond the limit.
-    free_mb : float
-        Left then, of 2 MB that were to be left.
-    exit_code : int
-        Of the acquisition.
-    finished, refused : bool
-        Whether its file is whole, and whether another recording was refused.
-    """
-
-    stopped_s: float
-    free_mb: float
-    exit_code: int
+    stopped_s: float  # from the moment that others had filled the disk beyond the limit
+    free_mb: float  # left then, of 2 MB that were to be left
+    exit_code: int  # of the acquisition
+    # finished, refused: whether its file is whole, and whether another recording was refused
     finished: bool
     refused: bool
 
@@ -202,22 +177,13 @@ def guarded(folder: Path) -> Guarded:
 
 @dataclass(frozen=True)
 class Overwriting:
-    """What became of a file that was there already, and how names are made.
+    """What became of a file that was there already, and how names are made."""
 
-    Attributes
-    ----------
-    refused, unchanged : bool
-        Whether the second writer was refused, and the file is as it was.
-    names : list of str
-        Made up one after the other within one second.
-    unfinished_told : bool
-        Whether a file without a footer is told as unfinished, whatever its name.
-    """
-
+    # refused, unchanged: whether the second writer was refused, and the file is as it was
     refused: bool
     unchanged: bool
-    names: list[str]
-    unfinished_told: bool
+    names: list[str]  # made up one after the other within one second
+    unfinished_told: bool  # whether a file without a footer is told as unfinished, whatever its name
 
     @property
     def names_are_right(self) -> bool:

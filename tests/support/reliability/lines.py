@@ -30,24 +30,12 @@ _SPACING = 40
 
 @dataclass(frozen=True)
 class Noise:
-    """What a decoder made of a damaged stream.
+    """What a decoder made of a damaged stream."""
 
-    Attributes
-    ----------
-    faults : int
-        Places where the stream was damaged.
-    invented : int
-        Packets found that were not sent, or in another order.
-    lost : int
-        Most good packets that one place cost.
-    uncounted : int
-        Bytes that were neither packets nor counted as discarded.
-    """
-
-    faults: int
-    invented: int
-    lost: int
-    uncounted: int
+    faults: int  # places where the stream was damaged
+    invented: int  # packets found that were not sent, or in another order
+    lost: int  # most good packets that one place cost
+    uncounted: int  # bytes that were neither packets nor counted as discarded
 
 
 def noise(seed: int, faults: int) -> Noise:

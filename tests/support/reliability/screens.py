@@ -42,21 +42,11 @@ def watched(size: tuple[int, int] = (80, 24), **environ: str) -> Iterator[Termin
 
 @dataclass(frozen=True)
 class LinkDropped:
-    """What became of a screen whose terminal went away, and of the acquisition.
+    """What became of a screen whose terminal went away, and of the acquisition."""
 
-    Attributes
-    ----------
-    gone_s : float
-        Until the screen's process was gone.
-    processor : float
-        Share of a processor that the acquisition took afterwards.
-    lost : int
-        Packets.
-    """
-
-    gone_s: float
-    processor: float
-    lost: int
+    gone_s: float  # until the screen's process was gone
+    processor: float  # share of a processor that the acquisition took afterwards
+    lost: int  # packets
 
 
 def link_dropped(it: Acquired, seconds: float) -> LinkDropped:

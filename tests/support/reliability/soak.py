@@ -33,30 +33,14 @@ _TRANSFER_NS = PACKET_BYTES * BITS_PER_BYTE * 1_000_000_000 // 38400
 
 @dataclass(frozen=True)
 class Taken:
-    """What a recording has taken so far.
+    """What a recording has taken so far."""
 
-    Attributes
-    ----------
-    seconds : float
-        Of packets.
-    resident_mb : float
-        Memory of the process.
-    descriptors : int
-        Open in the process.
-    objects : int
-        That Python keeps track of.
-    file_mb : float
-        On the disk, in all files.
-    processor_s : float
-        Of the process since the beginning.
-    """
-
-    seconds: float
-    resident_mb: float
-    descriptors: int
-    objects: int
-    file_mb: float
-    processor_s: float
+    seconds: float  # of packets
+    resident_mb: float  # memory of the process
+    descriptors: int  # open in the process
+    objects: int  # that Python keeps track of
+    file_mb: float  # on the disk, in all files
+    processor_s: float  # of the process since the beginning
 
 
 class PacketTime:

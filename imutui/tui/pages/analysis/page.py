@@ -65,10 +65,7 @@ class ReadingLines(TextLines):
 class AnalysisPage(Page):
     """Above the Live page until Esc; asks for the channel's statistics about once a second.
 
-    Parameters
-    ----------
-    channel : int
-        To begin with.
+    `channel`: to begin with.
     """
 
     TITLE = "Live"

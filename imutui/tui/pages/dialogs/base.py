@@ -68,14 +68,9 @@ def dismiss_after_typing(
 class FieldDialog(Dialog[str | None]):
     """Title, a field and a hint; returns what was typed, None for Esc or nothing.
 
-    Parameters
-    ----------
-    title, hint : str
-        What it is for; what is to be known.
-    value, placeholder : str
-        To begin with; what stands in an empty field.
-    select : bool
-        Whether what is typed first replaces the value.
+    `title`, `hint`: what it is for; what is to be known.
+    `value`, `placeholder`: to begin with; what stands in an empty field.
+    `select`: whether what is typed first replaces the value.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -121,12 +116,8 @@ class FieldDialog(Dialog[str | None]):
 class ScrollDialog(Dialog[None]):
     """A text to scroll.
 
-    Parameters
-    ----------
-    text : str
-        All of it; signs that the terminal lacks are replaced.
-    first : str
-        How the paragraph begins that is on top at first; what is before it can be scrolled to.
+    `text`: all of it; signs that the terminal lacks are replaced.
+    `first`: how the paragraph begins that is on top at first; what is before it can be scrolled to.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -30,19 +30,12 @@ class Answer:
 class ChoiceDialog(Dialog[str | None]):
     """Asks; returns the chosen answer's name, None for Esc.
 
-    Parameters
-    ----------
-    title, body : str
-        What it is about.
-    answers : list of Answer
-        The first one is Enter's.
-    careful : bool
-        Whether Enter is Esc instead.
-    stay : str
-        What Esc means here.
-    letters : bool
-        Whether the answers' keys choose. Without them a dialog that comes by itself can't be answered unawares by
-        somebody who is typing.
+    `title`, `body`: what it is about.
+    `answers`: the first one is Enter's.
+    `careful`: whether Enter is Esc instead.
+    `stay`: what Esc means here.
+    `letters`: whether the answers' keys choose. Without them a dialog that comes by itself can't be answered unawares
+      by somebody who is typing.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

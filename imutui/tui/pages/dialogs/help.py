@@ -123,11 +123,8 @@ _BEGINNING = "Connect"
 class HelpDialog(ScrollDialog):
     """Pages, keys and words of the screen in plain language, to scroll.
 
-    Parameters
-    ----------
-    page : str
-        Title of the page in front, whose part is on top at first; that of Connect, where one begins, shows the first
-        steps.
+    `page`: title of the page in front, whose part is on top at first; that of Connect, where one begins, shows the
+      first steps.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -16,14 +16,9 @@ from imutui.tui.widgets.wrapped_text import WrappedText
 class NoteDialog(Dialog[tuple[str, str] | None]):
     """Returns note and operator as they were left at Enter, each may be empty; None for Esc.
 
-    Parameters
-    ----------
-    title, hint : str
-        What it is for, and where it goes.
-    note : str
-        To begin with.
-    operator : str or None
-        To begin with; None where only the note is asked for.
+    `title`, `hint`: what it is for, and where it goes.
+    `note`: to begin with.
+    `operator`: to begin with; None where only the note is asked for.
     """
 
     DEFAULT_CSS = """

@@ -12,10 +12,7 @@ from imutui.tui.pages.filter.explanation import explanation
 class WhyDialog(ScrollDialog):
     """Every rule, alarm and number of the filter, as of the moment it was asked for, to scroll.
 
-    Parameters
-    ----------
-    view : View
-        What is explained.
+    `view`: what is explained.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -45,12 +45,8 @@ def two_lines(said: str, first: int, second: int) -> tuple[str, str]:
 
     A long reason is cut so that what to do has room beside it; the key `w` has all of it.
 
-    Parameters
-    ----------
-    said : str
-        Reason, line feed, what to do.
-    first, second : int
-        Characters of the lines.
+    `said`: reason, line feed, what to do.
+    `first`, `second`: characters of the lines.
     """
     reason, _, todo = said.partition("\n")
     if len(reason) <= first:

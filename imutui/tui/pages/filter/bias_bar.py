@@ -6,14 +6,9 @@ CELLS = 11
 def gauge(value: float | None, limit: float, sd3: float | None = None) -> str:
     """Bar from zero in the middle to the value; ░ where three standard deviations reach; ▲ at the end beyond a limit.
 
-    Parameters
-    ----------
-    value : float or None
-        What is shown; None for not known.
-    limit : float
-        Of the data sheet, at both ends.
-    sd3 : float or None
-        Three standard deviations; None for not known.
+    `value`: what is shown; None for not known.
+    `limit`: of the data sheet, at both ends.
+    `sd3`: three standard deviations; None for not known.
     """
     middle = CELLS // 2
     cells = ["·"] * CELLS

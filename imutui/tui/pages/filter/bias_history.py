@@ -47,10 +47,7 @@ class BiasPlot(Widget):
 
     The band is the background's colour; without colours, or with sixteen only, its edges are drawn.
 
-    Parameters
-    ----------
-    column : int or None
-        Bias that it shows; None for the chosen one.
+    `column`: bias that it shows; None for the chosen one.
     """
 
     COMPONENT_CLASSES = {  # noqa: RUF012 - Textual's way

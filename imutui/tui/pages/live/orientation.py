@@ -25,25 +25,14 @@ _SEEN = np.array([[0.45, 0.45], [0.9, -0.2], [0.0, -0.9]])
 
 @dataclass(frozen=True, slots=True)
 class Tilt:
-    """Attitude as far as gravity shows it.
+    """Attitude as far as gravity shows it."""
 
-    Attributes
-    ----------
-    magnitude_mg : float
-        Of the mean specific force.
-    roll_deg, pitch_deg : float
-        Of the yaw-pitch-roll reading.
-    down : str
-        Axis next to the vertical, with its sign: "+z".
-    off_deg : float
-        Angle between it and the vertical.
-    """
-
-    magnitude_mg: float
+    magnitude_mg: float  # of the mean specific force
+    # roll_deg, pitch_deg: of the yaw-pitch-roll reading
     roll_deg: float
     pitch_deg: float
-    down: str
-    off_deg: float
+    down: str  # axis next to the vertical, with its sign: "+z"
+    off_deg: float  # angle between it and the vertical
 
     @property
     def is_still(self) -> bool:
@@ -54,10 +43,7 @@ class Tilt:
 def tilt(down_mg: Floats) -> Tilt | None:
     """From the mean specific force, turned so that it points down; None without any.
 
-    Parameters
-    ----------
-    down_mg : (3,)
-        mg, in the instrument's axes.
+    `down_mg`: mg, in the instrument's axes.
     """
     magnitude = float(np.linalg.norm(down_mg))
     if magnitude == 0.0:

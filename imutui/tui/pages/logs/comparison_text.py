@@ -19,14 +19,9 @@ _SHARED = "Both are of the same readings: their errors are not independent, so t
 def compared(kind: str, a: Any, b: Any, names: tuple[str, str]) -> str:
     """Text of a comparison.
 
-    Parameters
-    ----------
-    kind : str
-        "replay" or "trace", of both.
-    a, b : object
-        Documents of the results.
-    names : tuple of str
-        What they are called.
+    `kind`: "replay" or "trace", of both.
+    `a`, `b`: documents of the results.
+    `names`: what they are called.
     """
     told = [f"A: {names[0]}", f"B: {names[1]}", ""]
     lines = _replays(a, b) if kind == "replay" else _traces(a, b)

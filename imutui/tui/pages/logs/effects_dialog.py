@@ -25,12 +25,8 @@ _NONE = "No effects file here yet: t traces a log, then w on its result writes o
 class EffectsDialog(Dialog["EffectsFile | str | None"]):
     """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
 
-    Parameters
-    ----------
-    files : list of EffectsFile
-        What there is.
-    loaded : bool
-        Whether the filter has effects now.
+    `files`: what there is.
+    `loaded`: whether the filter has effects now.
     """
 
     DEFAULT_CSS = "EffectsDialog OptionRows { height: auto; max-height: 10; margin-bottom: 1; }"

@@ -21,12 +21,8 @@ if TYPE_CHECKING:
 class FileActions:
     """Asks in front of the logs page, then does it in a thread and says what was done.
 
-    Parameters
-    ----------
-    page : Page
-        What is said is said there.
-    done : callable
-        Called with the recording that the cursor goes to, None for where it is.
+    `page`: what is said is said there.
+    `done`: called with the recording that the cursor goes to, None for where it is.
     """
 
     def __init__(self, page: Page, done: Callable[[Path | None], None]) -> None:

@@ -19,34 +19,19 @@ KINDS = ("info", "check", "recover", "replay")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A job that has not begun.
+    """A job that has not begun."""
 
-    Attributes
-    ----------
-    what : str
-        In words: "replay of a.mcap".
-    worker : callable
-        Makes the worker that runs it.
-    made : callable
-        What its result comes to.
-    """
-
-    what: str
-    worker: Callable[[], Worker]
-    made: Callable[[Any], Outcome]
+    what: str  # in words: "replay of a.mcap"
+    worker: Callable[[], Worker]  # makes the worker that runs it
+    made: Callable[[Any], Outcome]  # what its result comes to
 
 
 def over_one(kind: str, path: Path, writing: Collection[Path] = (), mode: int = int(FILE_MODE, 8)) -> Job:
     """Info, check, recover or replay of a recording.
 
-    Parameters
-    ----------
-    kind, path : str, Path
-        What is done to which.
-    writing : collection of Path
-        Files that are not finished yet.
-    mode : int
-        Permissions of a file that is made.
+    `kind`, `path`: what is done to which.
+    `writing`: files that are not finished yet.
+    `mode`: permissions of a file that is made.
     """
     match kind:
         case "info":

@@ -41,10 +41,7 @@ def _read(path: Path, kind: str) -> Outcome | None:
 def comparison(a: Outcome, b: Outcome) -> Outcome:
     """Two results of the same kind side by side.
 
-    Parameters
-    ----------
-    a, b : Outcome
-        Which of them is told first, and the other one.
+    `a`, `b`: which of them is told first, and the other one.
     """
     names = a.title, b.title
 

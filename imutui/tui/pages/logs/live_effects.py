@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 class LiveEffects:
     """Asks for effects in front of a page, and has the acquisition take them.
 
-    Parameters
-    ----------
-    page : Page
-        What is said is said there; its newest view says whether a recording runs.
+    `page`: what is said is said there; its newest view says whether a recording runs.
     """
 
     def __init__(self, page: Page) -> None:

@@ -34,12 +34,8 @@ _MOST = 9
 class ResultPage(Page):
     """Above the logs page until Esc.
 
-    Parameters
-    ----------
-    outcome : Outcome
-        What the job came to.
-    others : sequence of Outcome
-        Results that were shown before, for a comparison.
+    `outcome`: what the job came to.
+    `others`: results that were shown before, for a comparison.
     """
 
     TITLE = "Logs"

@@ -28,14 +28,9 @@ _BAR = 30
 def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
     """Plots of a result of a kind; none where it has nothing to plot, as results of older versions have.
 
-    Parameters
-    ----------
-    kind : str
-        "replay" or "trace".
-    document : object
-        The result.
-    look : PlotLook
-        How they are drawn.
+    `kind`: "replay" or "trace".
+    `document`: the result.
+    `look`: how they are drawn.
     """
     match kind:
         case "replay":

@@ -24,37 +24,19 @@ _SAVED = "x writes that motion as a profile; 5 Table guides through it."
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a job came to.
+    """What a job came to."""
 
-    Attributes
-    ----------
-    kind : str
-        "trace", "replay", "info", "check" or "recover".
-    title : str
-        What it is of.
-    log : Path
-        Beside which files are written, and whose name they begin with; of several logs `sidecar_files.base`.
-    document : object
-        JSON-ready.
-    text : callable
-        Its text at a width.
-    effects, experiment : str
-        TOML of a trace's effects, and of the motion that would separate its causes; empty if there is none.
-    included : tuple of str
-        Names of the effects.
-    drawn : callable or None
-        Its plots; None for those of its kind.
-    """
-
-    kind: str
-    title: str
-    log: Path
-    document: Any
-    text: Callable[[int], str]
+    kind: str  # "trace", "replay", "info", "check" or "recover"
+    title: str  # what it is of
+    log: Path  # beside which files are written, and whose name they begin with; of several logs `sidecar_files.base`
+    document: Any  # JSON-ready
+    text: Callable[[int], str]  # its text at a width
+    # effects, experiment: TOML of a trace's effects, and of the motion that would separate its causes; empty if there
+    # is none
     effects: str = ""
     experiment: str = ""
-    included: tuple[str, ...] = ()
-    drawn: Callable[[PlotLook], list[Line]] | None = None
+    included: tuple[str, ...] = ()  # names of the effects
+    drawn: Callable[[PlotLook], list[Line]] | None = None  # its plots; None for those of its kind
 
     def plots(self, look: PlotLook) -> list[Line]:
         """Lines of its plots; none of a result that has nothing to plot."""

@@ -144,10 +144,7 @@ def prefilled(now: Snapshot) -> dict[str, str]:
 def wish(entered: dict[str, str]) -> RecordingWish:
     """What is asked of the recording that begins; a field that is not among those entered stays as it is.
 
-    Raises
-    ------
-    ValueError
-        If a number is none; the message names the field.
+    Raises ValueError if a number is none; the message names the field.
     """
     texts = {name: said.strip() for name, said in entered.items()}
     minutes, megabytes = (_number(name, entered[name]) if name in entered else None for name in NUMBERS)
