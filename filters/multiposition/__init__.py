@@ -8,6 +8,5 @@
 `choice`         which effects the data ask for
 `errors`         before and after, rests left out in turn, or on another log
 `calibration`    all of these in order
-`verdicts`       what a log held out says of each effect
-`report`         all of it as a trace: findings, rivals, statuses, effects for the filter
+`report`         all of it as a trace: findings, what a held-out log says, rivals, statuses, what joins the filter
 """

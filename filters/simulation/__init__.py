@@ -4,7 +4,7 @@ The way of a reading, each step where it physically happens:
 
     1. `truth`     what there is to sense: the table's motion, Earth rate, gravity, at the place and time of the sensor
                    (delay, lever_arm, tilt, gravity, earth_rate, mounting)
-    2. `additive`, `drift`   the sensor's own errors, added to that and to the bias (thermal_lin … gauss_markov)
+    2. `additive`, `catalogue`   the sensor's own errors, added to that and to the bias (thermal_lin … gauss_markov)
     3. white noise of the specification's density (noise_level, noise_crosstalk); the band limit of it all (bandwidth)
     4. `output`    the electronics behind: saturation, coarse, stuck, spikes; then what the line loses: dropout, jitter
 

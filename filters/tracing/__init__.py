@@ -5,8 +5,8 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
 
  1 the data     `run` a power-on, or a part of one, with its reference · `residual` reading minus what a perfect unit
                 would read
- 2 set aside    `screening` faults of the data · `line_search` lines, sought in what effects leave (`explained`) and
-                taken out · `reference_noise` of a measured attitude · `noise_structure` colour and correlation of noise
+ 2 set aside    `screening` faults of the data · `line_search` lines, sought in what effects leave and taken out ·
+                `noise_structure` colour and correlation of noise
  3 averaged     `temperature` what thermal effects are functions of · `blocks` means of a quarter of a second ·
                 `stack` all runs, cut into cells for folds
  4 hypotheses   `columns` regressors of all that the data can carry, a `Term` each · `whitening` the bias filter over
@@ -15,20 +15,21 @@ Imports: the ground, `filters.motion`, `filters.effects`; never `filters.simulat
  6 what can't   `identifiability` effects that these runs can't show · `detectability` the smallest size that a log
    be seen      would show, and what a motion lets be told before it is made
  7 selection    `selection` greedy, on one scale: score = gain - price · `run_specific_search` tones, steps, two-level
-                noise · `step_beside_drift`, `telegraph_beside_drift` those of a channel that drifts ·
-                `beside_drift` slow effects with drift fitted on both sides · `unseen_cells` gain on what the fit has
-                not seen · `drift_guard` whether drift would do as well ·
-                `left_out_runs` whether a term carries over between power-ons ·
+                noise, of a channel that drifts too ·
+                `beside_drift` slow effects with drift fitted on both sides · `drift_guard` whether drift would do as
+                well · `left_out_runs` gain on cells that the fit has not seen, whether a term carries over between
+                power-ons ·
                 `thermal_forms` curve, memory and drift together, `thermal_transfer` what of them carries over,
                 `thermal_memory` where they take the place of single effects
-                `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before
+                `comparison` has 2-7 done: runs at rest lose lines first, of moving ones effects are selected before;
+                noise of a measured attitude is judged here
  8 findings     `findings` parameters, share, channels · `rivals` what else would do in a finding's place ·
                 `averaged_findings` what is said of an average
  9 common       `common_causes` events and drifts that channels share, whose cause is not in the log · `common_rows`
                 residuals in seconds at rest · `common_steps` events · `common_drift` drifts · `common_document` entries
-10 validation   `held_out_run` errors before and after · `judgement` what it confirms and refutes · `validation` the
-                figures of a channel · `window_filter` what the bias filter foretells of windows · `free_inertial`
-                position error · `error_figure` the record of one, intervals
+10 validation   `held_out_run` errors before and after, position error among them · `judgement` what it confirms and
+                refutes · `validation` the figures of a channel · `window_filter` what the bias filter foretells of
+                windows · `error_figure` the record of one, intervals
 11 what next    `candidate_motions` what can be done with a unit · `experiment` which of it separates rivals
 12 assessment   `assessment` steps 8-11 as one frozen record · `channel_status` a word for each channel
 13 report       `trace_document` docs/formats.md as types · `report` the document · `driver_curve` curves and their

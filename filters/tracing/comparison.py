@@ -9,20 +9,99 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from filters.allan import CHI2_MEDIAN
 from filters.channels import CHANNELS
+from filters.effects.hypothesis import Hypothesis
+from filters.effects.inputs import Inputs
 from filters.effects.lines import SpectralLine
+from filters.effects.run_specific import RunSpecific
 from filters.tracing.blocks import Blocks, average, average_all
+from filters.tracing.columns import is_slow
 from filters.tracing.design_matrix import Design
-from filters.tracing.explained import explained, without
 from filters.tracing.line_search import lines_of, rests_of, without_lines
 from filters.tracing.noise_level import NoiseDriver, noise_drivers
-from filters.tracing.reference_noise import ReferenceNoise, reference_noise
 from filters.tracing.run import Run
 from filters.tracing.selection import Selection, select
 from filters.tracing.stack import Stack
 from filters.tracing.thermal_memory import choose_jointly
 from filters.types import Array
+
+# ---------------------------------------------------------------------------------------------------- reference noise
+# Noise of a measured attitude, such as an optical reference's, in residuals: where the unit moves, and not at rest.
+#
+# At rest the attitude is the mean of many rows, and the rate is zero; in motion every block has the noise of the rows
+# at
+# its ends. Blocks in motion then count for less, by how much more they scatter in what effects leave.
+
+_LEAST = 30
+"""Blocks in motion and at rest that show what their noise is."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceNoise:
+    """Variance at rest over variance in motion, at most 1."""
+
+    of_blocks: Array  # of means over blocks, shape (6,)
+    of_samples: Array  # of differences of neighbouring samples, shape (6,)
+
+    def counted(self, blocks: Blocks) -> Blocks:
+        """Blocks with the weight that their reference's noise leaves them; others as they are."""
+        if blocks.run.attitude is None:
+            return blocks
+        moves = moving(blocks)[:, None]
+        return replace(
+            blocks,
+            weight=np.where(moves, blocks.weight * self.of_blocks, blocks.weight),
+            rough=np.where(moves, blocks.rough * self.of_samples, blocks.rough),
+        )
+
+
+EXACT = ReferenceNoise(np.ones(len(CHANNELS)), np.ones(len(CHANNELS)))
+"""Of a reference without noise."""
+
+
+def reference_noise(left: Sequence[Blocks]) -> ReferenceNoise:
+    """How much more residuals of runs with a measured attitude scatter in motion.
+
+    `left`: of what effects leave of the runs.
+    """
+    measured = [b for b in left if b.run.attitude is not None]
+    if not measured:
+        return EXACT
+    blocks, samples = np.ones(len(CHANNELS)), np.ones(len(CHANNELS))
+    for c in range(len(CHANNELS)):
+        rest, motion = (_levels(measured, c, turns=turns) for turns in (False, True))
+        if rest is not None and motion is not None:
+            blocks[c], samples[c] = (min(1.0, a / b) for a, b in zip(rest, motion, strict=True))
+    return ReferenceNoise(blocks, samples)
+
+
+def moving(blocks: Blocks) -> NDArray[np.bool_]:
+    """Blocks in which a unit turns at some sample, shape (n,)."""
+    if blocks.run.still:
+        return np.zeros(blocks.t.size, bool)
+    return np.asarray(np.add.reduceat(np.abs(blocks.run.rates).sum(axis=1), blocks.edges[:-1]) > 0.0)
+
+
+def _levels(measured: Sequence[Blocks], channel: int, *, turns: bool) -> tuple[float, float] | None:
+    """Variance of a block's mean, and of differences of samples, at rest or in motion; None with too few blocks."""
+    steps, rough = [], []
+    for b in measured:
+        good = (moving(b) == turns) & (b.weight[:, channel] > 0.0)
+        w = b.weight[:, channel]
+        pairs = good[1:] & good[:-1]
+        steps.append(np.diff(b.y[:, channel])[pairs] ** 2 / (1.0 / w[1:][pairs] + 1.0 / w[:-1][pairs]))
+        some = good & (b.pairs[:, channel] > 0.0)
+        rough.append(b.rough[some, channel] / b.pairs[some, channel])
+    step, each = np.concatenate(steps), np.concatenate(rough)
+    if min(step.size, each.size) < _LEAST:
+        return None
+    return float(np.median(step)) / CHI2_MEDIAN, float(np.median(each))
+
+
+# --------------------------------------------------------------------------------------------------------- comparison
 
 _SAME_NOISE = 0.05
 """Change of the noise that is not worth another selection."""
@@ -119,3 +198,65 @@ def _again(chosen: Selection, cleaned: Sequence[Blocks], left: Sequence[Blocks],
 
 def _noise_changed(before: Design, after: Design, channels: Sequence[int]) -> bool:
     return any(abs(np.log(after.sd[c] / before.sd[c])) > _SAME_NOISE for c in channels)
+
+
+# ---------------------------------------------------------------------------------------------------------- explained
+# What selected effects say of a run at its full rate, and the run without it.
+#
+# Motion times a delay looks like lines, and makes the noise of blocks look greater than it is: lines and noise are
+# judged
+# in what effects leave. What it leaves out: events of one run (tones, steps), which have no columns at the samples.
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One effect on one channel with its parameters."""
+
+    hypothesis: Hypothesis
+    channel: int
+    theta: Array
+
+    def __call__(self, inputs: Inputs) -> Array:
+        return np.asarray(np.nan_to_num(self.hypothesis.columns(inputs, self.channel)) @ self.theta)
+
+
+def explained(blocks: Blocks, chosen: Selection) -> Array:
+    """What the selected effects add to a run's readings, SI, shape (N, 6).
+
+    `blocks`: of the run; any run, also one that nothing was fitted to.
+    `chosen`: with its joint fit.
+    """
+    parts = _parts(chosen)
+    out = np.zeros((blocks.run.t.size, len(CHANNELS)))
+    fast = [p for p in parts if not is_slow(p.hypothesis)]
+    if fast:
+        blocks.at_samples([(_on(fast, c), c) for c in sorted({p.channel for p in fast})], out)
+    slow = blocks.slow()
+    for p in parts:
+        if is_slow(p.hypothesis):
+            out[:, p.channel] += np.interp(blocks.run.begins + blocks.run.t, blocks.t, p(slow))
+    return out
+
+
+def without(run: Run, said: Array) -> Run:
+    """A run whose readings lack what is said of them."""
+    return replace(run, reading=run.reading - said)
+
+
+def _parts(chosen: Selection) -> list[_Part]:
+    fit = chosen.fit()
+    return [
+        _Part(term.hypothesis, c, theta)
+        for term, theta in zip(fit.terms, fit.theta, strict=True)
+        if not isinstance(term.hypothesis, RunSpecific)
+        for c in term.places
+    ]
+
+
+def _on(parts: Sequence[_Part], channel: int) -> Callable[[Inputs], Array]:
+    own = [p for p in parts if p.channel == channel]
+
+    def total(inputs: Inputs) -> Array:
+        return np.asarray(np.sum([p(inputs) for p in own], axis=0))
+
+    return total

@@ -19,10 +19,9 @@ from filters.tracing.beside_drift import beside_drift, fitted_beside, is_judged,
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design, Fit
 from filters.tracing.drift_guard import drift_price, guarded_score, guarded_shared, likeliest_drift
-from filters.tracing.left_out_runs import transfer_gains
+from filters.tracing.left_out_runs import transfer_gains, unseen_gain
 from filters.tracing.run_specific_search import search
 from filters.tracing.thermal_transfer import JointChoice
-from filters.tracing.unseen_cells import unseen_gain
 from filters.tracing.whitening import NONE, Drift
 from filters.types import Array
 

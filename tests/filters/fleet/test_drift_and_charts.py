@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from filters.fleet import control_chart, drift, multiple, readings
+from filters.fleet import control_chart, drift, readings
 from filters.fleet.drift import Course
 from filters.types import Array
 
@@ -67,8 +67,8 @@ def test_a_unit_that_scatters_more_is_judged_by_its_own_scatter() -> None:
 
 def test_holm_corrects_as_in_his_example() -> None:
     """Each times the number of those not smaller, and never falling."""
-    assert multiple.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert multiple.holm(np.array([])).size == 0
+    assert drift.holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert drift.holm(np.array([])).size == 0
 
 
 def charted(values: Array) -> control_chart.Chart | None:

@@ -7,7 +7,7 @@ from helpers.runs import power_ons
 from filters.channels import DPS
 from filters.effects.run_specific import RunSpecific
 from filters.simulation import Effect
-from filters.tracing import step_beside_drift, telegraph_beside_drift
+from filters.tracing import run_specific_search
 from filters.tracing.beside_drift import beside_drift, fitted_beside, gain_beside, is_judged, rows_of
 from filters.tracing.blocks import average
 from filters.tracing.design_matrix import Design
@@ -92,7 +92,7 @@ def test_what_is_too_small_is_listed_with_its_size_and_limit() -> None:
 def test_a_step_in_a_walk_is_found_where_it_is(seed: int) -> None:
     """Its time to some seconds and its size within 4 sd, where the drift as it is has swallowed most of it."""
     made = drifting(Effect("step", ("gy",), {"dps": 0.12, "at_s": 431.0}), seed=seed)
-    step = step_beside_drift.step(made, [], 1)
+    step = run_specific_search.step_on_drift(made, [], 1)
     assert step is not None
     assert step.at == pytest.approx(431.0, abs=8.0)
     theta, covariance = fitted_beside(made, [], 1, step.made, Drift(np.inf, 0.002 * DPS))
@@ -111,7 +111,7 @@ def test_two_levels_are_told_from_the_walk_below_them(seed: int) -> None:
     """Levels of a gyro that walks as far as they are apart: named, and apart as they are to a tenth."""
     made = design(WALK, Effect("telegraph", ("gy",), {"dps": 0.2, "mean_s": 50.0}), seed=seed)
     made.set_drift(1, likeliest_drift(made, [], 1)[1])
-    found = telegraph_beside_drift.telegraph(made, [], 1)
+    found = run_specific_search.telegraph(made, [], 1)
     assert found is not None
     effect, gain = found
     assert gain > effect.penalty + ACCEPT

@@ -13,8 +13,8 @@ from filters.simulation import Effect
 from filters.tracing.blocks import average
 from filters.tracing.columns import Term
 from filters.tracing.design_matrix import Design
+from filters.tracing.left_out_runs import unseen_gain
 from filters.tracing.stack import Stack
-from filters.tracing.unseen_cells import unseen_gain
 from filters.tracing.whitening import NONE, Drift
 
 DEG = np.pi / 180.0

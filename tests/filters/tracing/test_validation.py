@@ -16,7 +16,7 @@ from filters.motion.segments import Dwell, Rate
 from filters.simulation import Scenario
 from filters.state import NavState
 from filters.tracing.blocks import average
-from filters.tracing.free_inertial import free_drift
+from filters.tracing.held_out_run import free_drift
 from filters.tracing.residual import perfect
 from filters.tracing.stack import Stack
 from filters.tracing.validation import Correction, e10, folded, nis, prediction, share_of, windows
