@@ -4,12 +4,11 @@ import gc
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import platformdirs
 import pytest
+from helpers import environment
 from helpers.paths import DATA, SAMPLE
 from helpers.places import own_places
 from helpers.processes import end_owner
@@ -19,25 +18,7 @@ TOLD = "told_of_compiling.txt"
 """In the folder of compiled code: what was told when it was compiled, for the test of that."""
 
 
-def _compiled() -> Path:
-    """Folder of compiled code that outlives the tests: each of them has a cache folder of its own, new and empty."""
-    folder = platformdirs.user_cache_path("imutui") / "tests"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # an account without a home
-        folder = Path(tempfile.gettempdir()) / f"imutui-tests-{os.getuid()}"
-    return folder
-
-
-# before numpy and numba are imported, which read them; processes under test inherit them.
-# Threads of the linear algebra library only get in each other's way on 15×15 matrices
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# output of commands is buffered for whoever uses them, whatever the machine that builds them has set
-os.environ.pop("PYTHONUNBUFFERED", None)
-# nor is each of hundreds of processes to compile every module anew
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-sys.dont_write_bytecode = False
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_compiled()))
+environment.make()
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:

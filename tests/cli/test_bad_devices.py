@@ -1,5 +1,6 @@
 """`imutui record` on devices that are none, are others, or fail: one paragraph, exit 4, nothing lost."""
 
+import os
 import pickle
 import random
 import signal
@@ -12,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from helpers.fake_devices import Device, Habits, Outcome, answers, command, environment, error_of, record
+from helpers.fake_devices import Device, Habits, Outcome, answers, command, error_of, record
+from helpers.places import variables_of
 from helpers.processes import LIMIT_S, started, wait_until
 from helpers.shared import once
 
@@ -186,7 +188,7 @@ def test_what_came_before_the_hang_up_is_a_finished_file(outcomes: dict[str, Out
 
 def test_ctrl_c_while_connecting_leaves_no_acquisition_behind(tmp_path: Path) -> None:
     """Who gives up before the first packet must not find a recording going on unseen."""
-    own = environment(tmp_path)
+    own = os.environ | variables_of(tmp_path)
     with Device(Habits(answers(), streams=None)) as device:
         device.hold(b"S")
         line = command("record", "--port", device.port, "-o", str(tmp_path / "out.mcap"))

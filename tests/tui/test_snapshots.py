@@ -111,10 +111,8 @@ def place(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (home / "logs").mkdir()
     shutil.copy2(SAMPLE, home / "logs")
     monkeypatch.setattr(session, "ports", lambda: PORTS)
-    for name in ("NO_COLOR", "SSH_CONNECTION", "LC_ALL", "LC_CTYPE", "TEXTUAL_THEME"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in (("TERM", "xterm-256color"), ("COLORTERM", "truecolor"), ("LANG", "C.UTF-8")):
-        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLORTERM", "truecolor")
     return home
 
 

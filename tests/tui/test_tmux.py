@@ -31,7 +31,8 @@ class Terminal:
     def __init__(self, folder: Path) -> None:
         self.logs = folder / "logs"
         self._tmux = ["tmux", "-S", str(folder / "tmux"), "-f", "/dev/null"]
-        self._run("new-session", "-d", "-x", "80", "-y", "24", "sh")
+        fixed = ("start-server", ";", "set-option", "-g", "default-terminal", "tmux-256color", ";")
+        self._run(*fixed, "new-session", "-d", "-x", "80", "-y", "24", "sh")
         self._run("set-option", "-g", "escape-time", "0")
 
     def _run(self, *arguments: str) -> str:

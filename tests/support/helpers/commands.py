@@ -26,7 +26,7 @@ def imutui(*arguments: str, check: int | None = 0) -> Done:
         open(os.devnull) as stdin,
         patch.object(sys, "argv", ["imutui", *arguments]),
         patch.object(sys, "stdin", stdin),
-        # no terminal of whoever runs the tests is looked at
+        # else that of whoever runs the tests would be looked at, with `pytest -s`
         patch.dict(os.environ, {"COLUMNS": "80", "LINES": "25"}),
         redirect_stdout(out),
         redirect_stderr(err),

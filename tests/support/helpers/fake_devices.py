@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from helpers.places import variables_of
 from helpers.processes import LIMIT_S, command_line
 
 IMU400CD = "IMU400CD-200 VER 1.0"
@@ -166,15 +167,6 @@ class Outcome:
     folder: Path
 
 
-def environment(folder: Path) -> dict[str, str]:
-    """Sockets, cache and configuration of this folder's own."""
-    runtime = folder / "run"
-    runtime.mkdir(mode=0o700, exist_ok=True)
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("IMUTUI_")}
-    own = {"XDG_RUNTIME_DIR": runtime, "XDG_CACHE_HOME": folder / "cache", "XDG_CONFIG_HOME": folder / "config"}
-    return kept | {key: str(value) for key, value in own.items()}
-
-
 def command(name: str, *arguments: str) -> list[str]:
     """Command line of a command of imutui."""
     return command_line(name, *arguments)
@@ -185,7 +177,7 @@ def record(folder: Path, port: str, *arguments: str) -> Outcome:
     done = subprocess.run(
         command("record", "--port", port, "--json", *arguments),
         cwd=folder,
-        env=environment(folder),
+        env=os.environ | variables_of(folder),
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
