@@ -230,15 +230,18 @@ def test_nobody_else_may_talk_to_it(watched: client.Client) -> None:
     assert stat.S_IMODE(ipc.socket_path("default").stat().st_mode) == 0o600
 
 
+@pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "XDG_CACHE_HOME"])
 def test_a_folder_with_a_long_path_holds_a_socket_too(
-    home: Path, start: Start, monkeypatch: pytest.MonkeyPatch
+    home: Path, start: Start, monkeypatch: pytest.MonkeyPatch, variable: str
 ) -> None:
-    """Socket addresses end at 108 bytes; folders need not."""
+    """Socket addresses end at 108 bytes; folders need not, as that in a home folder without a runtime folder."""
     deep = home / ("x" * 120)
     deep.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setenv(variable, str(deep))
     connection = start(rate_hz=20.0, filter="none")
     assert client.attach().pid == connection.pid
+    assert deep in ipc.socket_path("default").parents
     connection.stop()
 
 
