@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from helpers.acquisitions import mounts
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, Outcome, answers, command, error_of
 from helpers.processes import LIMIT_S, started, wait_until
@@ -19,7 +20,6 @@ from imutui.logbook import reader
 from imutui.session import client, ipc
 from imutui.session.plan import Plan
 
-NOBODY = 65534
 GOOD = Habits(answers(), streams=None)
 
 
@@ -85,23 +85,24 @@ def test_a_port_that_was_given_back_is_open_to_everybody() -> None:
 
 @pytest.fixture
 def unprivileged() -> list[str]:
-    """What makes of a command line one of root's without root's powers; skips for others."""
+    """What makes of a command line one without root's powers."""
     line = ports.unprivileged()
     if line is None:
-        pytest.skip("only root can make things that it then may not use, with setpriv")
+        pytest.skip("root cannot do without its powers here: setpriv, of the package util-linux")
     return line
 
 
 def test_a_logs_folder_without_permission_is_a_matter_of_the_disk(home: Path, unprivileged: list[str]) -> None:
     """Exit 5, naming the folder."""
     (home / "logs").mkdir()
-    os.chown(home / "logs", NOBODY, -1)
+    ports.deny(home / "logs")
     with Device(GOOD) as device:
         line = [*unprivileged, *command("record", "--port", device.port, "--duration", "0.2")]
         done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 5, done.stderr
     assert str(home / "logs") in done.stderr
     assert "Choose another folder" in done.stderr
+    (home / "logs").chmod(0o700)
     assert not any((home / "logs").iterdir())
 
 
@@ -119,17 +120,16 @@ def test_a_logs_folder_that_is_a_file_is_a_matter_of_the_disk(home: Path) -> Non
 
 @pytest.fixture
 def small_disk(home: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A disk of 200 KiB with 32 left, of which nothing is kept free; skips where none can be mounted."""
+    """A disk of 200 KiB with 32 left, of which nothing is kept free."""
     monkeypatch.setenv("IMUTUI_PATHS_MIN_FREE_MB", "0")
     with files.small_disk(home) as disk:
-        if disk is None:
-            pytest.skip("a small disk can be mounted by root only")
         yield disk
 
 
 # -- disks ------------------------------------------------------------------------------------------------------------
 
 
+@mounts
 def test_a_full_disk_is_told_by_import_and_replay(home: Path, small_disk: Path) -> None:
     """Exit 5 naming the file; the log that is replayed stays whole."""
     rows = "".join(f"{i / 100},{i % 97 / 7},{i % 89 / 7},{i % 83 / 7},0,0,0.998\n" for i in range(4000))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from helpers.acquisitions import mounts
 from helpers.paths import SAMPLE
 from helpers.places import own_places
 from reliability import clocks, endings, files, lines, ports, screens
@@ -122,11 +123,10 @@ def test_silence_is_told_after_three_periods_and_over_with_the_first_packet(home
     assert found.over_s < 1.0 * FACTOR
 
 
+@mounts
 def test_a_full_disk_leaves_all_up_to_the_last_flush_once(home: Path) -> None:
     """A clean stop with exit code 5 and what to do; by stream and by index of the recovered file the same packets."""
     with files.small_disk(home) as disk:
-        if disk is None:
-            pytest.skip("a small disk can be mounted by root only")
         found = files.disk_full(home, disk)
     assert found.exit_code == 5
     assert all(words in found.words for words in ("No space left", "imutui replay", "Free some space")), found.words

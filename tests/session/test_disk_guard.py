@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from helpers.acquisitions import acquiring, mounted
+from helpers.acquisitions import acquiring, mounted, mounts
 from helpers.commands import imutui
 from helpers.processes import wait_until
 
@@ -34,6 +34,7 @@ class Disk:
         patch.setattr(shutil, "disk_usage", lambda path: Usage(10**12, 0, round(self.free_mb * MB)))
 
 
+@mounts
 def test_a_disk_that_others_fill_ends_the_recording_above_zero(home: Path) -> None:
     """The file is finished, with its sum, and said to be so; exit code 5; then a new one is refused and leaves none."""
     with mounted(home / "disk", "4m") as disk:

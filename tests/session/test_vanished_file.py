@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.acquisitions import acquiring, mounted
+from helpers.acquisitions import acquiring, mounted, mounts
 from helpers.commands import imutui
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import virtual
@@ -219,6 +219,7 @@ def stick(home: Path) -> Iterator[Path]:
         yield folder
 
 
+@mounts
 def test_a_disk_that_is_unmounted_is_noticed(home: Path, stick: Path) -> None:
     """The file is finished on it, for whoever mounts it again; the recording goes on in the folder that was below."""
     logs = stick / "logs"

@@ -2,13 +2,15 @@
 
 import os
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers.paths import ROOT
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
 from imutui.instrument.imu400 import handshake
@@ -21,6 +23,8 @@ from imutui.session import exit_codes
 from imutui.session.engine import Engine
 from imutui.session.live_stream import LiveStream
 from imutui.session.plan import Plan
+
+_AS_ROOT = ("unshare", "--user", "--map-root-user", "--mount")
 
 
 class Running:
@@ -70,13 +74,32 @@ def acquiring(home: Path, stream: LiveStream | None = None, **fields: Any) -> It
             running.end()
 
 
+def mounts(test: Callable[..., None]) -> Callable[..., None]:
+    """A test that mounts disks. Who is not root runs it in a process where he is, in a user namespace of its own."""
+    if os.getuid() == 0:
+        return test
+
+    def in_a_namespace() -> None:
+        this = os.environ["PYTEST_CURRENT_TEST"].rpartition(" ")[0]
+        line = [*_AS_ROOT, sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-n0", this]
+        own = {name: value for name, value in os.environ.items() if name != "PYTEST_XDIST_WORKER"}
+        done = subprocess.run(line, cwd=ROOT, env=own, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+        if "unshare" in done.stderr:
+            pytest.skip(f"neither root nor a user namespace: {done.stderr}")
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    in_a_namespace.__name__, in_a_namespace.__doc__ = test.__name__, test.__doc__
+    return in_a_namespace
+
+
 @contextmanager
 def mounted(folder: Path, size: str) -> Iterator[Path]:
     """A disk of that size, mounted on a new folder; skips the test where none can be mounted."""
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
-    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, timeout=LIMIT_S, check=False).returncode != 0:
-        pytest.skip("a disk can be mounted by root only")
+    done = subprocess.run(mount, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    if done.returncode != 0:
+        pytest.skip(f"no disk can be mounted: {done.stderr}")
     try:
         yield folder
     finally:

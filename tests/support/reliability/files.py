@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from helpers.acquisitions import acquiring, mounted
 from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers
 from helpers.logs import recorded
-from helpers.processes import LIMIT_S, wait_until
+from helpers.processes import wait_until
 from helpers.readers import by_mcap
 
 from imutui.jobs.check import check
@@ -114,19 +113,11 @@ class DiskFull:
 
 
 @contextmanager
-def small_disk(folder: Path) -> Iterator[Path | None]:
-    """A disk of 200 KiB with 32 left; None where none can be mounted."""
-    place = folder / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(place)]
-    if os.getuid() != 0 or subprocess.run(mount, capture_output=True, timeout=LIMIT_S, check=False).returncode != 0:
-        yield None
-        return
-    try:
+def small_disk(folder: Path) -> Iterator[Path]:
+    """A disk of 200 KiB with 32 left."""
+    with mounted(folder / "disk", "200k") as place:
         (place / "filler").write_bytes(bytes(168 * 1024))
         yield place
-    finally:
-        subprocess.run(["umount", "--lazy", str(place)], timeout=LIMIT_S, check=True)
 
 
 def disk_full(folder: Path, disk: Path) -> DiskFull:

@@ -23,13 +23,22 @@ _GOOD = Habits(answers(), streams=None)
 
 
 def unprivileged() -> list[str] | None:
-    """What makes of a command line one of root's without root's powers; None for others, and where that can't be."""
-    if os.getuid() != 0 or shutil.which("setpriv") is None:
+    """What makes of a command line one without root's powers, nothing for others than root; None if that can't be."""
+    if os.getuid() != 0:
+        return []
+    if shutil.which("setpriv") is None:
         return None
     tried = subprocess.run(
         [*_UNPRIVILEGED, sys.executable, "-c", ""], capture_output=True, timeout=LIMIT_S, check=False
     )
     return _UNPRIVILEGED if tried.returncode == 0 else None
+
+
+def deny(path: Path) -> None:
+    """Let nobody but root use it."""
+    if os.getuid() == 0:
+        os.chown(path, _NOBODY, -1)
+    path.chmod(0)
 
 
 Refusals = dict[str, tuple[int, str]]
@@ -46,8 +55,7 @@ def refusals(folder: Path) -> Refusals:
         os.close(descriptor)
         without = unprivileged()
         if without is not None:
-            os.chown(device.port, _NOBODY, -1)
-            Path(device.port).chmod(0o600)
+            deny(Path(device.port))
             line = [*without, *command_line("record", "--port", device.port, "--json")]
             done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
             assert done.stdout == ""
