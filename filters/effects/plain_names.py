@@ -60,17 +60,36 @@ _OF_AXES = {
 }
 
 _PARAMETERS = {
+    "k": "size",
     "k1": "linear term",
     "k2": "quadratic term",
     "k3": "cubic term",
     "k_lag": "part that lags behind",
-    "k_play": "part that depends on the way temperature came",
+    "k_play": "part that remembers (play)",
     "tau": "time constant",
     "width": "width of the play",
     "start": "where the play begins",
-    "carried_over": "share that carries over to other runs",
-    "weight": "weight of this form among those averaged",
+    "carried_over": "carries over to other runs",
+    "weight": "weight of this form",
     "amplitude": "amplitude",
+}
+
+_SHORT = {
+    "thermal_lin": "linear in temperature",
+    "thermal_poly": "curve in temperature",
+    "thermal_rate": "rate of temperature",
+    "thermal_lag": "lag behind temperature",
+    "hysteresis": "temperature hysteresis",
+    "thermal_scale": "thermal scale factor",
+    "scale": "scale factor",
+    "asymmetry": "scale asymmetry",
+    "nonlinearity_cubic": "cubic nonlinearity",
+    "nonlinearity_quadratic": "quadratic nonlinearity",
+    "tone": "oscillation",
+    "telegraph": "two-level noise",
+    "gauss_markov": "Gauss-Markov drift",
+    "noise_crosstalk": "correlated noise",
+    "bandwidth": "band-limited noise",
 }
 
 
@@ -93,6 +112,13 @@ def effect(name: str) -> str:
     if name.startswith("driver:"):
         return f"error is a function of {driver(name.removeprefix('driver:'))}"
     return _EFFECTS.get(name, name.replace("_", " "))
+
+
+def short(name: str) -> str:
+    """An effect in three words, for a table: most codes are the field's terms as they are."""
+    if name.startswith("driver:"):
+        return f"curve over {name.removeprefix('driver:').replace('*', ' × ').replace('_', ' ')}"
+    return _SHORT.get(name, name.replace("_", " "))
 
 
 def parameter(name: str) -> str:

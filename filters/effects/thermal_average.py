@@ -71,7 +71,7 @@ class ThermalAverage(ChannelEffect):
     @property
     def label(self) -> str:
         """What it says of the bias."""
-        return "bias follows temperature and remembers it, an average of forms"
+        return "temperature, an average of forms"
 
     def columns(self, inputs: Inputs, channel: int) -> Array:
         """One column a curve; added up in order, so that it does not depend on how many samples come at once."""

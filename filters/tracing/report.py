@@ -49,7 +49,7 @@ def report(assessment: Assessment) -> Trace:
     included, correlation = included_effects(assessment)
     document = _document(assessment)
     made = assessment.experiment
-    next_run = "" if made is None else sentence.next_run(made.motion, made.d_expected, (made.a, made.b))
+    next_run = "" if made is None else sentence.next_run(made.duration_s, made.d_expected, (made.a, made.b))
     document["sentence"] = sentence.sentence(
         document, next_run=next_run, joining=[(x.effect, x.channels) for x in included]
     )

@@ -6,7 +6,7 @@ Standard library only. What is said of each channel is the page's matter (`imutu
 from collections.abc import Sequence
 
 from filters.effects import plain_names
-from filters.tracing.trace_document import SEPARATES, ErrorEntry, FindingEntry, ParameterEntry, TraceFindings
+from filters.tracing.trace_document import SEPARATES, FindingEntry, TraceFindings
 
 _HOW = {
     "run": "on a run not used",
@@ -32,14 +32,6 @@ def sentence(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
     return " ".join(text for text in told if text)
 
 
-def amount(p: ParameterEntry) -> str:
-    """A value with one standard deviation."""
-    unit = "" if p["unit"] == "1" else f" {p['unit']}"
-    if p["sd"] is None:
-        return f"{p['value']:.4g}{unit}"
-    return f"{p['value']:.4g} ± {p['sd']:.2g}{unit} (1 sd)"
-
-
 def _found(d: TraceFindings) -> str:
     lasting = [f for f in d["findings"] if f["include_as"] != "N"]
     # what the held-out run confirms comes first, what it does not last
@@ -53,7 +45,7 @@ def _found(d: TraceFindings) -> str:
         return "Nothing that was found holds on the held-out run."
     if d["findings"]:
         f = d["findings"][0]
-        return f"{', '.join(f['channels'])}: {f['label']} ({f['effect']}); no other effect was found."
+        return f"{', '.join(f['channels'])}: {plain_names.short(f['effect'])}; no other effect was found."
     if d["integrity"] or d["lines"] or d["noise_level"]:
         kinds = [
             *dict.fromkeys(plain_names.effect(entry["effect"]) for entry in d["integrity"]),
@@ -65,17 +57,13 @@ def _found(d: TraceFindings) -> str:
 
 
 def _finding(f: FindingEntry, more: int) -> str:
-    text = f"{', '.join(f['channels'])}: {plain_names.named(f['label'], f['effect'])}"
-    fitted = [p for p in f["params"] if p["sd"] is not None]
-    if len(fitted) == 1 or (fitted and f["effect"] == "tone"):
-        text += f", {'amplitude ' if f['effect'] == 'tone' else ''}{amount(fitted[0])}"
+    text = f"{', '.join(f['channels'])}: {plain_names.short(f['effect'])}"
     if f["confirmed"] is False:
         text += ", which the held-out run neither confirms nor contradicts"
     elif f["share_of_excess"] is not None and f["effect"] not in OF_ONE_RUN:
-        text += f", explains {_share(f['share_of_excess'])} of the error that the constant bias leaves"
+        text += f", explains {_share(f['share_of_excess'])} of the error"
     if f["rivals"]:
-        names = " or ".join(plain_names.named(r["label"], r["effect"]) for r in f["rivals"][:_RIVALS])
-        text += f"; this log does not tell it from {names}"
+        text += f", not told from {' or '.join(plain_names.short(r['effect']) for r in f['rivals'][:_RIVALS])}"
     text += f"; {more} more finding{'s' if more > 1 else ''}" if more else ""
     return text + "."
 
@@ -87,7 +75,7 @@ def _share(share: float) -> str:
 
 def _error(d: TraceFindings, f: FindingEntry) -> str:
     own = [x for x in d["error"] if x["metric"] == "e10" and x["channel"] in f["channels"]]
-    known = [(before, after, x) for x in own if (before := _ratio(x, "before")) and (after := _ratio(x, "after"))]
+    known = [(before, after, x) for x in own if (before := x["before_x_floor"]) and (after := x["after_x_floor"])]
     if not known:
         return ""
     before, after, x = max(known, key=lambda entry: entry[0])
@@ -99,32 +87,16 @@ def _times(ratio: float) -> str:
     return f"{ratio:.0f}" if ratio >= 9.95 else f"{ratio:.2g}"
 
 
-def _ratio(x: ErrorEntry, when: str) -> float | None:
-    return x["before_x_floor"] if when == "before" else x["after_x_floor"]
-
-
 def _refuted(d: TraceFindings) -> list[str]:
-    """One sentence a channel."""
-    groups: dict[tuple[tuple[str, ...], float, float, str], list[str]] = {}
-    for x in d["refuted"]:
-        key = tuple(x["channels"]), x["after_with"], x["after_without"], x["unit"]
-        groups.setdefault(key, []).append(plain_names.named(x["label"], x["effect"]))
-    return [
-        f"{', '.join(channels)}: {' and '.join(names)} refuted by the held-out run, error {with_it:.3g} {unit} with all"
-        f" that was fitted, {without:.3g} {unit} with what the effects file has."
-        for (channels, with_it, without, unit), names in groups.items()
-    ]
+    names = [f"{', '.join(x['channels'])} {plain_names.short(x['effect'])}" for x in d["refuted"]]
+    return [f"Refuted by the held-out run: {'; '.join(names)}."] if names else []
 
 
 def _common(d: TraceFindings) -> str:
-    """What channels share, two of it, and what to record for it."""
-    entries = d["common"]
-    if not entries:
-        return ""
-    parts = [f"{' '.join(entry['channels'])} {entry['label']}" for entry in entries[:2]]
-    more = f" ({len(entries) - 2} more)" if len(entries) > 2 else ""
-    wanted = list(dict.fromkeys(x for entry in entries for x in entry["record"]))
-    return f"{'; '.join(parts)}{more}; the cause is not in this log: record {', '.join(wanted)}."
+    """Which channels share something, and what to record for it."""
+    which = ", and ".join(dict.fromkeys(" ".join(entry["channels"]) for entry in d["common"]))
+    wanted = dict.fromkeys(x for entry in d["common"] for x in entry["record"])
+    return f"{which} move together; the cause is not in this log: record {', '.join(wanted)}." if which else ""
 
 
 def _next(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
@@ -151,13 +123,13 @@ def _next(d: TraceFindings, *, next_run: str, joining: Joining) -> str:
     return ""
 
 
-def next_run(motion: str, d_expected: float, pair: Sequence[str]) -> str:
+def next_run(duration_s: float, d_expected: float, pair: Sequence[str]) -> str:
     """What an operator does to tell a pair of effects apart, without its full stop; empty if it would not.
 
-    `motion`: of the separating experiment.
+    `duration_s`, `d_expected`: of the separating experiment.
     `pair`: the two effects.
     """
     if d_expected < SEPARATES:
         return ""
-    plain = motion.split("; or, ")[0]
-    return f"to tell {plain_names.effect(pair[0])} from {plain_names.effect(pair[1])}, {plain}"
+    a, b = map(plain_names.short, pair)
+    return f"to tell {a} from {b}, record the experiment of {duration_s / 60.0:.0f} min"

@@ -26,7 +26,17 @@ def tell(text: str) -> None:
     """Print text for people on stdout; what it quotes from outside does nothing to the terminal."""
     from imutui.plain_text import visible
 
-    print(visible(text))
+    print(in_signs(visible(text)))
+
+
+def in_signs(text: str) -> str:
+    """Text in signs that stdout takes: where it is not Unicode, ASCII stands for what the encoding may lack."""
+    encoding = sys.stdout.encoding or "utf-8"
+    if encoding.lower().startswith("utf"):
+        return text
+    from imutui.tui.terminal.glyphs import GLYPHS
+
+    return GLYPHS["ascii"].text(text).encode(encoding, "replace").decode(encoding)
 
 
 def show_progress(text: str) -> None:

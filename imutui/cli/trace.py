@@ -43,10 +43,10 @@ def command(
 
     Example: imutui trace cold.mcap warm.mcap check.mcap -o effects.toml --report report
     """
-    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, say, show_progress, tell
+    from imutui.cli.exit_codes import FINDINGS, FINE, USAGE, fail, in_signs, say, show_progress, tell
     from imutui.jobs.trace import TraceOptions, trace
     from imutui.logbook.json_text import dumps
-    from imutui.report import sentences
+    from imutui.report import trace_tables
 
     if seed < 0:
         raise fail(USAGE, f"--seed is {seed}; it must not be negative.")
@@ -65,7 +65,8 @@ def command(
     if json:
         print(dumps(traced.document))
     else:
-        tell(sentences.text(traced.document, traced.source, min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)))
+        width = min(_WIDEST, shutil.get_terminal_size((80, 24)).columns)
+        tell(trace_tables.text(traced.document, traced.source, width, signs=in_signs))
     if output is not None:
         _write_effects(output, traced, force)
     if report is not None:

@@ -32,6 +32,8 @@ th.number, td.number { text-align: right; font-variant-numeric: tabular-nums } t
 td.file, td.hash { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .85em;
   overflow-wrap: anywhere }
 td.file { min-width: 9rem } td.hash { min-width: 33ch; width: 33ch } code.short { white-space: nowrap }
+td.bar { font-family: ui-monospace, "DejaVu Sans Mono", monospace; white-space: pre; color: var(--after);
+  min-width: 6.5rem }
 td:last-child, th:last-child { padding-right: 0 }
 tr, svg, figcaption, figure, table { break-inside: avoid } summary { cursor: pointer }
 figcaption, caption { break-after: avoid }
@@ -44,7 +46,7 @@ figcaption strong { color: var(--ink) }
   thead { position: absolute; left: -999rem } table, tbody, tr, td, caption { display: block }
   tr { padding: .5rem 0; border-bottom: 1px solid var(--rule) } td, td.number, td.hash { border: 0; padding: .1rem 0;
   text-align: left; width: auto; min-width: 0; white-space: normal }
-  tbody td:first-child { font-weight: 600 }
+  tbody td:first-child { font-weight: 600 } td:empty { display: none }
   td::before { content: attr(data-label) ": "; color: var(--faint);
   font-family: system-ui, "DejaVu Sans", sans-serif }
 }

@@ -104,7 +104,10 @@ def section(logs: Sequence[LogFacts], library: str) -> Section:
     ]
     notes = [f"{_name(log)}: {note}" for log in logs if (note := _text(log, "note"))]
     rows.append(("Notes", "; ".join(notes) or NOT_STATED))
-    return Section("Unit and files", (Facts(tuple(rows)), _files(logs)))
+    stated = [row for row in rows if row[1] != NOT_STATED]
+    if silent := [label.lower() for label, value in rows if value == NOT_STATED]:
+        stated.append(("Not stated", ", ".join(silent)))
+    return Section("Unit and files", (Facts(tuple(stated)), _files(logs)))
 
 
 def _files(logs: Sequence[LogFacts]) -> Table:

@@ -17,8 +17,8 @@ from imutui.report import (
     markdown,
     page_document,
     replay_report,
-    sentences,
     trace_report,
+    trace_tables,
 )
 from imutui.report.blocks import Article, Figure, Page
 
@@ -121,7 +121,7 @@ def _beside(story: Story) -> dict[str, str]:
 
 
 def _of_trace(d: TraceDocument) -> dict[str, str]:
-    made = {sentences.common_file(n): course(entry) for n, entry in enumerate(d.get("common", []), 1)}
+    made = {trace_tables.common_file(n): course(entry) for n, entry in enumerate(d.get("common", []), 1)}
     experiment = d.get("separating_experiment")
     if experiment and experiment.get("profile"):
         made[trace_report.EXPERIMENT] = experiment["profile"]

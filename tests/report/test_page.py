@@ -1,5 +1,6 @@
 """What is told of a result: sentences, numbers, figures and page, from a hand-made one."""
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,6 @@ from imutui.report import (
     markdown,
     page,
     replay_report,
-    sentences,
     trace_figures,
     trace_report,
 )
@@ -71,15 +71,6 @@ COMMON = {
 }  # fmt: skip
 
 
-def test_a_common_cause_is_told_with_what_to_record() -> None:
-    """Which channels, when, how much, what to log, and where its course is."""
-    (section,) = [s for s in sentences.sections(document(common=[COMMON])) if s.title.startswith("Shared")]
-    assert section.sentences == (
-        "ax ay: step together and come back, 700 to 1000 s of run a (ax 2.75 ± 0.10 mg, 1 sd; coherence 0.93); record"
-        " supply voltage. Its course is common_1.csv, which --report DIR saves.",
-    )
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page of a trace with something of everything, and what lies beside it; `result.json` is what it is of."""
@@ -103,106 +94,7 @@ def test_numbers_never_claim_more_than_they_are() -> None:
     assert (duration(90.0), duration(1800.0), duration(9000.0)) == ("90 s", "30 min", "2.5 h")
 
 
-def test_a_finding_is_a_sentence() -> None:
-    """What, how much, how much of it, what else it may be, and the error before and after."""
-    lines = {line.channel: line for line in sentences.channel_lines(document())}
-    assert list(lines) == ["gx", "gy", "gz", "ax", "ay", "az"]
-    first, last = lines["gy"].sentences
-    assert first == (
-        "bias follows temperature (thermal_lin), 0.0200 ± 0.0010 deg/s/K (1 sd); explains 97 %; or: bias follows the"
-        " rate of temperature (thermal_rate) (score -3)."
-    )
-    assert last == "Error 8.41 → 1.01 × floor on a run not used."
-    assert lines["gy"].status == "several causes fit"
-    assert "Drift (Gauss-Markov), 0.004 deg/s, over 80 s" in lines["gx"].sentences[0]
-    assert "Faults of the data, set aside: spikes." in lines["gx"].sentences
-    assert "Line at 31.41 Hz." in lines["ax"].sentences
-    assert "up to 0.5 mg at 6 points" in lines["az"].sentences[0]
-    assert "NOT confirmed" in lines["az"].sentences[0]
-    assert lines["gz"].sentences == ("Nothing found. The noise changes with the size of the rate.",)
-
-
-REFUTED = {
-    "effect": "ramp", "label": "bias runs away with time", "channels": ["az"], "metric": "e10", "after_with": 16.12,
-    "after_without": 5.786, "unit": "mg",
-}  # fmt: skip
-
-
-def test_what_is_refuted_is_told_with_both_errors() -> None:
-    """On its channel, in words and with its code name."""
-    lines = {line.channel: line for line in sentences.channel_lines(document(refuted=[REFUTED]))}
-    assert (
-        "REFUTED by the held-out run, and not used: bias runs away with time (ramp); error 16.1 mg with all that was"
-        " fitted, 5.79 mg without."
-    ) in lines["az"].sentences
-
-
-def test_of_what_is_weak_the_best_are_told_with_the_size_that_would_be_used() -> None:
-    """Three a channel, each with its reason; the others are counted."""
-    params = [{"name": "k", "value": 1e-3, "sd": 2e-4, "unit": "deg/s/K", "plausible": True}]
-    one = {
-        "effect": "thermal_lin", "label": "bias follows temperature", "channels": ["gx"], "params": params,
-        "score": 7.0, "guarded_score": 1.0, "why": "not told from drift", "limit": 0.0021,
-    }  # fmt: skip
-    weak = [{**one, "score": float(k)} for k in range(5)]
-    (section,) = [s for s in sentences.sections(document(weak=weak)) if s.title.startswith("Weak")]
-    assert len(section.sentences) == 4
-    assert section.sentences[0] == (
-        "gx: bias follows temperature (thermal_lin), 0.00100 ± 0.00020 deg/s/K (1 sd) (score 4): not told from drift;"
-        " 0.0021 deg/s/K would be used."
-    )
-    assert section.sentences[3] == "gx: 2 more, which --json lists."
-
-
-def test_shared_faulty_weak_and_untestable_things_are_said_once() -> None:
-    """Each in its section, grouped and short."""
-    sections = {section.title: section.sentences for section in sentences.sections(document())}
-    assert len(sections["Over several channels"]) == 1
-    assert "x 0.0500 ± 0.0020 m, y" in sections["Over several channels"][0]
-    assert "implausibly large" in sections["Over several channels"][0]
-    assert sections["Data"] == ("gx: spikes (spikes), 3 times (12.5 s of run a).",)
-    assert sections["These logs cannot show"] == (
-        "scale factor is off (scale), bias follows the square of specific force (g_squared): would look like a constant"
-        " bias.",
-        "gravity is not as assumed (gravity) apart from scale factor is off (scale).",
-    )
-    assert sections["Errors"] == ("√(NIS/dof): gy 1.84 → 1 (floor 1).",)
-    assert "30 min" in sections["To separate the causes"][0]
-    assert "bias follows the rate of temperature" in sections["To separate the causes"][0]
-    assert sections["Notes"] == ("Errors before and after are those of run b, to which nothing was fitted.", "a note.")
-
-
-@pytest.mark.parametrize(
-    ("motion", "d", "said"),
-    [
-        (
-            "cool it down and heat it again, 18 min",
-            42.0,
-            "(d = 42, 5 is enough): cool it down and heat it again, 18 min.",
-        ),
-        ("nothing known separates them; nearest comes …", 2.1, "? Nothing known separates them; nearest comes …."),
-    ],
-)
-def test_what_would_separate_is_said_as_an_operator_does_it(motion: str, d: float, said: str) -> None:
-    """Motion and temperatures, or that nothing would."""
-    made = {**document()["separating_experiment"], "motion": motion, "d_expected": d}
-    sections = {s.title: s.sentences for s in sentences.sections(document(separating_experiment=made))}
-    assert said in sections["To separate the causes"][0]
-    assert ("tell them apart" in sections["To separate the causes"][0]) == (d > 5.0)
-
-
-def test_one_run_is_said_to_show_no_transfer() -> None:
-    """Folds are no other power-on."""
-    assert "does not show transfer" in sentences.held_out(document(runs=[RUN]))
-
-
-def test_simulated_readings_are_called_simulated() -> None:
-    """In the first lines, whatever else is there."""
-    assert "SIMULATED" in sentences.headline(document(), SOURCE)[1]
-    assert "SIMULATED" not in sentences.headline(document(runs=[{**RUN, "kind": "measured"}]), SOURCE)[1]
-
-
-def test_a_page_has_all_sentences_and_figures_in_one_file(folder: Path) -> None:
+def test_a_page_has_all_rows_and_figures_in_one_file(folder: Path) -> None:
     """It can be sent by itself; figures, result and experiment lie beside it."""
     made = traced(common=[COMMON])
     drawn = ("residual-1", "driver-1", "common-1", "spectrum", "allan", "error")
@@ -210,19 +102,20 @@ def test_a_page_has_all_sentences_and_figures_in_one_file(folder: Path) -> None:
     beside = {"index.html", "report.md", "report.json", "result.json", "experiment.toml", "common_1.csv", "imu.yaml"}
     assert {path.name for path in folder.iterdir()} == pictures | beside
     text = (folder / "index.html").read_text()
-    for line in sentences.channel_lines(made):
-        for sentence in line.sentences:
-            assert html.text(sentences.start(sentence)) in text
+    for table in [block for s in trace_report.article(made).sections for block in s.blocks if isinstance(block, Table)]:
+        for cell in itertools.chain(*table.rows):
+            assert html.text(cell) in text
     assert (folder / "experiment.toml").read_text() == traces.PROFILE
     assert json.loads((folder / "result.json").read_text()) == made
 
 
 def test_a_page_has_the_sections_of_a_report_in_order() -> None:
-    """Whose unit, then the verdict and what to do, then the error, figures, how it was made."""
+    """The answer at a glance and what to do, then parameters, errors, figures; whose unit, how it was made, notes."""
     titles = [section.title for section in trace_report.article(traced()).sections]
     assert titles == [
-        "Unit and files", "Verdict", "What to do", "Error before and after", "Figures", "What was found, in detail",
-        "How to apply it", "Data quality", "Method and provenance",
+        "Channels", "What to do", "Causes, their parameters and rivals", "Weak, and not used", "Errors",
+        "These logs cannot show", "Figures", "Unit and files", "How to apply it", "Data quality",
+        "Method and provenance", "Notes",
     ]  # fmt: skip
 
 
@@ -230,7 +123,11 @@ def test_what_is_unknown_of_a_unit_is_not_stated() -> None:
     """And what the files say stands there: who, which unit, when, how warm, with which software, SHA-256."""
     bare = identity.section([identity.of_run(RUN)], "")
     (facts, files) = bare.blocks
-    assert {label: value for label, value in facts.rows if value != "not stated"} == {"Readings": "SIMULATED"}
+    assert dict(facts.rows) == {
+        "Readings": "SIMULATED",
+        "Not stated": "unit, serial number, firmware, operator, turn table, place, recorded, temperature in the case,"
+        " recorded with, computed with, notes",
+    }
     assert files.rows[0][-1] == "not stated"
     known = {
         "identity": {"instrument": "IMU400CD-200", "serial_number": "17", "firmware": "2.1", "operator": "ana",
@@ -260,28 +157,16 @@ def test_a_page_is_called_measured_only_if_all_of_it_is(kinds: tuple[str, ...], 
     assert trace_report.article(traced(runs=runs)).kind == kind
 
 
-def test_what_to_do_is_said_in_order_and_without_a_finding_nothing() -> None:
-    """The data first; then what to use, what not, what to record next."""
-    told = advice.after_trace(traced(refuted=[REFUTED]))
-    begins = ("Look at the data first", "Correct for", "ax, ay and az: “the acc", "Do not correct for",
-              "To tell “bias", "Nothing that was logged explains all", "gx drifts")  # fmt: skip
-    assert [t.startswith(b) for t, b in zip(told, begins, strict=False)] == [True] * len(begins), told
-    assert not any("  " in sentence for sentence in told)
-    clean = {**traces.nothing().document, "runs": [{**RUN, "power_on": "p"}, {**RUN, "power_on": "q"}]}
-    assert advice.after_trace(clean) == [advice.NOTHING]
-    assert "switched off" in advice.after_trace({**clean, "runs": [RUN]})[-1]
-
-
 def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
     """It is in no effects file; what is there to be corrected lies beside the page."""
     finding = traces.whole_document()["findings"][0]
     step = {**finding, "effect": "step", "label": "bias jumps at 40 s of run a", "channels": ["az"], "rivals": []}
     d = traced(findings=[finding, step], effects_file="version = 1\n")
-    told = advice.after_trace(d)
-    correct = next(sentence for sentence in told if sentence.startswith("Correct for"))
-    assert "`effects.toml` beside this page has it" in correct
-    assert "jumps" not in correct
-    assert any(t.startswith("az: bias jumps") and "not in the effects file" in t for t in told)
+    told = {name: (channels, how) for name, channels, how in trace_report.article(d).sections[1].blocks[0].rows}
+    assert told["use effects"][0] == "gy"
+    assert "`effects.toml` beside this page" in told["use effects"][1]
+    assert told["see what was"][0] == "az"
+    assert "no effects file" in told["see what was"][1]
     stays = [block.text for block in how_to_apply.of_trace(d, LogData()).blocks if isinstance(block, Paragraph)]
     assert any(
         text.startswith("Neither these lines") and text.endswith(": az: bias jumps at 40 s of run a.") for text in stays
@@ -289,9 +174,9 @@ def test_an_event_of_one_run_is_nothing_to_correct_for() -> None:
 
 
 def _caption_of_causes(d: Any) -> str:
-    section = next(s for s in trace_report.article(d).sections if s.title.startswith("What was found"))
-    tables = [block for block in section.blocks if isinstance(block, Table)]
-    return next(table.caption for table in tables if table.caption.startswith("Causes"))
+    section = next(s for s in trace_report.article(d).sections if s.title.startswith("Causes"))
+    (table,) = (block for block in section.blocks if isinstance(block, Table))
+    return table.caption
 
 
 def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None:
@@ -303,8 +188,8 @@ def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None
     assert f"is above {selection.ACCEPT:g};" in _caption_of_causes(traced())
     assert f"falls below {selection.KEEP}," in _caption_of_causes(traced())
     sections = {section.title: section.blocks for section in trace_report.article(by_hand).sections}
-    (table,) = [block for block in sections["Error before and after"] if isinstance(block, Table)]
-    assert table.rows[0][0] == "magnitude of gravity"
+    (table,) = [block for block in sections["Errors"] if isinstance(block, Table)]
+    assert table.rows[0][0] == "size of gravity"
     said = " ".join(getattr(block, "text", "") for block in sections["Figures"])
     assert "turned by hand" in said
     assert "older" not in said

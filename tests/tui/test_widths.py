@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -9,7 +10,8 @@ from helpers import traces
 from helpers.fake_client import FakeClient, bias, estimates
 from helpers.pilot import shows, text_of, until
 
-from imutui.report import sentences, wrapping
+from imutui.report import plain, trace_tables, wrapping
+from imutui.report.blocks import Table
 from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.pages.base import PAGES
@@ -54,10 +56,12 @@ def test_no_paragraph_of_a_dialog_ends_in_a_word_alone() -> None:
 
 
 def test_no_sentence_of_a_trace_ends_in_a_word_alone() -> None:
-    """On the terminal, on the result page, at every width."""
+    """Between its tables, on the terminal and on the result page, at every width."""
     document = {**traces.document(), "runs": [{"id": "a", "kind": "simulated", "seconds": 90.0, "rate_hz": 20.0}]}
+    made = trace_tables.sections(document, trace_tables.TERMINAL)
+    said = [replace(s, blocks=tuple(b for b in s.blocks if not isinstance(b, Table))) for s in made]
     for width in range(56, 200, 3):
-        assert list(orphans(sentences.text(document, "trace of a.mcap", width), width)) == []
+        assert list(orphans(plain.text(said, width), width)) == []
 
 
 def test_text_in_columns_goes_on_under_its_column() -> None:

@@ -1,4 +1,4 @@
-"""Plots as lines of styled text, for pages that scroll: curves with or without a band, bars. Pure functions."""
+"""Plots as lines of styled text, for pages that scroll: curves with or without a band. Pure functions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -93,12 +93,6 @@ def of_band(
     middle, half = np.interp(at, x, y), 3.0 * np.interp(at, x, sd)
     band = Envelope(middle - half, middle + half)
     return _plot(title, _settled(Envelope(middle, middle), band), band.limits(), ends, rows, look)
-
-
-def bar(share: float, width: int, glyphs: Glyphs) -> str:
-    """A bar over a share of a width, blank beyond."""
-    full = round(width * min(max(share, 0.0), 1.0))
-    return glyphs.text("█" * full).ljust(width)
 
 
 def beside(left: list[Line], right: list[Line], width: int) -> list[Line]:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from imutui.report import sentences
+from imutui.report import trace_glance
 from imutui.tui import formatting
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _traces(a: "TraceDocument", b: "TraceDocument") -> list[str]:
     errors = [{e["channel"]: e for e in d.get("error", []) if e["metric"] == "e10"} for d in (a, b)]
     for channel in a.get("status", {}) | b.get("status", {}):
         told = [_times(e.get(channel), key) for e in errors for key in ("before_x_floor", "after_x_floor")]
-        states = [sentences.status_words(d.get("status", {}).get(channel, formatting.NOTHING)) for d in (a, b)]
+        states = [trace_glance.status_words(d.get("status", {}).get(channel, formatting.NOTHING)) for d in (a, b)]
         lines.append(f"{channel:<14} {' '.join(f'{text:>9}' for text in told)}  {', '.join(states)}")
     return [*lines, "", *_findings(a, b)]
 

@@ -1,4 +1,4 @@
-"""Plots of a result: a replay's biases over time; a trace's errors, residuals and driver curves. Pure functions."""
+"""Plots of a result: a replay's biases over time; a trace's residuals and driver curves. Pure functions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,6 @@ _TWO = 76
 TWO_RESULTS = 110
 """Characters that plots of two results side by side need."""
 _RUN_NAME = 18  # of a plot that has half of 80 columns
-_BAR = 30
 
 
 def plots(kind: str, document: Any, look: PlotLook) -> list[Line]:
@@ -57,25 +56,8 @@ def _bias(history: EstimateHistory, name: str, column: int, look: PlotLook) -> l
 
 
 def of_trace(d: "TraceDocument", look: PlotLook) -> list[Line]:
-    """Errors before and after, driver curves with their band, residuals over time before and after."""
-    return [*_errors(d, look), *_drivers(d, look), *_residuals(d, look)]
-
-
-def _errors(d: "TraceDocument", look: PlotLook) -> list[Line]:
-    entries = [e for e in d.get("error", []) if e["metric"] == "e10" and e["before"] is not None]
-    if not entries:
-        return []
-    most = max(max(e["before_x_floor"] or 0.0, e["after_x_floor"] or 0.0) for e in entries) or 1.0
-    lines = [_heading(look, "Error of 10 s means, in multiples of what noise alone gives")]
-    for e in entries:
-        for name, value, times in (("before", e["before"], e["before_x_floor"]),
-                                   ("after ", e["after"], e["after_x_floor"])):  # fmt: skip
-            label = f"{e['channel'] or '' if name == 'before' else '':<3} {name} "
-            told = f" {formatting.plain(times, 3)} x, {formatting.plain(value, 3)} {e['unit']}"
-            style = "$text-warning" if name == "before" else "bold $text-primary"
-            made = text_plot.bar((times or 0.0) / most, min(_BAR, look.width - 34), look.glyphs)
-            lines.append([(label, ""), (made, style), (look.glyphs.text(told), "")])
-    return [*lines, [("", "")]]
+    """Driver curves with their band, residuals over time before and after."""
+    return [*_drivers(d, look), *_residuals(d, look)]
 
 
 def _drivers(d: "TraceDocument", look: PlotLook) -> list[Line]:

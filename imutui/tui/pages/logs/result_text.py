@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imutui.jobs.tasks import TraceResult
-from imutui.report import effect_words, numbers, sentences, wrapping
+from imutui.report import effect_words, numbers, trace_tables, wrapping
+from imutui.report.trace_glance import Places
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.logs import result_plots
+from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets.text_plot import Line, PlotLook
 from imutui.verdict import sources
 from imutui.verdict.rules import nis_meaning
@@ -19,7 +21,11 @@ if TYPE_CHECKING:
 
 _KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
 _GAPS = 5
-_SAVED = "x writes that motion as a profile; 5 Table guides through it."
+_PLACES = Places(
+    "w writes them beside the log, e loads them into the filter",
+    "x writes that motion as a profile; 5 Table guides through it",
+    "which imutui report saves",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +59,7 @@ def styled(body: str) -> StyledText:
     made: StyledText = []
     for number, line in enumerate(lines):
         first = number == 0 or not lines[number - 1]
-        heading = first and line and not line[0].isspace() and not line.startswith(sentences.CHANNELS)
+        heading = first and line and not line[0].isspace()
         loud = line.lstrip().startswith(("NOT ", "ALARM", "CANNOT"))
         made += ["\n"] if number else []
         made.append((line, "bold") if heading or loud else line)
@@ -66,7 +72,7 @@ def traced(result: TraceResult, writing: Collection[Path] = ()) -> Callable[[int
 
     def at(width: int) -> str:
         damage = "".join(f"{wrapped(sentence, width)}\n" for sentence in told)
-        return damage + sentences.text(result.document, result.source, width, _SAVED)
+        return damage + trace_tables.text(result.document, result.source, width, _PLACES, choose().text)
 
     return at
 
