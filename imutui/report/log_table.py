@@ -9,7 +9,6 @@ from imutui.plain_text import in_line
 _HEADS = ("name", "start, UTC", "length", "unit", "Hz", "lost", "kind", "state")
 _RIGHT = {"length", "Hz", "lost"}
 _KINDS = {"measured": "measured", "simulated": "SIMULATED"}
-_BETWEEN = "  "
 _LEAST_NAME, _LEAST_NOTE = 12, 16
 _NOTHING = "–"
 
@@ -26,15 +25,17 @@ def text(folder: str, rows: list[LogRow], width: int | None) -> str:
     cells = [_cells(row, year=width is None or width >= 110) for row in rows]
     widths = [max(len(line[k]) for line in [list(_HEADS), *cells]) for k in range(len(_HEADS))]
     room = 10_000 if width is None else width
-    others = sum(widths[1:]) + len(_BETWEEN) * len(widths[1:])
+    columns = sum(widths[1:])
+    between = "  " if _LEAST_NAME + columns + 2 * len(widths[1:]) <= room else " "
+    others = columns + len(between) * len(widths[1:])
     widths[0] = max(_LEAST_NAME, min(widths[0], room - others))
-    left = room - others - widths[0] - len(_BETWEEN)
+    left = room - others - widths[0] - len(between)
     beside = left >= _LEAST_NOTE
     lines = [f"{in_line(folder)}: {plural(len(rows), 'log')}, newest first", ""]
-    lines.append((_line([*_HEADS], widths) + (f"{_BETWEEN}note" if beside else "")).rstrip())
+    lines.append((_line([*_HEADS], widths, between) + (f"{between}note" if beside else "")).rstrip())
     for row, line in zip(rows, cells, strict=True):
         note = _note(row)
-        lines.append((_line(line, widths) + (_BETWEEN + _cut(note, left) if beside and note else "")).rstrip())
+        lines.append((_line(line, widths, between) + (between + _cut(note, left) if beside and note else "")).rstrip())
         if note and not beside:
             lines += textwrap.wrap(note, room, initial_indent="    ", subsequent_indent="    ")
     return "\n".join(lines)
@@ -46,12 +47,19 @@ def _cells(row: LogRow, *, year: bool) -> list[str]:
         in_line(row["log"].rsplit("/", 1)[-1]),
         (start[0 if year else 5 : 16].replace("T", " ")) or _NOTHING,
         _clock(row["duration_s"]),
-        row["serial_number"] or row["instrument"] or _NOTHING,
+        unit(row["instrument"], row["serial_number"]) or _NOTHING,
         _NOTHING if row["rate_asked_hz"] is None else f"{row['rate_asked_hz']:.4g}",
         _NOTHING if row["lost_packets"] is None else f"{row['lost_packets']}",
         _KINDS.get(row["kind"], _NOTHING),
         row["state"],
     ]
+
+
+def unit(instrument: str, serial_number: str) -> str:
+    """Model and serial number, without the version that follows a model's name: "IMU400CD 9911750"."""
+    known = "" if instrument == "unknown" else instrument
+    model = known.partition("-")[0] if known.startswith("IMU") else known
+    return in_line(f"{model} {serial_number}".strip())
 
 
 def _note(row: LogRow) -> str:
@@ -61,12 +69,12 @@ def _note(row: LogRow) -> str:
     return f"{row['added_note'] or 'none'} (added later)"
 
 
-def _line(cells: list[str], widths: list[int]) -> str:
+def _line(cells: list[str], widths: list[int], between: str) -> str:
     made = []
     for head, cell, width in zip(_HEADS, cells, widths, strict=True):
         cell = cell if len(cell) <= width else "…" + cell[1 - width :]
         made.append(cell.rjust(width) if head in _RIGHT else cell.ljust(width))
-    return _BETWEEN.join(made)
+    return between.join(made)
 
 
 def _cut(note: str, width: int) -> str:

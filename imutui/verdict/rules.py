@@ -25,6 +25,13 @@ MOVES_SD = 0.5
 """Change over 10 s, in standard deviations, that is worth a word."""
 BIAS_DECIMALS = {"deg/s": 4, "mg": 2}
 _NOTHING = "–"
+USE = "usable; unseen: faster oscillation, temperature, motion: t"
+"""What GREEN allows and has not looked for, as short as a badge."""
+USE_AT_LENGTH = (
+    "the biases can be used: corrected reading = reading − bias. Looked at were alarms, limits, convergence, means over"
+    " 10 s against the reference and white noise; not oscillations faster than 10 s, effects of temperature, or effects"
+    " that show only in motion: a trace looks for those"
+)
 TRACE_KEY = "t traces this recording"
 """What to do on the screen; a command says the same in its words."""
 
@@ -103,6 +110,11 @@ class Verdict:
         return f"{SIGNS[self.word]} {self.word}"
 
     @property
+    def todo_at_length(self) -> str:
+        """What to do, where there is room for all of it."""
+        return USE_AT_LENGTH if self.todo == USE else self.todo
+
+    @property
     def short(self) -> str:
         """Sign, word and reason for a header."""
         return f"filter {self.badge} {self.brief}".rstrip()
@@ -150,9 +162,8 @@ def _named(checks: Sequence[Check], name: str) -> Check:
 def _green(checks: tuple[Check, ...]) -> Verdict:
     converged, rest = _named(checks, "converged"), _named(checks, "unexplained")
     nothing = "means over 10 s are as noise allows" if rest.level == "good" else f"the unexplained part is {rest.said}"
-    todo = "the biases can be used: corrected reading = reading − bias"
     done, *hidden = converged.said.split("; ")
-    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), todo, converged.brief, checks)
+    return Verdict("good", WORDS["good"], "; ".join([done, nothing, *hidden]), USE, converged.brief, checks)
 
 
 def _rules(standing: Standing) -> list[Check | None]:

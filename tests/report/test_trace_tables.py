@@ -283,7 +283,7 @@ def test_signs_that_are_wider_shift_no_column() -> None:
     assert ascii_text.isascii()
     assert max(map(len, ascii_text.splitlines())) <= 80
     lines = ascii_text.splitlines()[3:]
-    (row,) = (line for line in lines if line.startswith("gy"))
+    row = next(line for line in lines if line.startswith("gy"))
     assert "8.41 -> 1.01  #:::" in row
     assert lines[1].index("Cause") == row.index("linear")
     assert "8.41" in trace_tables.text(document(), "x", 12)

@@ -40,7 +40,7 @@ def test_all_converged_and_nothing_unexplained_is_green() -> None:
     """The word, why, and what the biases are good for."""
     found = judge(settled(), 0.02)
     assert (found.word, found.reason) == ("GREEN", "all 6 biases converged; means over 10 s are as noise allows")
-    assert "reading − bias" in found.todo
+    assert "reading − bias" in found.todo_at_length
     assert found.short == "filter ● GREEN 6 of 6"
 
 

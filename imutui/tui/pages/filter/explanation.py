@@ -42,7 +42,8 @@ def explanation(view: View) -> str:
 
 
 def _headline(found: Verdict) -> str:
-    return f"{found.badge}  {found.reason}" + (f". {found.todo[:1].upper()}{found.todo[1:]}." if found.todo else "")
+    todo = found.todo_at_length
+    return f"{found.badge}  {found.reason}" + (f". {todo[:1].upper()}{todo[1:]}." if todo else "")
 
 
 def _checks(found: Verdict) -> str:

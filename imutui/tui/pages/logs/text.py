@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imutui.plain_text import in_line
+from imutui.report import log_table
 from imutui.session import offers
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
@@ -18,40 +19,44 @@ WRITING = "being written"
 WRITTEN = "it is being written: r finishes it"
 NOTE_HINT = "What you change goes into a file beside the log, with the time: the log and its SHA-256 stay as they are."
 RENAME_HINT = "Its SHA-256, notes and results get the new name too."
-_FIXED = 58
+_FIXED = 66
+_UNIT = 16
 _TOLD = 6
 """Files that a question lists by name."""
-_LEAST_NAME = 21
+_LEAST_NAME = 13
 _STATES = {WRITING: "writing"}
-_NOTE_FROM = 112
-_NOTE = 28
+_WIDE = 112
+_NOTE = 20
+_SIZE_AND_NOTE = 9 + 2 + _NOTE
 _NOTE_IN_DETAIL = 60
 
 
 def heading(width: int) -> str:
     """Names of the columns."""
     name = _name_width(width)
-    note = "  note" if width >= _NOTE_FROM else ""
-    return f"   {'name':<{name}} {'when, UTC':<11} {'length':>7} {'Hz':>4} {'kind':<9} {'state':<10} {'size':>8}{note}"
+    more = f" {'size':>8}  note" if width >= _WIDE else ""
+    columns = f"{'when, UTC':<11} {'length':>7} {'Hz':>4} {'kind':<9} {'state':<10} {'unit':<{_UNIT}}"
+    return f"   {'name':<{name}} {columns}{more}".rstrip()
 
 
 def row(brief: "Brief", chosen: bool, width: int) -> str:
-    """A recording in a line: name, start, length, rate, origin, state, size, and its note if there is room."""
+    """A recording in a line: name, start, length, rate, origin, state, unit; size and note if there is room."""
     name = formatting.shorten(short(brief.path), _name_width(width))
     when = "–" if brief.started is None else time.strftime("%m-%d %H:%M", time.gmtime(brief.started))
     length = "–" if brief.seconds is None else formatting.clock(brief.seconds)
     rate = "–" if brief.rate_hz is None else f"{brief.rate_hz:.4g}"
     state = _STATES.get(brief.state, brief.state)
-    note = f"  {formatting.shorten(brief.latest_note, _NOTE)}" if width >= _NOTE_FROM else ""
+    note = formatting.shorten(brief.latest_note, _NOTE)
+    more = f" {formatting.size(brief.bytes):>8}  {note}" if width >= _WIDE else ""
+    unit = formatting.shorten(log_table.unit(brief.instrument, brief.serial_number) or formatting.NOTHING, _UNIT)
     return (
         f" {'x' if chosen else ' '} {name:<{_name_width(width)}} {when:<11} {length:>7} {rate:>4} {brief.kind:<9}"
-        f" {state:<10} {formatting.size(brief.bytes):>8}{note}"
-    )
+        f" {state:<10} {unit:<{_UNIT}}{more}"
+    ).rstrip()
 
 
 def _name_width(width: int) -> int:
-    note = _NOTE + 2 if width >= _NOTE_FROM else 0
-    return max(width - _FIXED - note, _LEAST_NAME)
+    return max(width - _FIXED - (_SIZE_AND_NOTE if width >= _WIDE else 0), _LEAST_NAME)
 
 
 def lead(folder: Path, briefs: "Sequence[Brief] | None", chosen: Collection[Path], width: int) -> tuple[str, str]:
@@ -134,6 +139,7 @@ def detail(brief: "Brief | None") -> str:
         brief.name,
         brief.why,
         unit,
+        formatting.size(brief.bytes),
         f"reference {brief.reference}" if brief.reference else "",
         _verdict(brief),
         f"{formatting.plural(brief.lost_packets, 'packet')} lost" if brief.lost_packets else "",
