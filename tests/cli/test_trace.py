@@ -1,5 +1,6 @@
 """`imutui trace` around the tracer: which logs it gets, what comes out where, and how it ends."""
 
+import io
 import json
 import re
 import sys
@@ -18,7 +19,8 @@ from helpers.traces import arrays, imported
 from filters.tracing.result import Trace
 from filters.tracing.run import Run
 from imutui import cli
-from imutui.report import figures
+from imutui.cli import exit_codes
+from imutui.report import figures, trace_tables
 from imutui.scenario import load_profile, load_scenario
 
 
@@ -133,6 +135,17 @@ def test_the_text_fits_eighty_columns_and_says_it_is_simulated(
     assert "0.0200 ± 0.0010 deg/s/K" in text
     assert re.search(r"gy  8\.41 → 1\.01  █░░░ +linear in +several fit", text)
     assert "on run b, to which nothing was fitted" in " ".join(text.split())
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "iso-8859-1"])
+def test_a_terminal_without_unicode_has_its_own_bars(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
+    """No error of an encoding, and columns as they have to be."""
+    stdout = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr(sys, "stdout", stdout)
+    text = exit_codes.in_signs(trace_tables.text(traces.whole_document(), "x", 80, signs=exit_codes.in_signs))
+    assert "8.41 -> 1.01  #:::" in text
+    assert text.isascii()
+    exit_codes.tell(text + " √ ± → 中")
 
 
 def test_effects_and_experiment_are_written(run: Any, tracer: Tracer, logs: dict[str, Path], home: Path) -> None:

@@ -170,6 +170,21 @@ def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
     assert "no logs" in log_table.text("logs", [], 80)
 
 
+@pytest.mark.parametrize(
+    ("instrument", "serial", "said"),
+    [
+        ("IMU400CD-200", "9911750", "IMU400CD 9911750"),
+        ("IMU381ZA-200", "17", "IMU381ZA 17"),
+        ("Xsens MTi-30", "", "Xsens MTi-30"),
+        ("unknown", "", ""),
+        ("unknown", "5", "5"),
+    ],
+)
+def test_a_list_has_model_and_serial_number(instrument: str, serial: str, said: str) -> None:
+    """Without a version behind a model that we know; what others are called is left whole."""
+    assert log_table.unit(instrument, serial) == said
+
+
 def test_a_claimed_kind_that_is_none_is_unknown(tmp_path: Path) -> None:
     """Nothing passes for measured that does not say so."""
     written(tmp_path / "a.mcap", 1, kind="Measured?")

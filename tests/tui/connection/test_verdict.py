@@ -44,6 +44,18 @@ def test_all_converged_and_nothing_unexplained_is_green() -> None:
     assert found.short == "filter ● GREEN 6 of 6"
 
 
+def test_green_says_what_it_has_not_looked_for() -> None:
+    """Whole on the badge of 80 columns; at length wherever there is room."""
+    found = judge(settled(), 0.02)
+    first, second = two_lines(f"{found.reason}\n{found.todo}", 80 - 11 - 1, 80 - 11 - len("  w why "))
+    assert (first, second) == (found.reason, found.todo)
+    for said in (found.todo, found.todo_at_length):
+        assert all(word in said for word in ("oscillation", "temperature", "motion"))
+    assert "means over 10 s against the reference" in found.todo_at_length
+    waiting = judge(estimates(remainder=remainder()), 0.0)
+    assert waiting.todo_at_length == waiting.todo
+
+
 def test_what_is_waited_for_is_named_with_number_and_need() -> None:
     """Name, number, unit and need of the bias that is farthest from converged."""
     found = judge(estimates(remainder=remainder()), 0.0)
