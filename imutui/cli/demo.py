@@ -24,7 +24,7 @@ def command(
     """Run the main job on a virtual instrument.
 
     It is acquired over its pseudo-terminal, recorded, filtered, shown. Nothing else is needed. All readings are
-    simulated, and labelled so.
+    simulated, and labelled so. A minute after its last viewer has gone the demo ends by itself, with the file finished.
 
     Example: imutui demo --headless --seconds 60 --seed 7 --json
     """

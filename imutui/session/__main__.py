@@ -133,8 +133,10 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
     threading.Thread(target=server.serve_forever, name="viewers", daemon=True).start()
     _say({"ok": True, "pid": os.getpid()})
     begun = time.monotonic()
+    limit_s = plan.ends_unwatched_s
     while not engine.lifecycle.ended.wait(0.5):
-        pass
+        if limit_s is not None and server.unwatched_s > limit_s:
+            engine.request_stop(f"itself: nobody had looked on for {limit_s:g} s, and its unit is a virtual one")
     end_report.write(plan.name, _report(engine))
     # who started it may not have asked yet how it goes; it must hear how it went
     report_by = begun + _START_GRACE_S

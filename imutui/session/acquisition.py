@@ -146,6 +146,8 @@ class Acquisition:
         if "baud" in plan.explicit and plan.baud != info.baud:
             said = f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
             self.event("acquisition", said, WARNING)
+        if plan.ends_unwatched_s is not None:
+            self.event("acquisition", f"a virtual unit: all ends {plan.ends_unwatched_s:g} s after the last viewer")
         if self._recorder.stream is not None:
             self.event("acquisition", f"what is recorded is streamed to Foxglove at {self._recorder.stream.url}")
 

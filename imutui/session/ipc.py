@@ -204,6 +204,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         self.answer = answer
         self.busy = 0
         self.viewers = 0
+        self._unwatched_since = time.monotonic()
         self.idle = threading.Condition()
         path = socket_path(name)
         path.unlink(missing_ok=True)
@@ -215,6 +216,18 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
         """Wait until no request is being answered."""
         with self.idle:
             self.idle.wait_for(lambda: self.busy == 0, timeout)
+
+    @property
+    def unwatched_s(self) -> float:
+        """For how long nobody has been connected."""
+        with self.idle:
+            return 0.0 if self.viewers else time.monotonic() - self._unwatched_since
+
+    def left(self) -> None:
+        """Take note that a viewer has gone."""
+        with self.idle:
+            self.viewers -= 1
+            self._unwatched_since = time.monotonic()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether whoever connects is heard: this user or root, and not one too many."""
@@ -250,8 +263,7 @@ class _Handler(socketserver.StreamRequestHandler):
             return  # the viewer left, as viewers may
 
     def finish(self) -> None:
-        with self.server.idle:
-            self.server.viewers -= 1
+        self.server.left()
         with contextlib.suppress(OSError):
             super().finish()
 

@@ -74,6 +74,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "firmware": info.firmware,
         "kind": info.kind,
         "port": info.port,
+        "ends_unwatched_s": plan.ends_unwatched_s,
         "baud": info.baud,
         "rate_hz": info.rate_hz,
         "sampling": info.sampling,

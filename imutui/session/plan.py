@@ -133,6 +133,8 @@ class Plan:
     foxglove_port: int = 0
     foxglove_host: str = LOOPBACK
     unattended: bool = False  # nobody looks on: a recording names the one before it, be it finished
+    # for port "virtual": ends by itself so many seconds after its last viewer has gone; see `ends_unwatched_s`
+    unwatched_s: float = 60.0
     virtual: tuple[str, ...] = ()  # further arguments of `imutui virtual`, for port "virtual"
     instrument: str = DEFAULT  # which kind of unit, by its name in the registry; empty for whichever answers
     explicit: tuple[str, ...] = ()  # fields that somebody chose: `of_instrument` leaves them as they are
@@ -194,6 +196,11 @@ class Plan:
         not use it.
         """
         return (self.rotate_minutes > 0.0 or self.rotate_mb > 0.0) and not self.reference_file[0]
+
+    @property
+    def ends_unwatched_s(self) -> float | None:
+        """Seconds after which it ends by itself if nobody looks on; None where it measures, and goes on for ever."""
+        return self.unwatched_s if self.port == VIRTUAL_PORT else None
 
     @property
     def mode(self) -> int:

@@ -170,6 +170,7 @@ class Snapshot(TypedDict):
     marks: list[MarkLine]
     reference: ReferenceSnapshot
     effects: list[str]
+    ends_unwatched_s: NotRequired[float | None]
     guide: GuideSnapshot | None
     stream: NotRequired[StreamSnapshot | None]
     channels: list[ChannelSnapshot]

@@ -144,7 +144,16 @@ def left(snapshot: Snapshot | None) -> list[str]:
     recording = snapshot["recording"] if snapshot else None
     goes_on = f" and records to {recording['path']}" if recording else ""
     option = "" if name == "default" else f" --name {name}"
-    return [f"The acquisition goes on{goes_on}.", f"Come back: imutui attach{option}   End it: imutui stop{option}"]
+    return [
+        f"The acquisition goes on{goes_on}{until(snapshot)}.",
+        f"Come back: imutui attach{option}   End it: imutui stop{option}",
+    ]
+
+
+def until(snapshot: Snapshot | None) -> str:
+    """How long an acquisition goes on that nobody looks at; empty if for ever."""
+    seconds = snapshot.get("ends_unwatched_s") if snapshot else None
+    return "" if seconds is None else f" for {seconds:g} s: a virtual unit ends with its last viewer"
 
 
 def fault(error: Exception) -> str:

@@ -23,7 +23,9 @@ WHAT RUNS WHERE
   The acquisition is a process of its own that owns the port and the file.
   This screen only looks at it: a closed terminal, a lost SSH link or
   Ctrl+Z never costs a sample. `imutui attach` brings the screen back, and
-  a second one may look at the same acquisition.
+  a second one may look at the same acquisition. The demo, and whatever
+  else runs on a virtual unit, ends a minute after its last viewer has
+  gone, with the file finished.
 
 PAGES
   1  Connect   choose port, rate, sampling, filter; stop; zero the unit

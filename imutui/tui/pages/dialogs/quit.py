@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import PurePath
 
 from imutui.session.snapshot import Snapshot
+from imutui.tui import messages
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
 
@@ -23,7 +24,8 @@ def quit_dialog(snapshot: Snapshot | None, jobs: Sequence[str] = ()) -> ChoiceDi
         body = f"It is recording {name}."
         leave = "leave it: recording continues in the background"
         stop = "finish the file, stop the acquisition and quit"
-    body = "\n".join([body, *_ending(jobs)])
+    alone = messages.until(snapshot)
+    body = "\n".join([body, *([f"Left, it goes on{alone}."] if alone else []), *_ending(jobs)])
     return ChoiceDialog("An acquisition is running", body, [Answer("l", "leave", leave), Answer("s", "stop", stop)])
 
 
