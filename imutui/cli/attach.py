@@ -20,7 +20,7 @@ def command(name: Name = None) -> None:
     """
     from imutui.session import client
 
-    _show(client.attach(name))
+    _show(client.attach(name, stays=True))
 
 
 def open_ui() -> None:
@@ -28,7 +28,7 @@ def open_ui() -> None:
     from imutui.session import client
 
     names = client.running()
-    _show(client.attach(names[0]) if len(names) == 1 else None)
+    _show(client.attach(names[0], stays=True) if len(names) == 1 else None)
 
 
 def appearance() -> "Appearance":

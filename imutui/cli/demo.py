@@ -84,6 +84,9 @@ def _show(plan: Any) -> None:
     running = plan.name in client.running()
     raise typer.Exit(
         app.run(
-            client.attach(plan.name) if running else None, None if running else plan, logs=plan.logs, appearance=wanted
+            client.attach(plan.name, stays=True) if running else None,
+            None if running else plan,
+            logs=plan.logs,
+            appearance=wanted,
         )
     )

@@ -223,10 +223,10 @@ def running() -> list[str]:
     return ipc.names()
 
 
-def attach(name: str | None = None) -> Client:
-    """Client of a running acquisition: of that name, or of the only one.
+def attach(name: str | None = None, *, stays: bool = False) -> Client:
+    """Client of a running acquisition: of that name, or of the only one; one that stays has a viewer's place.
 
-    Raises SessionError if there is none, or several and no name.
+    Raises SessionError if there is none, or several and no name, or no place for another viewer.
     """
     names = running()
     if name is None and len(names) > 1:
@@ -239,7 +239,10 @@ def attach(name: str | None = None) -> Client:
         raise SessionError(
             f"{which}.{others} `imutui record` or `imutui` starts one; `imutui demo` needs no instrument."
         )
-    return Client(name or names[0])
+    found = Client(name or names[0])
+    if stays:
+        found.snapshot()
+    return found
 
 
 def start(plan: Plan, timeout: float = 30.0) -> Client:

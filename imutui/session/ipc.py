@@ -16,7 +16,7 @@ import struct
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,6 +24,7 @@ import platformdirs
 
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
+from imutui.session.snapshot import NO_SERIES
 
 _LOOKERS_S = 1.0
 _MAX_ADDRESS = 100
@@ -31,6 +32,10 @@ MAX_REQUEST = 1 << 20
 """Bytes of the longest request; a table profile or an effects file may be in it."""
 
 MAX_VIEWERS = 64
+RESERVED = 8
+"""Places beyond those of viewers, for requests that are soon over."""
+_SOON_OVER = ("stop", "stop_recording", "mark", "describe")
+_FULL = f"{MAX_VIEWERS} viewers are connected already, which is the most; close one"
 _QUEUE_FULL_S = 0.01
 _LINK_SUFFIX = ".elsewhere"
 
@@ -189,7 +194,8 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     """Answers requests with what `answer` returns; a ValueError it raises becomes the reply's error.
 
     Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
-    heard, at most `MAX_VIEWERS` at a time.
+    heard, at most `MAX_VIEWERS` at a time; beyond them are `RESERVED` places for requests that are soon over, where
+    whoever has asked for nothing for the longest makes room for the next one.
 
     `name`: of the acquisition, whose lock this process holds.
     `answer`: from request to reply, both JSON objects; called in a thread for each viewer.
@@ -202,8 +208,9 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
 
     def __init__(self, name: str, answer: Callable[[Request], Reply]) -> None:
         self.answer = answer
-        self.busy = 0
-        self.viewers = 0
+        self.busy = set[socket.socket]()
+        self.viewers = set[socket.socket]()
+        self._reserved: dict[socket.socket, None] = {}  # who asked last stands last
         self._unwatched_since = time.monotonic()
         self.idle = threading.Condition()
         path = socket_path(name)
@@ -215,18 +222,42 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def wait_idle(self, timeout: float) -> None:
         """Wait until no request is being answered."""
         with self.idle:
-            self.idle.wait_for(lambda: self.busy == 0, timeout)
+            self.idle.wait_for(lambda: not self.busy, timeout)
 
     @property
     def unwatched_s(self) -> float:
         """For how long nobody has been connected."""
         with self.idle:
-            return 0.0 if self.viewers else time.monotonic() - self._unwatched_since
+            here = self.viewers or self._reserved
+            return 0.0 if here else time.monotonic() - self._unwatched_since
 
-    def left(self) -> None:
+    @contextlib.contextmanager
+    def answering(self, connection: socket.socket) -> Iterator[Callable[[Request], Reply]]:
+        """While a request is being answered: what answers it."""
+        with self.idle:
+            self.busy.add(connection)
+            reserved = connection in self._reserved
+            if reserved:
+                del self._reserved[connection]
+                self._reserved[connection] = None
+        try:
+            yield self._answer_briefly if reserved else self.answer
+        finally:
+            with self.idle:
+                self.busy.discard(connection)
+                self.idle.notify_all()
+
+    def _answer_briefly(self, request: Request) -> Reply:
+        looks = request["ask"] == "snapshot" and request.get("since") == NO_SERIES
+        if not looks and request["ask"] not in _SOON_OVER:
+            raise ValueError(_FULL)
+        return self.answer(request)
+
+    def left(self, connection: socket.socket) -> None:
         """Take note that a viewer has gone."""
         with self.idle:
-            self.viewers -= 1
+            self.viewers.discard(connection)
+            self._reserved.pop(connection, None)
             self._unwatched_since = time.monotonic()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
@@ -236,11 +267,25 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
             _refuse(request, "this acquisition belongs to another user")
             return False
         with self.idle:
-            full = self.viewers >= MAX_VIEWERS
-            self.viewers += not full
-        if full:
-            _refuse(request, f"{MAX_VIEWERS} viewers are connected already, which is the most; close one")
-        return not full
+            if len(self.viewers) < MAX_VIEWERS:
+                self.viewers.add(request)
+                return True
+            if len(self._reserved) < RESERVED or self._make_room():
+                self._reserved[request] = None
+                return True
+        _refuse(request, _FULL)
+        return False
+
+    def _make_room(self) -> bool:
+        """Let go of whoever has been idle in a reserved place for the longest; whether there was one."""
+        idle = next((one for one in self._reserved if one not in self.busy), None)
+        if idle is None:
+            return False
+        del self._reserved[idle]
+        _refuse(idle, _FULL)
+        with contextlib.suppress(OSError):
+            idle.shutdown(socket.SHUT_RDWR)  # its thread then ends
+        return True
 
 
 class _Handler(socketserver.StreamRequestHandler):
@@ -249,21 +294,15 @@ class _Handler(socketserver.StreamRequestHandler):
     def handle(self) -> None:
         try:
             while line := self.rfile.readline(MAX_REQUEST + 1):
-                with self.server.idle:
-                    self.server.busy += 1
-                try:
-                    self.wfile.write(_line(reply_to(line, self.server.answer)))
-                finally:
-                    with self.server.idle:
-                        self.server.busy -= 1
-                        self.server.idle.notify_all()
+                with self.server.answering(self.request) as answer:
+                    self.wfile.write(_line(reply_to(line, answer)))
                 if len(line) > MAX_REQUEST:
                     return  # where the next request begins is not known
         except OSError:
             return  # the viewer left, as viewers may
 
     def finish(self) -> None:
-        self.server.left()
+        self.server.left(self.request)
         with contextlib.suppress(OSError):
             super().finish()
 
@@ -317,7 +356,8 @@ def _line(reply: Reply | Refusal) -> bytes:
 
 def _refuse(connection: socket.socket, error: str) -> None:
     with contextlib.suppress(OSError):
-        connection.sendall(_line({"ok": False, "error": error}))
+        # whoever reads nothing holds nobody up
+        connection.send(_line({"ok": False, "error": error}), socket.MSG_DONTWAIT)
 
 
 def _uid_of_peer(connection: socket.socket) -> int:

@@ -91,7 +91,7 @@ class Connector:
 
     def _resume(self, name: str) -> None:
         """Look at a running acquisition."""
-        self._try(Attempt(lambda: session.attach(name), stops=False), f'acquisition "{name}"')
+        self._try(Attempt(lambda: session.attach(name, stays=True), stops=False), f'acquisition "{name}"')
 
     def start(self, plan: Plan) -> None:
         """Start the acquisition that a plan describes, and show it once it streams."""

@@ -1,14 +1,15 @@
 """The socket of an acquisition, and whoever connects to it: each request has its reply, nobody holds up the others."""
 
 import json
+import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from helpers.processes import wait_until
@@ -75,7 +76,7 @@ def test_every_request_has_its_reply(server: ipc.Server, kind: str, capsys: pyte
     assert reply["ok"] is False
     assert 0 < len(reply["error"]) < 1000
     assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
-    wait_until(lambda: server.busy == 0 and server.viewers == 0)
+    wait_until(lambda: not server.busy and not server.viewers)
     assert ("RuntimeError" in capsys.readouterr().err) == (kind == "a failure")
 
 
@@ -88,16 +89,51 @@ def test_a_viewer_that_was_refused_may_ask_again(server: ipc.Server) -> None:
         assert connection.recv(1) == b""
 
 
-def test_one_viewer_too_many_is_told(server: ipc.Server) -> None:
-    """Those that are there stay; when one leaves, another may come."""
+@contextmanager
+def full(server: ipc.Server) -> Iterator[list[socket.socket]]:
+    """While as many viewers as may be are connected and ask for nothing."""
     with ExitStack() as viewers:
-        for _ in range(ipc.MAX_VIEWERS):
-            viewers.enter_context(ipc.connect("asked", 60.0))
-        wait_until(lambda: server.viewers == ipc.MAX_VIEWERS)
+        yield [viewers.enter_context(ipc.connect("asked", 60.0)) for _ in range(ipc.MAX_VIEWERS)]
+    wait_until(lambda: not server.viewers)
+
+
+@pytest.mark.parametrize("asked", ['"snapshot"', '"history"', '"wait"', "[]"])
+def test_one_viewer_too_many_is_told(server: ipc.Server, asked: str) -> None:
+    """Those that are there stay; when one leaves, another may come."""
+    with full(server) as viewers:
+        assert "viewers are connected already" in ask(f'{{"ask": {asked}}}'.encode())["error"]
+        assert exchange(viewers[0], b'{"ask": "snapshot"}')["error"] == "no such request: snapshot"
+    assert ask(b'{"ask": "snapshot"}')["error"] == "no such request: snapshot"
+
+
+@pytest.mark.parametrize("idle", [0, 1, ipc.RESERVED, 200])
+def test_whoever_asks_for_something_brief_is_heard_however_many_idle_ones_there_are(
+    server: ipc.Server, idle: int
+) -> None:
+    """Beside the viewers that there may be: of the others, the one that was idle for the longest is told and let go."""
+    with full(server) as viewers, ExitStack() as others:
+        more = [others.enter_context(ipc.connect("asked", 60.0)) for _ in range(idle)]
+        for _ in range(3):
+            assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
+        assert exchange(viewers[-1], b'{"ask": "mark"}')["ok"]
+        if idle >= ipc.RESERVED:
+            with more[0].makefile("rb") as replies:
+                assert "viewers are connected already" in json.loads(replies.readline())["error"]
+                assert replies.read() == b""
+
+
+def test_who_is_being_answered_is_not_let_go(server: ipc.Server) -> None:
+    """Not for one that only connects: it is told, and those that wait for their answer get it."""
+    go_on = threading.Event()
+    server.answer = lambda request: {"said": str(go_on.wait(60.0))}
+    with full(server), ExitStack() as stack:
+        pool = stack.enter_context(ThreadPoolExecutor(ipc.RESERVED))
+        answers = [pool.submit(ask, b'{"ask": "stop"}') for _ in range(ipc.RESERVED)]
+        wait_until(lambda: len(server.busy) == ipc.RESERVED)
         with ipc.connect("asked", 60.0) as one_more:
             assert "viewers are connected already" in json.loads(one_more.recv(1 << 12))["error"]
-    wait_until(lambda: server.viewers == 0)
-    assert ask(b'{"ask": "mark"}')["ok"]
+        go_on.set()
+        assert all(answer.result(60.0)["ok"] for answer in answers)
 
 
 def test_a_burst_of_viewers_is_answered_whole(server: ipc.Server) -> None:
@@ -123,13 +159,21 @@ def test_another_user_is_not_heard(server: ipc.Server, monkeypatch: pytest.Monke
 
 def test_a_client_that_is_one_too_many_is_told_in_words(server: ipc.Server) -> None:
     """Not that the acquisition has ended: it goes on, for those that are there."""
-    with ExitStack() as viewers:
-        for _ in range(ipc.MAX_VIEWERS):
-            viewers.enter_context(ipc.connect("asked", 60.0))
-        wait_until(lambda: server.viewers == ipc.MAX_VIEWERS)
+    with full(server):
         for _ in range(5):
             with pytest.raises(SessionError, match="viewers are connected already"):
-                client._exchange(client._connect("asked"), {"ask": "mark", "text": "x" * 200_000}, 60.0, "asked")
+                client._exchange(client._connect("asked"), {"ask": "guide", "do": "x" * 200_000}, 60.0, "asked")
+
+
+def test_a_screen_that_is_one_too_many_is_told_before_it_opens(server: ipc.Server) -> None:
+    """A command that only asks something is not: it has a place of its own."""
+    server.answer = lambda request: {"snapshot": cast("Any", {"pid": 1})}
+    lock = ipc.lock("asked")
+    with full(server):
+        assert client.attach("asked").pid == 1
+        with pytest.raises(client.SessionRefusalError, match="viewers are connected already"):
+            client.attach("asked", stays=True)
+    os.close(lock)
 
 
 @pytest.mark.parametrize(
