@@ -13,7 +13,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Unpack, cast
 
 from imutui.history_rows import HistorySnapshot
-from imutui.session import end_report, exit_codes, ipc
+from imutui.session import end_report, exit_codes, failed_start, ipc
 from imutui.session.end_report import EndReport as EndReport
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
 from imutui.session.requests import EndFinding, FilterChanges, RecordingWishFields, Reply, Request, StartReport
@@ -252,6 +252,7 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
     `timeout`: s.
     Raises SessionError if it could not start; the message says why and what to do next.
     """
+    missing = failed_start.missing_folders(plan)
     with ipc.log_path(plan.name).open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imutui.session"],
@@ -267,6 +268,9 @@ def start(plan: Plan, timeout: float = 30.0) -> Client:
         process.stdin.write(plan.dumps().encode() + b"\n")
         process.stdin.close()
         answer = _first_line(process, timeout + 1.0 / plan.rate_hz)
+        if answer is None:
+            failed_start.end(process, missing)
+            answer = _did_not_begin(plan.name, process.pid, timeout)
         process.stdout.close()
         # the process outlives this one by design; a thread takes its exit status so that no zombie stays
         threading.Thread(target=process.wait, daemon=True).start()
@@ -320,21 +324,28 @@ def _in_use(port: str, name: str | None) -> str:
     )
 
 
-def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport:
+def _did_not_begin(name: str, pid: int, timeout: float) -> StartReport:
+    error = f"the acquisition process did not begin within {timeout:.0f} s; see {ipc.folder()}."
+    report = end_report.read(name, pid)
+    if report is not None and report["result"] is not None:
+        error += f" What had come by then is in {report['result']['log']}."
+    return {"ok": False, "error": error, "exit_code": exit_codes.INSTRUMENT}
+
+
+def _first_line(process: "subprocess.Popen[bytes]", timeout: float) -> StartReport | None:
+    """What the process says of its start; None if it says nothing for so long."""
     assert process.stdout is not None
     deadline = time.monotonic() + timeout
     text = b""
     while not text.endswith(b"\n"):
         ready, _, _ = select.select([process.stdout], [], [], max(0.0, deadline - time.monotonic()))
-        part = os.read(process.stdout.fileno(), 65536) if ready else b""
+        if not ready:
+            return None
+        part = os.read(process.stdout.fileno(), 65536)
         if not part:
             process.kill()
-            why = "ended before it began" if ready else f"did not begin within {timeout:.0f} s"
-            return {
-                "ok": False,
-                "error": f"the acquisition process {why}; see {ipc.folder()}.",
-                "exit_code": exit_codes.INSTRUMENT,
-            }
+            error = f"the acquisition process ended before it began; see {ipc.folder()}."
+            return {"ok": False, "error": error, "exit_code": exit_codes.INSTRUMENT}
         text += part
     report: StartReport = json.loads(text)
     return report
