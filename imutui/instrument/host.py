@@ -88,6 +88,11 @@ class PacketStream(Protocol):
         ...
 
     @property
+    def answers(self) -> int:
+        """Answers to `Host.ask_amid` since the last packet."""
+        ...
+
+    @property
     def missing(self) -> int:
         """Bytes still needed to complete the next packet."""
         ...
@@ -213,6 +218,10 @@ class Host(Protocol):
 
     def ask_for_life(self) -> None:
         """Write what any unit of the kind answers, without waiting: for one that has fallen silent."""
+        ...
+
+    def ask_amid(self, packets: PacketStream, identity: Identity) -> None:
+        """Write, without waiting, what a unit answers and streams on; nothing where there is no such thing."""
         ...
 
     def may_have_forgotten(self, packet: DataPacket) -> bool:

@@ -16,7 +16,7 @@ from imutui.instrument.discarded import Discarded
 from imutui.instrument.host import DataPacket, Host, PacketStream, Poller
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
-from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
+from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Reader:
         self._found: str | None = None
         self._last: DataPacket | None = None
         self._in_time_ns = self.last_packet_ns
-        self._has_mode = True
+        self._has_mode = self._sends = True
         self._has_left = False
         self._zero_requests: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._bad_checksums = 0
@@ -195,9 +195,10 @@ class Reader:
     def _ask_silent_unit(self) -> None:
         """Ask a unit that has fallen silent who it is; packets that only came late are used."""
         silent_s = (time.monotonic_ns() - self.last_packet_ns) / 1e9
-        if self._known is None or silent_s < reconnection.ask_again_after_s(self._poll_hz):
+        stopped, self._sends = not self._sends, True
+        if self._known is None or not (stopped or silent_s >= reconnection.ask_again_after_s(self._poll_hz)):
             return
-        self._lose(f"no packets for {silent_s:.0f} s; the unit is asked again.")
+        self._lose(f"no packets for {silent_s:.1f} s; the unit is asked again.")
         heard = reconnection.ask_silent(self._host, self._known, self.stopping)
         if self._poll_hz is None and not self.stopping.is_set():
             self._take_late(heard)
@@ -221,10 +222,14 @@ class Reader:
         decoder = self._host.packets()
         self._host.start()
         contiguous = quiet = False
+        amid = AmidStream(self._host, decoder, self._known)
         while not self._wake.is_set():
             data = self._port.read(decoder.missing)
             host_ns = time.monotonic_ns()
             quiet |= not data
+            if not data and self._last is not None and amid.has_stopped(host_ns, self.last_packet_ns):
+                self._sends = False
+                self.ask_again()
             events = decoder.feed(data) if data else decoder.pause()
             # a packet that waited for the next one to vouch for it arrived before that one did
             newest = next((event.ticks for event in reversed(events) if not isinstance(event, Discarded)), 0)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from imutui.instrument.host import QUICK_S, Host, InstrumentError
+from imutui.instrument.host import QUICK_S, Host, InstrumentError, PacketStream
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port, PortAbsentError, PortError
 
@@ -23,6 +23,10 @@ _ALL_SPEEDS_EVERY = 8
 
 _LEAST_SILENCE_S = 5.0
 _SILENT_PERIODS = 4.0
+
+# no pause of a unit that streams at 133 Hz; what comes more slowly is waited for so many periods
+_ASK_AFTER_S, _PAUSE_S, _PAUSE_PERIODS = 0.3, 0.1, 1.5
+_SURE_ANSWERS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,45 @@ class DifferentUnitError(InstrumentError):
 def ask_again_after_s(poll_hz: float | None) -> float:
     """Seconds without a packet after which the unit is asked who it is, as one that was reset has to be."""
     return max(_LEAST_SILENCE_S, _SILENT_PERIODS / poll_hz if poll_hz else 0.0)
+
+
+class AmidStream:
+    """Finds out soon whether a unit that was to stream has stopped, without stopping one whose line is held up.
+
+    It is asked what it answers and sends on. One that answers twice, and sends no packet before, between and after, was
+    reset; a line that is held up brings packets with the answers, or nothing.
+
+    `host`: of the unit.
+    `packets`: what comes from it.
+    `known`: the unit; None if it is not asked anything.
+    """
+
+    def __init__(self, host: Host, packets: PacketStream, known: KnownUnit | None) -> None:
+        self._host, self._packets, self._known = host, packets, known
+        pause_s = _PAUSE_PERIODS / host.stream_hz if host.stream_hz else 0.0
+        self._ask_after_s, self._pause_s = max(_ASK_AFTER_S, pause_s), max(_PAUSE_S, pause_s)
+        self._began_ns = time.monotonic_ns()
+        self._asked_ns = self._answers = 0
+
+    def has_stopped(self, now_ns: int, last_packet_ns: int) -> bool:
+        """Look, while nothing comes; whether it has stopped. Raises PortError."""
+        if self._known is None:
+            return False
+        last_ns = max(last_packet_ns, self._began_ns)
+        if self._asked_ns <= last_ns:
+            self._answers, wait_s = 0, self._ask_after_s
+        elif self._packets.answers > self._answers:
+            wait_s = self._pause_s
+        else:
+            wait_s = max(_ASK_AFTER_S, 2.0 * self._known.identity.slowest_reply_s)
+        if now_ns - max(last_ns, self._asked_ns) < wait_s * 1e9:
+            return False
+        self._answers = self._packets.answers if self._asked_ns > last_ns else 0
+        if self._answers >= _SURE_ANSWERS:
+            return True
+        self._asked_ns = now_ns
+        self._host.ask_amid(self._packets, self._known.identity)
+        return False
 
 
 def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:

@@ -26,6 +26,7 @@ from imutui.instrument.imu400.unit_options import UnitOptions
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
+from imutui.instrument.uut.fields import Field
 from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.logbook import reader
@@ -274,6 +275,46 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again(
         assert "no packets for" in "".join(texts)
     assert f"serial number {SERIAL}" in only(texts, "the unit is back")
     assert {packet.counts[5] for packet in log.raw} == {log.raw[0].counts[5]}
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_hz"), [("imu400cd", 133.0), ("imu400cd", 0.1), ("imu381", 100.0), ("imu381", 4.0)]
+)
+@pytest.mark.parametrize("after_s", [0.5, 0.503, 0.506])
+def test_a_unit_that_has_stopped_is_known_before_long_silence_tells(
+    home: Path, monkeypatch: pytest.MonkeyPatch, name: str, rate_hz: float, after_s: float
+) -> None:
+    """By its answers, amid a packet or between two: half a second for the IMU400CD, more for one that sends slowly."""
+    monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 1e9)
+    quiet = UutOptions(serial_number=SERIAL, fields=tuple({**dict(UutOptions().fields), Field.RATE_DIVIDER: 0}.items()))
+    one = unit() if name == "imu400cd" else uut.VirtualUnit(MeasuredPackets(Still(), quiet), quiet, seed=1)
+    line = FaultyLine((LineFault(after_s, "reset"),))
+    # at 0.1 Hz a sample takes ten seconds, and packets come all the same
+    with served(one, line=line) as device, acquiring(home, device, **(asked_of(name) | {"rate_hz": rate_hz})) as run:
+        wait_until(lambda: "the unit is back" in str(run.seen()["events"]))
+        run.more_packets(3)
+        assert "the unit is asked again" in str(run.seen()["events"])
+
+
+def test_a_line_that_is_held_up_is_not_taken_for_a_unit_that_has_stopped(home: Path) -> None:
+    """It is asked meanwhile, which costs nothing: every packet comes, none is said to be lost."""
+    tap, heard = home / "tap", list[str]()
+    with (
+        tap.open("wb", buffering=0) as sink,
+        served(unit(), sink, log=heard.append) as device,
+        TerminalServer(device, "socket") as server,
+        acquiring(home, server.url, rate_hz=133.0) as run,
+    ):
+        run.more_packets()
+        asked = len(heard)
+        server.stall(2.0)
+        run.more_packets(400)
+        assert (run.seen()["lost_packets"], run.seen()["discarded_bytes"]) == (0, 0)
+        texts, log = run.end()
+    assert any("serial number" in command for command in heard[asked:])
+    assert not any("asked again" in text for text in texts)
+    sent, got = ticks_in(tap.read_bytes()), [packet.ticks for packet in log.raw]
+    assert got == sent[: len(got)]
 
 
 def test_another_unit_that_streams_by_itself_is_not_taken_for_the_one_that_was_there(home: Path) -> None:

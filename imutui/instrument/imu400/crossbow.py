@@ -109,6 +109,11 @@ class Decoder:
         """
         self._expect(PacketSearch(mode, streaming=streaming, due=self._inbox.end))
 
+    def allow_reply(self, reply: SerialNumber) -> None:
+        """Take note that this reply may stand between the packets that are looked for."""
+        if isinstance(self._search, PacketSearch):
+            self._search.reply = reply
+
     def expect_reply(self, command: Command) -> None:
         """Look for the reply to `command` from here on, and after it for nothing.
 

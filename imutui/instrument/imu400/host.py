@@ -4,17 +4,19 @@ from collections.abc import Callable, Sequence
 
 from imutui.instrument.counter_spec import CounterSpec
 from imutui.instrument.discarded import Discarded
-from imutui.instrument.host import PATIENCE_S, DataPacket, InstrumentError
+from imutui.instrument.host import PATIENCE_S, DataPacket, InstrumentError, PacketStream
 from imutui.instrument.identity import Identity
 from imutui.instrument.imu400 import handshake, measurement_mode, zeroing
 from imutui.instrument.imu400.crossbow import (
     POWER_UP_BAUD,
     TICK_S,
+    AskSerialNumber,
     Decoder,
     Event,
     Mode,
     Packet,
     Ping,
+    SerialNumber,
     StartStream,
     StopStream,
     encode,
@@ -35,18 +37,28 @@ class Packets:
     def __init__(self) -> None:
         self._decoder = Decoder()
         self._decoder.expect_packets(Mode.SCALED, streaming=True)
+        self.answers = 0
+
+    def allow_reply(self, reply: SerialNumber) -> None:
+        """Take note that this reply may stand between packets."""
+        self._decoder.allow_reply(reply)
 
     def feed(self, data: bytes) -> Sequence[Packet | Discarded]:
         """Take bytes from the line."""
-        return _packets(self._decoder.feed(data))
+        return self._packets(self._decoder.feed(data))
 
     def pause(self) -> Sequence[Packet | Discarded]:
         """Take note that the line is quiet for the moment."""
-        return _packets(self._decoder.pause())
+        return self._packets(self._decoder.pause())
 
     def quiet(self) -> Sequence[Packet | Discarded]:
         """Take note that nothing follows."""
-        return _packets(self._decoder.quiet())
+        return self._packets(self._decoder.quiet())
+
+    def _packets(self, events: list[Event]) -> list[Packet | Discarded]:
+        for event in events:
+            self.answers = self.answers + 1 if isinstance(event, SerialNumber) else 0
+        return [event for event in events if isinstance(event, Packet | Discarded)]
 
     @property
     def missing(self) -> int:
@@ -62,10 +74,6 @@ class Packets:
     def discarded_bytes(self) -> int:
         """Bytes that belonged to no packet."""
         return self._decoder.discarded_bytes
-
-
-def _packets(events: list[Event]) -> list[Packet | Discarded]:
-    return [event for event in events if isinstance(event, Packet | Discarded)]
 
 
 class Imu400Host:
@@ -141,6 +149,12 @@ class Imu400Host:
     def ask_for_life(self) -> None:
         """Ping, without waiting for the answer."""
         self.port.write(encode(StopStream()) + encode(Ping()))
+
+    def ask_amid(self, packets: PacketStream, identity: Identity) -> None:
+        """Ask for the serial number: nobody says that it changes anything, as a ping may."""
+        if isinstance(packets, Packets) and identity.serial_number:
+            packets.allow_reply(SerialNumber(int(identity.serial_number)))
+            self.port.write(encode(AskSerialNumber()))
 
     def may_have_forgotten(self, packet: DataPacket) -> bool:
         """Whether all six words would do as voltages."""

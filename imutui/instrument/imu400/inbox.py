@@ -37,6 +37,11 @@ class Inbox:
         first = position - self.start
         return bytes(self._held[first : first + length])
 
+    def find(self, data: bytes) -> int:
+        """Where these bytes begin, from `scan` on; -1 if they are not there."""
+        found = self._held.find(data, self.scan - self.start)
+        return found if found < 0 else self.start + found
+
     def seek(self, byte: int, within: int | None = None) -> bool:
         """Move `scan` to the next `byte`; without one (`within` so many bytes) leave it and say so."""
         first = self.scan - self.start

@@ -5,10 +5,13 @@ from imutui.instrument.imu400.messages import (
     COUNTER_SPAN,
     HEADER,
     PACKET_BYTES,
+    SERIAL_BYTES,
     TICK_S,
     Event,
     Mode,
+    SerialNumber,
     checksum,
+    encode,
     packet_of,
 )
 
@@ -47,11 +50,20 @@ class PacketSearch:
         self._last_ticks: int | None = None
         self._period_ticks = NOMINAL_PERIOD_S / TICK_S
         self._set_aside: list[int] = []  # positions of good frames without a witness yet
+        self.reply: SerialNumber | None = None
+        """May stand between packets, where the unit was asked for it."""
 
     def scan(self, inbox: Inbox) -> list[Event]:
         """Packets that are sure by now, with the noise before them; a frame that nothing vouches for yet is left."""
         events: list[Event] = []
         while inbox.seek(HEADER):
+            at = -1 if self.reply is None else inbox.find(encode(self.reply))
+            if self.reply is not None and 0 <= at < inbox.scan + PACKET_BYTES:
+                # a unit replies between packets: what began before goes on no more
+                events += [*inbox.drop(at), self.reply]
+                inbox.take(SERIAL_BYTES)
+                self._due = inbox.start
+                continue
             if inbox.unjudged < PACKET_BYTES:
                 break
             if not _is_packet(inbox, inbox.scan):

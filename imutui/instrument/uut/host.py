@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from imutui.instrument.counter_spec import CounterSpec
-from imutui.instrument.host import PATIENCE_S, QUICK_S, DataPacket, InstrumentError
+from imutui.instrument.host import PATIENCE_S, QUICK_S, DataPacket, InstrumentError, PacketStream
 from imutui.instrument.identity import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.uut import readings
@@ -160,6 +160,11 @@ class UutHost:
     def ask_for_life(self) -> None:
         """Ping, without waiting for the answer."""
         self.port.write(encode(Ping()))
+
+    def ask_amid(self, packets: PacketStream, identity: Identity) -> None:
+        """Ping: "replies are interleaved with the continuous packets"."""
+        del packets, identity
+        self.ask_for_life()
 
     def may_have_forgotten(self, packet: DataPacket) -> bool:
         """Never: a packet that was asked for is of the type that was asked for."""

@@ -11,6 +11,7 @@ from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import Event, GetPacket, Memory, PacketS0, PacketS1, Ping, Refused, Triple
 from imutui.instrument.uut.payloads import SET, encode
 
+_ANSWER = encode(Ping())
 _LEAST_PATIENCE_S, _MOST_PATIENCE_S = 0.1, 2.0
 
 
@@ -51,10 +52,18 @@ class Packets:
     def __init__(self, refused: str) -> None:
         self._decoder = Decoder()
         self._refused = refused
+        self._newest = b""
+        self.answers = 0
 
     def feed(self, data: bytes) -> Sequence[DataPacket | Discarded]:
         """Take bytes from the line; raises PortError if the unit refuses to stream."""
-        return self._packets(self._decoder.feed(data))
+        found = self._packets(self._decoder.feed(data))
+        # by its bytes: behind a packet that was cut off the decoder waits for that one's end
+        self._newest += data
+        answers = self._newest.count(_ANSWER)
+        self.answers = answers + (0 if any(not isinstance(one, Discarded) for one in found) else self.answers)
+        self._newest = self._newest[self._newest.rfind(_ANSWER) + len(_ANSWER) if answers else 0 :][1 - len(_ANSWER) :]
+        return found
 
     def pause(self) -> Sequence[DataPacket | Discarded]:
         """Take note that the line is quiet for the moment."""

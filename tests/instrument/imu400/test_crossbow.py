@@ -341,6 +341,20 @@ def test_a_stream_is_delivered_whole_and_in_order() -> None:
         assert decode(chunks, _expect_packets(SCALED, True)) == sent
 
 
+@pytest.mark.parametrize("cut_off", [0, 1, 7, PACKET_BYTES - 1])
+def test_a_reply_that_was_asked_for_may_stand_between_packets(cut_off: int) -> None:
+    """It costs no packet and is no noise; behind a packet that was cut off it is found at once, however it is cut."""
+    reply, packets = SerialNumber(9911750), stream(20)
+    line = on_the_line(packets[:10]) + on_the_line(packets[10:11])[:cut_off] + encode(reply) + encode(reply)
+    for cut in (lambda data: [data], one_by_one):
+        decoder = streaming_decoder()
+        decoder.allow_reply(reply)
+        events = [event for data in cut(line) for event in decoder.feed(data)]
+        assert [event for event in events if not isinstance(event, Discarded)] == [*packets[:10], reply, reply]
+        assert decoder.discarded_bytes == cut_off
+        assert decoder.feed(on_the_line(packets[11:])) == packets[11:]
+
+
 def test_a_locked_stream_has_no_latency() -> None:
     """The first packet waits for the second as its witness; from then on each comes with its last byte."""
     decoder = streaming_decoder()
