@@ -65,7 +65,9 @@ def command(
         ),
     ] = None,
     force: Force = False,
-    while_stdin: Annotated[bool, typer.Option("--while-stdin", help="End when standard input ends.")] = False,
+    while_stdin: Annotated[
+        bool, typer.Option("--while-stdin", help="End when standard input ends; its lines turn the table.")
+    ] = False,
 ) -> None:
     """Run a virtual instrument on a pseudo-terminal: an IMU400CD-200, or an IMU381ZA-200.
 
@@ -143,6 +145,7 @@ def command(
                 log=say,
                 speed=speed,
                 while_stdin=while_stdin,
+                on_line=made.turn,
                 stop=stop,
                 line=made.line,
                 on_packet=truth,

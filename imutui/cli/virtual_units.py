@@ -62,18 +62,19 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class VirtualSetting:
-    """A unit, its line, and where its readings come from, in words; "" where its identity says enough."""
+    """A unit, its line, where its readings come from in words ("" where its identity says enough), its table."""
 
     unit: VirtualInstrument[Any, Any]
     line: FaultyLine | None
     source: str
+    turn: Callable[[str], None] | None = None
 
 
 def imu400cd_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
     """An IMU400CD-200."""
     made = _made(asked)
     options = made.options(SERIAL_NUMBER if serial_number is None else serial_number)
-    return VirtualSetting(imu400cd.VirtualUnit(made.readings, options, made.seed), made.line, made.source)
+    return VirtualSetting(imu400cd.VirtualUnit(made.readings, options, made.seed), made.line, made.source, made.turn)
 
 
 def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
@@ -88,7 +89,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
         clock_skew_ppm=it.clock_skew_ppm,
     )
     unit = uut.VirtualUnit(MeasuredPackets(made.readings, options), options, made.seed)
-    return VirtualSetting(unit, made.line, made.source)
+    return VirtualSetting(unit, made.line, made.source, made.turn)
 
 
 UNITS: dict[str, Callable[[Asked, int | None], VirtualSetting]] = {

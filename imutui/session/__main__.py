@@ -29,6 +29,7 @@ from imutui.session.ipc import NameTakenError
 from imutui.session.live_stream import LiveStream, StreamError, title
 from imutui.session.plan import VIRTUAL_PORT, HistoryWish, Plan
 from imutui.session.requests import Reply, Request, StartReport
+from imutui.session.table_turner import TableTurner
 
 _SWITCH_S = 0.0005
 _LAST_REPLIES_S = 2.0
@@ -58,8 +59,8 @@ def main() -> int:
             folder = Path(plan.output).parent if plan.output else Path(plan.logs)
             DiskGuard(plan.min_free_mb).refuse(folder)
         # the stream before the port: what it can't have is said before the unit is touched
-        with _name(plan), _stream(plan) as stream, _port(plan) as port:
-            return _acquire(plan, port, stream)
+        with _name(plan), _stream(plan) as stream, _port(plan) as (port, turner):
+            return _acquire(plan, port, stream, turner)
     except NameTakenError:
         name = "" if plan.name == "default" else f" --name {plan.name}"
         return _refuse(
@@ -102,7 +103,7 @@ def _left_as_found(host: Host) -> Iterator[None]:
         raise
 
 
-def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
+def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTurner | None) -> int:
     was_asked = not plan.instrument
     is_named = not was_asked and plan.port != VIRTUAL_PORT
     plan = plan.of_instrument(plan.instrument or which_answers(port).name)
@@ -117,7 +118,7 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None) -> int:
             if plan.port != VIRTUAL_PORT and was_asked:
                 raise InstrumentError(f"{error} {nor_the_others()}") from error
             raise
-        engine = Engine(plan, host, identity, stream)
+        engine = Engine(plan, host, identity, stream, turner)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: engine.terminate(_SIGNALS[signal.Signals(number)]))
     engine.start()
@@ -252,14 +253,14 @@ def _stream(plan: Plan) -> Iterator[LiveStream | None]:
 
 
 @contextlib.contextmanager
-def _port(plan: Plan) -> Iterator[Port]:
+def _port(plan: Plan) -> Iterator[tuple[Port, TableTurner | None]]:
     with contextlib.ExitStack() as stack:
-        name = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else plan.port
-        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0]))
+        name, turner = stack.enter_context(_virtual(plan)) if plan.port == VIRTUAL_PORT else (plan.port, None)
+        yield stack.enter_context(Port(name, INSTRUMENTS[plan.instrument or DEFAULT].power_up_bauds[0])), turner
 
 
 @contextlib.contextmanager
-def _virtual(plan: Plan) -> Iterator[str]:
+def _virtual(plan: Plan) -> Iterator[tuple[str, TableTurner]]:
     """Run a virtual instrument of our own; it ends with us even if we are killed, because its stdin then closes."""
     command = [sys.executable, "-P", "-m", "imutui", "virtual", "--while-stdin", *plan.virtual]
     unit = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -269,9 +270,10 @@ def _virtual(plan: Plan) -> Iterator[str]:
         path = unit.stdout.readline().strip()
         if not path:
             raise InstrumentError("the virtual instrument did not start; `imutui virtual` says why.")
-        yield path
+        yield path, TableTurner(lambda line: print(line, file=unit.stdin, flush=True))
     finally:
-        unit.stdin.close()
+        with contextlib.suppress(OSError):
+            unit.stdin.close()
         unit.wait()
 
 

@@ -33,6 +33,7 @@ from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
 from imutui.session.status_words import StatusWords
+from imutui.session.table_turner import TableTurner
 from imutui.session.timebase import ClockStepMonitor, Timebase
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Acquisition:
     `reader`: carries out what must be said to the unit.
     `lifecycle`: where it stands.
     `stream`: gets what is recorded, for other viewers.
+    `turner`: turns the table under a virtual unit.
     Raises ValueError if the filter could not run with what is asked; the message names it.
     """
 
@@ -59,6 +61,7 @@ class Acquisition:
         reader: Reader,
         lifecycle: Lifecycle,
         stream: LiveStream | None = None,
+        turner: TableTurner | None = None,
     ) -> None:
         self._stamps = PacketStamps(clock)
         self._reader = reader
@@ -75,6 +78,7 @@ class Acquisition:
         )
         self._status = StatusWords(self._instrument)
         self._guide: operator_guide.Guide | None = None
+        self._turner = turner
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
         self._gravity = GravityCheck(self._instrument)
@@ -210,6 +214,8 @@ class Acquisition:
                 self._end_recording()
             if self._guide is not None:
                 self._guide.advance(now)
+                if self._turner is not None and self._turner.has_arrived(now):
+                    self.event("mark", self._guide.arrive(now))
             line = self._line_state(now)
             if self._line.is_to_be_asked(line):
                 self._reader.ask_again()
@@ -295,6 +301,7 @@ class Acquisition:
             status=self._status.newest,
             events=recorder.events,
             guide=self._guide,
+            turns_s=None if self._turner is None else self._turner.left_s(now) or 0.0,
             stream=None if recorder.stream is None else recorder.stream.snapshot(),
         )
         return observe.snapshot(view, since)
@@ -416,7 +423,13 @@ class Acquisition:
             return
         if self._guide is None:
             raise ValueError("no guide is under way; begin one first")
-        mark = self._guide.do(do, time.monotonic_ns(), recording=recording)
+        now = time.monotonic_ns()
+        if do == "next" and self._turner is not None and self._guide.awaits(now):
+            self._turner.turn(self._guide.profile, self._guide.profile.segments[self._guide.segment], now)
+            return
+        if self._turner is not None:
+            self._turner.leave()
+        mark = self._guide.do(do, now, recording=recording)
         if mark is not None:
             self.event("mark", mark)
 
@@ -435,5 +448,7 @@ class Acquisition:
         self._use(self._stamps.release())
         result = self._recorder.end_recording()
         if self._guide is not None:
+            if self._turner is not None:
+                self._turner.leave()
             self._guide.recording_ended(time.monotonic_ns())
         return result

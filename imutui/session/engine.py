@@ -35,6 +35,7 @@ from imutui.session.reader_thread import (
     ZeroingFinished,
 )
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned, StillAway
+from imutui.session.table_turner import TableTurner
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -62,11 +63,19 @@ class Engine:
     `host`: of a unit that is identified, set up, and sends nothing by itself.
     `identity`: what the unit said.
     `stream`: gets what is recorded; whoever made it closes it after the end.
+    `turner`: turns the table under the unit, if it is a virtual one of the acquisition's own.
     `lifecycle`: where it stands.
     Raises ValueError if the filter could not run with what is asked.
     """
 
-    def __init__(self, plan: Plan, host: Host, identity: Identity, stream: LiveStream | None = None) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        host: Host,
+        identity: Identity,
+        stream: LiveStream | None = None,
+        turner: TableTurner | None = None,
+    ) -> None:
         self.lifecycle = Lifecycle()
         self._plan = plan
         self._port = port = host.port
@@ -82,7 +91,7 @@ class Engine:
             period_ns=1e9 / host.stream_hz if host.stream_hz else 0.0,
         )
         info = session_info(plan, port, identity)
-        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream)
+        self._acquisition = Acquisition(plan, info, clock, self._reader, self.lifecycle, stream, turner)
         self._disk_error: OSError | None = None
         self._duration_over = False
         self._worker = threading.Thread(target=self._work, name="worker", daemon=True)

@@ -51,6 +51,8 @@ class AcquisitionView:
     status: str  # the newest packet's status word in words; "" where no bit is set
     events: EventLog  # last events and marks
     guide: Guide | None  # where the operator is in a profile
+    # for how long a virtual unit of its own turns still to where the operator sent it; None of others
+    turns_s: float | None
     stream: StreamSnapshot | None  # the live stream for Foxglove
 
 
@@ -108,7 +110,7 @@ def snapshot(view: AcquisitionView, since: int) -> Snapshot:
         "reference": {"name": plan.reference, "file": plan.reference_file[0], "profile": view.follows_profile},
         "effects": list(effect_labels(plan.effects)),
         "stream": view.stream,
-        "guide": None if view.guide is None else view.guide.snapshot(now, pipeline.started_ns),
+        "guide": None if view.guide is None else view.guide.snapshot(now, pipeline.started_ns, view.turns_s),
         "channels": view.recent.channels(),
         "statistics_s": STATISTICS_S,
         "filter": None if pipeline.filter is None else _filter(pipeline.filter),

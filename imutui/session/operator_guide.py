@@ -57,6 +57,11 @@ class Guide:
         """Whether it waits for the operator or holds."""
         return self.state in (GO, HOLD)
 
+    def awaits(self, now_ns: int) -> bool:
+        """Whether the operator is on the way to a segment."""
+        self.advance(now_ns)
+        return self.state == GO
+
     def arrive(self, now_ns: int) -> str:
         """Take it that the operator has arrived, and hold.
 
@@ -124,11 +129,13 @@ class Guide:
     def _left_s(self, now_ns: int) -> float:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
 
-    def snapshot(self, now_ns: int, started_ns: int | None) -> GuideSnapshot:
+    def snapshot(self, now_ns: int, started_ns: int | None, turns_s: float | None = None) -> GuideSnapshot:
         """What viewers see.
 
         `now_ns`: monotonic clock.
         `started_ns`: when the run of samples began, on the same clock, if it has.
+        `turns_s`: for how long a virtual unit turns still to where the operator sent it; None of one that the operator
+          turns.
         """
         self.advance(now_ns)
         return {
@@ -139,6 +146,7 @@ class Guide:
             "begun": [
                 None if t is None or started_ns is None else max(0.0, (t - started_ns) / 1e9) for t in self._begun
             ],
+            "turns_s": turns_s,
         }
 
 

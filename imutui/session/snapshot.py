@@ -97,6 +97,8 @@ class GuideSnapshot(TypedDict):
     count: int
     left_s: float | None
     begun: list[float | None]
+    turns_s: NotRequired[float | None]
+    """For how long a virtual unit of its own turns still to where the operator sent it; None of others."""
 
 
 class ChannelSnapshot(TypedDict):

@@ -19,7 +19,7 @@ from filters.state import PAPER_SITE
 from imutui.cli.played_recording import load
 from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
-from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
+from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings, on_the_line
 from imutui.cli.virtual_units import Asked, imu381_unit, instrument_of
 from imutui.instrument.reading import Reading
 from imutui.instrument.uut.decoder import Decoder
@@ -75,7 +75,7 @@ seconds = 8.0
 """
 
 
-def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings, Spoiled]:
+def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReadings | TurnedReadings, Spoiled]:
     """A unit of a scenario without and with an error."""
     (home / "errors.py").write_text(ERRORS)
     (home / "table.toml").write_text(TABLE)
@@ -85,7 +85,7 @@ def spoiled(home: Path, name: str, scenario: str = "") -> tuple[SimulatedReading
         path.write_text(scenario)
     plain = on_the_line(path, 0, 3, None, 0.0, None).readings
     with_error = on_the_line(path, 0, 3, None, 0.0, function(str(home / "errors.py") + f":{name}")).readings
-    assert isinstance(plain, SimulatedReadings)
+    assert isinstance(plain, SimulatedReadings | TurnedReadings)
     assert isinstance(with_error, Spoiled)
     return plain, with_error
 

@@ -23,7 +23,7 @@ def test_it_waits_for_ever_and_holds_for_each_segments_own_time() -> None:
     for k, seconds in enumerate((5.0, 6.0, 8.0)):
         now += 1_000_000 * S
         assert one.snapshot(now, 0) | {"begun": None} == {
-            "state": "go", "segment": k, "count": 3, "left_s": None, "begun": None
+            "state": "go", "segment": k, "count": 3, "left_s": None, "begun": None, "turns_s": None
         }  # fmt: skip
         marks.append(one.arrive(now))
         assert one.snapshot(now, 0)["left_s"] == pytest.approx(seconds)

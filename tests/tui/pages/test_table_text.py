@@ -40,6 +40,13 @@ def test_it_waits_for_ever_and_says_for_what() -> None:
     assert "Leave the table alone" in then
 
 
+def test_a_virtual_unit_that_turns_by_itself_is_sent_and_waited_for() -> None:
+    """The operator of one has nothing to turn: Enter does it, and what is left of the way is said."""
+    assert text.said(guide("go", turns_s=0.0), PROFILE, True)[1] == "Enter: the virtual unit does it by itself."
+    assert text.said(guide("go", turns_s=4.2), PROFILE, True)[1] == "It turns, for 4 s still."
+    assert "I wait for you" in text.said(guide("go", turns_s=None), PROFILE, True)[1]
+
+
 def test_the_end_and_a_cancelled_run_say_what_next() -> None:
     """Also when the recording is over: one way through a profile belongs to one recording."""
     assert "r finishes the file, t traces it" in text.said(guide("done"), PROFILE, True)[1]

@@ -98,7 +98,8 @@ ON THE TABLE PAGE
   p  o     choose a profile of this folder, or type the path of one
   Enter    have the filter go by it; b begins, and records
   Enter    then: the table is there. No clock presses you: the seconds run
-           only once you have said so. c cancels, b goes on where it was
+           only once you have said so. c cancels, b goes on where it was.
+           A virtual unit turns there by itself when you press Enter
   t        traces the finished recording, whose reference the profile is
   s        copies the profile under the cursor to a file. The motion that
            the last trace wants stands first in the list
