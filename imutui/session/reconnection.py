@@ -103,28 +103,35 @@ class AmidStream:
         self._host, self._packets, self._known = host, packets, known
         pause_s = _PAUSE_PERIODS / host.stream_hz if host.stream_hz else 0.0
         self._ask_after_s, self._pause_s = max(_ASK_AFTER_S, pause_s), max(_PAUSE_S, pause_s)
+        slowest_s = 0.0 if known is None else known.identity.slowest_reply_s
+        self._least_patience_s = max(2.0 * _ASK_AFTER_S, 2.0 * slowest_s)
         self._began_ns = time.monotonic_ns()
-        self._asked_ns = self._answers = 0
+        self._asked_ns, self._answers, self._patience_s = 0, 0, self._least_patience_s
 
     def has_stopped(self, now_ns: int, last_packet_ns: int) -> bool:
         """Look, while nothing comes; whether it has stopped. Raises PortError."""
-        if self._known is None:
-            return False
         last_ns = max(last_packet_ns, self._began_ns)
+        silent_s, waited_s = (now_ns - last_ns) / 1e9, (now_ns - self._asked_ns) / 1e9
         if self._asked_ns <= last_ns:
-            self._answers, wait_s = 0, self._ask_after_s
+            self._answers, self._patience_s = 0, self._least_patience_s
+            if silent_s >= self._ask_after_s:
+                self._ask(now_ns)
         elif self._packets.answers > self._answers:
-            wait_s = self._pause_s
-        else:
-            wait_s = max(_ASK_AFTER_S, 2.0 * self._known.identity.slowest_reply_s)
-        if now_ns - max(last_ns, self._asked_ns) < wait_s * 1e9:
-            return False
-        self._answers = self._packets.answers if self._asked_ns > last_ns else 0
-        if self._answers >= _SURE_ANSWERS:
-            return True
-        self._asked_ns = now_ns
-        self._host.ask_amid(self._packets, self._known.identity)
+            if waited_s >= self._pause_s:
+                self._answers = self._packets.answers
+                if self._answers >= _SURE_ANSWERS:
+                    return True
+                self._ask(now_ns)
+        elif waited_s >= self._patience_s:
+            # a line that was held up hands all questions on at once, and their answers take the time of packets
+            self._patience_s *= 2.0
+            self._ask(now_ns)
         return False
+
+    def _ask(self, now_ns: int) -> None:
+        self._asked_ns = now_ns
+        if self._known is not None:
+            self._host.ask_amid(self._packets, self._known.identity)
 
 
 def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:
