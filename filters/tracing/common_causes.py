@@ -77,7 +77,7 @@ def _event(chosen: Selection, rows: Rows, start: CommonStep, back: CommonStep | 
     length = len(rows.residual[start.run])
     around = max(_AROUND_S / rows.period, 4.0 * start.width, 0.5 * (last - start.row) if last else 0.0)
     first, end = max(0, round(start.row - around)), min(length, round((last or start.row) + around))
-    t, course = _course(rows, start.run, first, end, members, weights)
+    t, course = _course(rows, start.run, first, end, members, weights, size)
     before = t < start.row * rows.period
     if before.any():
         course = course - np.median(course[before])
@@ -127,13 +127,13 @@ def _way_back(rows: Rows, start: CommonStep, members: list[int], weights: Array,
 
 def _coherence(rows: Rows, run: int, part: slice, members: list[int]) -> float:
     """Mean squared correlation of channels over some rows of a run, each with each, without their white noise."""
-    x = rows.residual[run][part][:, members]
-    x = x[np.isfinite(x).all(axis=1)]
+    x = common_rows.filled(rows.residual[run][part][:, members], 0.0)
     per = max(1, len(x) // 50)
     means = x[: len(x) // per * per].reshape(-1, per, len(members)).mean(axis=1)
     covariance = np.cov(means.T)
     variance = np.maximum(np.diag(covariance) - rows.white[members] / per, 0.01 * np.diag(covariance))
-    squares = np.minimum(1.0, covariance**2 / np.outer(variance, variance))
+    most = np.outer(variance, variance)
+    squares = np.minimum(1.0, np.divide(covariance**2, most, out=np.zeros_like(most), where=most > 0.0))
     return float(np.mean(squares[np.triu_indices(len(members), 1)]))
 
 
@@ -156,7 +156,8 @@ def _drift(chosen: Selection, rows: Rows, drift: CommonDrift) -> CommonCause:
     for run in range(len(rows.residual)):
         own = [s for s in rows.stretches if s.run == run]
         if own:
-            t, course = _course(rows, run, own[0].first, own[-1].end, list(drift.channels), drift.weights)
+            span = own[0].first, own[-1].end
+            t, course = _course(rows, run, *span, list(drift.channels), drift.weights, drift.size * drift.correlation)
             parts.append((np.full(t.size, run), t, course - np.mean(course) if course.size else course))
     run_of, t, course = (np.concatenate(own) for own in zip(*parts, strict=True))
     drifting = any(chosen.design.drift[c].level > 0.0 for c in drift.channels)
@@ -176,12 +177,21 @@ def _drift(chosen: Selection, rows: Rows, drift: CommonDrift) -> CommonCause:
     )
 
 
-def _course(rows: Rows, run: int, first: int, end: int, channels: list[int], weights: Array) -> tuple[Array, Array]:
-    """Time and weighted sum of channels over rows `first` to `end` of a run, in at most `_POINTS` means."""
-    x = rows.residual[run][first:end, channels] @ weights
-    number = np.arange(x.size) // max(1, -(-x.size // _POINTS))
-    good = np.isfinite(x)
+def _course(
+    rows: Rows, run: int, first: int, end: int, channels: list[int], weights: Array, size: Array
+) -> tuple[Array, Array]:
+    """Time and weighted sum of channels over rows `first` to `end` of a run, in at most `_POINTS` means.
+
+    `size` is what is shared in each channel: it tells what those that a row has are worth without the others.
+    """
+    x = rows.residual[run][first:end, channels]
+    there = np.isfinite(x)
+    level = np.where(there, x, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    worth = there @ (weights * size / size[0])
+    number = np.arange(len(x)) // max(1, -(-len(x) // _POINTS))
+    good = worth > 0.0
+    value = np.where(there, x - level, 0.0) @ weights / np.where(good, worth, 1.0)
     count = np.bincount(number, good)
     have = count > 0
-    t = np.bincount(number, good * (first + np.arange(x.size) + 0.5) * rows.period)[have] / count[have]
-    return t, np.bincount(number, np.where(good, x, 0.0))[have] / count[have]
+    t = np.bincount(number, good * (first + np.arange(len(x)) + 0.5) * rows.period)[have] / count[have]
+    return t, np.bincount(number, value)[have] / count[have]

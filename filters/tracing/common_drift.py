@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 from scipy.signal import windows
 
-from filters.tracing.common_rows import Rows
+from filters.tracing.common_rows import Rows, filled
 from filters.types import Array
 
 _FALSE = 1e-3
@@ -102,7 +102,7 @@ def _spectra(rows: Rows) -> _Spectra | None:
 
 
 def _of_stretch(rows: Rows, x: Array) -> _Spectra | None:
-    differences = np.diff(_filled(x), axis=0)
+    differences = np.diff(filled(x, 0.9), axis=0)
     n = len(differences)
     window = windows.hann(n, sym=False)
     k = np.arange(_FIRST, (n + 1) // 2)
@@ -118,8 +118,11 @@ def _of_stretch(rows: Rows, x: Array) -> _Spectra | None:
         X = np.where(around > 0.0, raw / np.sqrt(around), 0.0)
         share = np.where(around > 0.0, 1.0 - step * white / around, 0.0)
         over = np.where(white > 0.0, power / (step * white), 0.0)
-    drift = (power / step - white) * 2.0 / n
-    return _Spectra(X, np.clip(share, 0.0, 1.0), drift, over, k / n)
+    share = np.clip(share, 0.0, 1.0)
+    # by the same share as correlation is: what all frequencies have more than white noise, less what they have less of
+    # it, is nothing at all where the noise is not quite as white as it is taken for
+    drift = share * power / step * 2.0 / n
+    return _Spectra(X, share, drift, over, k / n)
 
 
 def _around(power: Array) -> Array:
@@ -129,17 +132,6 @@ def _around(power: Array) -> Array:
     side = np.maximum(_AROUND, k // 3)
     low, high = np.maximum(0, k - side), np.minimum(power.size, k + side + 1)
     return np.asarray((sums[high] - sums[low]) / (high - low))
-
-
-def _filled(x: Array) -> Array:
-    """Missing rows by straight lines; a channel with many of them is left out, as zeros."""
-    out = np.zeros_like(x)
-    k = np.arange(len(x))
-    for c in range(x.shape[1]):
-        good = np.isfinite(x[:, c])
-        if good.mean() > 0.9:
-            out[:, c] = np.interp(k, k[good], x[good, c])
-    return out
 
 
 def _has_excess(spectra: _Spectra, channel: int) -> bool:
@@ -214,9 +206,9 @@ def _loadings(correlation: Array) -> Array:
 
 
 def _drift(rows: Rows, spectra: _Spectra, channels: list[int], loading: Array, freedom: Array, p: float) -> CommonDrift:
-    size = np.sqrt(np.maximum(spectra.drift[:, channels].sum(axis=0), 0.0))
-    # drift that is a channel's own, and white noise over the row
-    own = size**2 * np.maximum(1.0 - loading**2, 0.02)
+    size = np.sqrt(spectra.drift[:, channels].sum(axis=0))
+    # drift that is a channel's own, for no loading is known better than that, and white noise over the row
+    own = size**2 * np.maximum(1.0 - loading**2, 0.02) + rows.white[channels]
     scale = size * loading
     order = np.argsort(-np.abs(loading), kind="stable")
     gain = scale / own

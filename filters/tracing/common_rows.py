@@ -87,6 +87,17 @@ def rows_of(chosen: Selection, channels: Sequence[int]) -> Rows:
     return Rows(period, tuple(channels), tuple(residual), white, tuple(stretches))
 
 
+def filled(x: Array, least: float) -> Array:
+    """Missing rows by straight lines; a channel with a share of at most `least` of its rows is left out, as zeros."""
+    out = np.zeros_like(x)
+    k = np.arange(len(x))
+    for c in range(x.shape[1]):
+        good = np.isfinite(x[:, c])
+        if good.sum() > least * len(x):
+            out[:, c] = np.interp(k, k[good], x[good, c])
+    return out
+
+
 def _unexplained(chosen: Selection, channels: Sequence[int]) -> Array:
     """Residuals less lasting effects and tones, SI, shape (n, 6)."""
     design = chosen.design
