@@ -239,6 +239,8 @@ def _folded_residuals(stack: Stack, y: Array, groups: Sequence[Array], channel: 
     constant = (stack.power_on[:, None] == np.unique(stack.power_on)).astype(np.float64)
     X = np.hstack([constant, *groups])
     firsts = np.cumsum([constant.shape[1], *(g.shape[1] for g in groups)])
+    # of all rows: what the rows at hand see next to nothing of can't be fitted to them
+    X = X / np.maximum(np.linalg.norm(X[good], axis=0), 1e-300)
     out = np.zeros((y.size, 2 + len(groups)))
     for fold in range(FOLDS):
         train, test = good & (stack.cell % FOLDS != fold), stack.cell % FOLDS == fold
@@ -256,9 +258,8 @@ def _folded_residuals(stack: Stack, y: Array, groups: Sequence[Array], channel: 
 
 
 def _least_squares(X: Array, y: Array, root: Array) -> Array:
-    """Weighted least squares of columns of any size; the weights' roots are given."""
-    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    return np.asarray(np.linalg.lstsq(root[:, None] * X / scale, root * y, rcond=1e-10)[0] / scale)
+    """Weighted least squares; the weights' roots are given."""
+    return np.asarray(np.linalg.lstsq(root[:, None] * X, root * y, rcond=1e-10)[0])
 
 
 def nis(

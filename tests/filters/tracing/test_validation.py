@@ -206,6 +206,15 @@ def test_folds_find_an_effect_and_white_noise_its_floor() -> None:
     assert share_of(made.removed(1), made.excess, figure.n) == pytest.approx(0.0, abs=0.05)
 
 
+def test_folds_leave_out_what_the_other_cells_do_not_see() -> None:
+    """A decay that is over, all but 1e-200 of it, before the fold's cell ends: fitted, it would be anything there."""
+    stack = still()
+    decay = np.exp(-np.minimum(stack.t * 50.0, 460.0))[:, None]
+    made = folded(stack, white(0), [decay], 0, WHITE, 0)
+    assert made is not None
+    assert made.figure.after == pytest.approx(made.figure.before, rel=0.05)
+
+
 def test_a_share_needs_an_excess_to_be_a_share_of() -> None:
     """From 215 to 40 floors is 97 %; of what chance explains there is none; no more than all, no less than nothing."""
     assert share_of(215.0**2 - 40.0**2, 215.0**2 - 1.0, 90) == pytest.approx(0.9654, abs=1e-3)
