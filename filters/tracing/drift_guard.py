@@ -83,7 +83,7 @@ def guarded_shared(design: Design, terms: Sequence[Term], term: Term, price: flo
     seconds = max(_SECOND_S, design.stack.period) if attitude else design.stack.period
     none = np.zeros((design.stack.t.size, 0))
     gain = 0.0
-    for c in term.places:
+    for c in (c for c in term.places if design.sd[c] > 0.0):  # one that lacks data gains nothing
         without, with_it = (best_drift(*_rows(design, terms, c, none, fit, seconds)) for fit in fits)
         gain += min(without[0], without[2]) - min(with_it[0], with_it[2])
     return gain - price

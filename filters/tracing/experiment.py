@@ -123,7 +123,7 @@ class _Pair:
 
     def __init__(self, design: Design, a: Term, theta: Array, b: Term, rest: Sequence[Term]) -> None:
         self._design, self._a, self._theta = design, a, theta
-        self._channels = sorted({*a.places, *b.places})
+        self._channels = [c for c in sorted({*a.places, *b.places}) if design.sd[c] > 0.0]
         self._others = [b, *(s for s in rest if s is not a and set(s.places) & set(self._channels))]
         self.lasting = [x for x in (a, *self._others) if not isinstance(x.hypothesis, RunSpecific)]
         self._known = self._triangle(design.stack, {})

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.turned import lacking
 
 from filters.effects.additive import ThermalScale
 from filters.effects.hypothesis import ChannelEffect
@@ -349,3 +350,13 @@ def test_what_was_asked_for_drives_a_scenario(tmp_path: Path) -> None:
     assert recorded.temperature_degc[0] == pytest.approx(22.0)
     assert recorded.temperature_degc[-1] == pytest.approx(32.0)
     assert np.ptp(recorded.angles, axis=0).max() > DEG * 180.0
+
+
+def test_an_experiment_separates_causes_of_channels_of_which_one_is_missing() -> None:
+    """A table that is tilted, or gravity that is off, on a unit without its third accelerometer."""
+    run = lacking(performed([Effect("gravity", (), {"relative": 3e-3})], 1, profile=SIX, seconds=SIX.duration), "az")
+    design = designed(run)
+    a, b = (next(x for x in design.terms if x.hypothesis.effect == name) for name in ("gravity", "tilt"))
+    made = experiment.separating(design, a, np.array([3e-3]), [b], run)
+    assert made is not None
+    assert np.isfinite(made.d_expected)

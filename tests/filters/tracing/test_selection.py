@@ -1,10 +1,12 @@
 """Selection: what joins, what is struck, what rivals what, and that nothing is found in noise that looks like drift."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from helpers.runs import TUMBLE, power_ons
+from helpers.turned import lacking
 
 from filters.simulation import Effect, Temperature
 from filters.tracing.blocks import average
@@ -171,3 +173,13 @@ def test_what_channels_share_scores_beside_drift_as_it_does_alone() -> None:
     alone = chosen.own_gain(term) - chosen.price(term)
     guarded = guarded_shared(chosen.design, [a for a in chosen.terms if a is not term], term, chosen.price(term))
     assert 0.3 * alone < guarded < 1.05 * alone
+
+
+def test_a_channel_that_is_not_there_says_nothing_of_what_channels_share() -> None:
+    """Without the third accelerometer the score beside drift is that of the other two: a number, which can be low."""
+    stack = Stack.of([average(lacking(run, "az")) for run in power_ons(profile=TUMBLE, seconds=TUMBLE.duration)])
+    made = Design(stack)
+    (term,) = [a for a in made.terms if a.hypothesis.effect == "gravity"]
+    other = replace(term, places={c: term.places[c] for c in (3, 4)})
+    assert guarded_shared(made, [], term, 10.0) == pytest.approx(guarded_shared(made, [], other, 10.0))
+    assert guarded_shared(made, [], term, 10.0) < ACCEPT
