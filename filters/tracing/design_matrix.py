@@ -296,11 +296,13 @@ def inverse_of(A: Array) -> Array:
     """Inverse of a Gram matrix, of its visible part where columns are all but dependent."""
     if not A.size:
         return A
-    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    own = np.diag(A)
+    # nothing is told of a column that is nowhere to be seen: rounding over a small number would be anything
+    scale = np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    both = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(A * both)
     keep = values > 1e-11 * values[-1]
-    inner = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    return np.asarray(inner / np.outer(scale, scale))
+    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T * both)
 
 
 def _gain(C: Array, d: Array, scale: Array) -> float:

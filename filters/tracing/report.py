@@ -188,10 +188,12 @@ def _parameters(f: Finding | Weak) -> list[ParameterEntry]:
 def _tone(f: Finding | Weak, h: Tone) -> list[ParameterEntry]:
     """Amplitude over the runs, root mean square, and frequency; of each one standard deviation."""
     unit, si = error_unit(h.channel)
-    pairs = f.theta.reshape(-1, 2)
+    # of a run that lacks the channel nothing is known
+    seen = np.diag(f.covariance).reshape(-1, 2).any(axis=1)
+    pairs = f.theta.reshape(-1, 2)[seen]
     size = np.maximum(np.linalg.norm(pairs, axis=1), 1e-300)
     along = pairs / size[:, None]
-    blocks = [f.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(pairs))]
+    blocks = [f.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in np.flatnonzero(seen)]
     variance = np.array([u @ P @ u for u, P in zip(along, blocks, strict=True)])
     whole = float(np.sqrt(np.mean(size**2)))
     sd = float(np.sqrt(np.sum(size**2 * variance))) / (len(pairs) * whole)

@@ -12,7 +12,7 @@ from filters.motion.segments import Dwell, Rate, Sine
 from filters.simulation import Effect
 from filters.tracing.blocks import average
 from filters.tracing.columns import Term
-from filters.tracing.design_matrix import Design
+from filters.tracing.design_matrix import Design, inverse_of
 from filters.tracing.left_out_runs import unseen_gain
 from filters.tracing.stack import Stack
 from filters.tracing.whitening import NONE, Drift
@@ -129,6 +129,20 @@ def test_a_fit_is_that_of_the_whole_system() -> None:
     assert np.array_equal(covariance, fit.covariance[1:3, 1:3])
     left = sum(made.chi2(terms, c) for c in range(6))
     assert left == pytest.approx(least(made, terms), rel=1e-8)
+
+
+def test_of_columns_that_are_nowhere_to_be_seen_nothing_is_told() -> None:
+    """A run that lacks the channel of a tone leaves zeros: no parameter and no covariance there, all else as ever."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((50, 6)) * 10.0 ** np.arange(-3.0, 3.0)
+    A = np.zeros((10, 10))
+    seen = np.array([1, 2, 4, 6, 7, 9])
+    A[np.ix_(seen, seen)] = X.T @ X
+    inverse = inverse_of(A)
+    assert np.allclose(inverse[np.ix_(seen, seen)] @ (X.T @ X), np.eye(6))
+    unseen = np.setdiff1d(np.arange(10), seen)
+    assert not inverse[unseen].any()
+    assert not inverse[:, unseen].any()
 
 
 def test_gains_with_drift_are_those_of_whitened_columns() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.runs import HISTORIES, TUMBLE, power_ons
+from helpers.turned import lacking
 
 from filters.effects import catalogue
 from filters.effects.runtime import CausalEffects
@@ -162,6 +163,14 @@ def test_a_tone_has_amplitude_and_frequency() -> None:
     assert amplitude["sd"] < 0.01
     assert frequency["value"] == pytest.approx(0.4, abs=1e-3)
     assert tone["share_of_excess"] is None
+
+
+def test_a_tone_is_as_large_as_in_the_runs_that_have_its_channel() -> None:
+    """Two of three runs lack the channel: they say nothing of the amplitude, not that there is none."""
+    runs = power_ons(Effect("tone", ("gx",), {"dps": 0.05, "hz": 0.4}), hz=8.0)
+    (tone,) = trace([runs[0], lacking(runs[1], "gx"), lacking(runs[2], "gx")], None).document["findings"]
+    amplitude = tone["params"][0]
+    assert amplitude["value"] == pytest.approx(0.05, abs=4.0 * amplitude["sd"])
 
 
 def test_a_channel_with_only_faults_is_clean() -> None:
