@@ -63,5 +63,6 @@ def _warnings_as_in_a_process() -> Iterator[None]:
         warnings.simplefilter("default")
         for kind in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
             warnings.simplefilter("ignore", kind)
+        warnings.simplefilter("error", RuntimeWarning)  # as in all tests
         warnings.showwarning = lambda *told: print(warnings.formatwarning(*told[:4]), file=sys.stderr)
         yield
