@@ -97,8 +97,9 @@ def _rests_of(run: Run) -> tuple[Rest, ...]:
         have = rests.recorded(run)
         lack = ", ".join(name for name, c in zip(("x", "y", "z"), ACCELS, strict=True) if not have[c])
         raise ValueError(
-            f"{run.name}: accelerometer {lack} was not recorded, and the magnitude of gravity takes all three. Record"
-            " all of them, or trace the log at one rest: --reference gravity with --start and --end on import."
+            f"{run.name}: accelerometer {lack} was not recorded, or reads the same throughout, and the magnitude of"
+            " gravity takes all three. Record all of them, or trace the log at one rest: --reference gravity with"
+            " --start and --end on import."
         )
     found = rests.find_rests(run)
     if not found:

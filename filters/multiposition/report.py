@@ -159,7 +159,8 @@ def notes(found: Calibration) -> list[str]:
         out.append(f"{run.name}: {len(own)} rests, {total:.0f} s in all, were found in the readings")
         if not has_gyros(run):
             lack = ", ".join(CHANNELS[c] for c in GYROS if not recorded(run)[c])
-            out.append(f"{run.name}: {lack} not recorded: of the gyros nothing is said, only of the accelerometers")
+            why = "not recorded, or dead: of the gyros nothing is said, only of the accelerometers"
+            out.append(f"{run.name}: {lack} {why}")
     if found.turned is not None:
         out.append(f"{len(found.turned.turns)} turns between rests were used")
     return out

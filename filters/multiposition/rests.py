@@ -43,8 +43,8 @@ class Rest:
 
 
 def recorded(run: Run) -> NDArray[np.bool_]:
-    """Channels that the recording has, shape (6,)."""
-    have = np.asarray(np.isfinite(run.reading).any(axis=0))
+    """Channels that the recording has, shape (6,): one that reads the same throughout is dead."""
+    have = np.array([(there != there[:1]).any() for there in (x[np.isfinite(x)] for x in run.reading.T)])
     have[list(run.unread)] = False
     return have
 

@@ -263,7 +263,9 @@ def _check_angles(seen: _GriddedRun) -> None:
     still = seen.good & (np.linalg.norm(seen.expected[:, :3], axis=1) < _AT_REST)
     if still.sum() < 20 or not seen.alive[3:].sum() >= 2:
         return
-    read, expected = seen.readings[still, 3:], seen.expected[still, 3:]
+    expected = seen.expected[still, 3:]
+    # a channel that never changes is the tracer's matter, as one that is not there
+    read = np.where(seen.alive[3:], seen.readings[still, 3:], expected)
     gamma = seen.read.info.gravity_mps2
     norm = np.linalg.norm(read, axis=1)
     ratio = float(np.median(norm)) / gamma

@@ -305,7 +305,7 @@ def test_a_reference_that_contradicts_the_readings_is_refused(
 
 
 @pytest.mark.parametrize("channel", range(6))
-@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
 def test_a_dead_channel_is_no_contradiction(tmp_path: Path, channel: int, value: float) -> None:
     """It is a data fault: the tracer names it and traces the rest."""
     given = arrays(90.0, seed=1)

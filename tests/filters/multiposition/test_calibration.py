@@ -155,11 +155,24 @@ def test_one_gyro_that_lacks_leaves_the_accelerometers() -> None:
     assert found.gyros is None
 
 
+def test_a_gyro_that_reads_the_same_throughout_leaves_the_accelerometers() -> None:
+    """Else no second would be as quiet as its quietest, and no rest would be found."""
+    run = turned_run(*ACCELEROMETERS, seed=9)
+    reading = run.reading.copy()
+    reading[:, 1] = 0.01
+    found = calibrate([replace(run, reading=reading)], None)
+    assert set(told(found)["status"]) == {"gx", "gz", "ax", "ay", "az"}
+
+
 def test_without_an_accelerometer_or_without_a_rest_the_message_says_what_to_do() -> None:
     """What cannot be done is refused with the cure."""
     run = turned_run(seed=9)
     with pytest.raises(ValueError, match="accelerometer y was not recorded"):
         calibrate([lacking(run, "ay")], None)
+    dead = run.reading.copy()
+    dead[:, 4] = 0.1
+    with pytest.raises(ValueError, match=r"accelerometer y .* reads the same throughout"):
+        calibrate([replace(run, reading=dead)], None)
     rng = np.random.default_rng(1)
     level = rng.uniform(0.0, 1.0, run.t.size).cumsum()[:, None]
     wild = replace(run, reading=run.reading + np.exp(0.02 * level) * 1e-9 + 0.1 * np.sin(0.01 * level**1.5))
