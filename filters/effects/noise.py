@@ -37,6 +37,7 @@ _GRID = 1000
 _UNSEEN = 4.0  # drop of χ² from white noise that is none
 _CLIPPED = 12.0  # times the level: what is left of a line, chance of noise 6e-6
 _TAPER = 0.1
+_LEAST_SKEWNESS = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +250,8 @@ def _ratio_at(total: Array, square: float, m: int) -> tuple[int, float, float]:
     ratio = float(np.mean((total[m:] - total[:-m]) ** 2)) / (m * square)
     sd, skewness = _of_white(n, m)
     if ratio > 1.0:
-        freedom = 8.0 / skewness**2
+        # of two values there is none but by rounding: then as good as normal
+        freedom = 8.0 / max(skewness, _LEAST_SKEWNESS) ** 2
         one_sided = special.chdtrc(freedom, freedom + (ratio - 1.0) / sd * np.sqrt(2.0 * freedom))
     else:
         freedom = 2.0 / sd**2

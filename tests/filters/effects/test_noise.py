@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import special
 
 from filters.effects import noise
 from filters.imu import IMU400CD_200
@@ -126,6 +127,19 @@ def test_variance_ratios_of_white_noise_are_chi_square() -> None:
     assert np.all(np.mean(p < 0.5, axis=0) == pytest.approx(0.5, abs=0.04))
     assert np.all(np.mean(p < 0.01, axis=0) < 0.018)
     assert np.all(np.mean(p < 0.001, axis=0) < 0.004)
+
+
+def test_sums_of_two_are_as_probable_as_a_normal_ratio() -> None:
+    """Their ratio has no skewness: with just 0, at one length in twenty, there was a division by it."""
+    rng = np.random.default_rng(2)
+    for n in range(1000, 1100):
+        x = rng.standard_normal(n)
+        x[1:] += 0.1 * x[:-1].copy()
+        ((_, ratio, p),) = noise.variance_ratio(x, (2,))
+        # VR(2) - 1 is the correlation of neighbours
+        normal = special.erfc(abs(ratio - 1.0) * np.sqrt(0.5 * n))
+        if ratio > 1.0:
+            assert p == pytest.approx(normal, rel=0.1)
 
 
 def test_what_is_not_white_has_a_small_probability() -> None:
