@@ -111,7 +111,8 @@ def _tone(f: Finding) -> Included:
     h = f.term.hypothesis
     assert isinstance(h, Tone)
     unit, si = error_unit(h.channel)
-    amplitude = float(np.sqrt(np.mean(f.theta**2))) / si
+    # of the runs that have the channel
+    amplitude = float(np.sqrt(np.mean(f.theta[np.diag(f.covariance) > 0.0] ** 2))) / si
     q = amplitude * float(np.sqrt(2.0 / _TONE_S))
     states = tuple(State(name, unit, 0.0, amplitude, _TONE_S, q) for name in ("sin", "cos"))
     return Included("tone", (CHANNELS[h.channel],), "S", {"hz": h.hz}, states)

@@ -168,9 +168,13 @@ def test_a_tone_has_amplitude_and_frequency() -> None:
 def test_a_tone_is_as_large_as_in_the_runs_that_have_its_channel() -> None:
     """Two of three runs lack the channel: they say nothing of the amplitude, not that there is none."""
     runs = power_ons(Effect("tone", ("gx",), {"dps": 0.05, "hz": 0.4}), hz=8.0)
-    (tone,) = trace([runs[0], lacking(runs[1], "gx"), lacking(runs[2], "gx")], None).document["findings"]
+    made = trace([runs[0], lacking(runs[1], "gx"), lacking(runs[2], "gx")], None)
+    (tone,) = made.document["findings"]
     amplitude = tone["params"][0]
     assert amplitude["value"] == pytest.approx(0.05, abs=4.0 * amplitude["sd"])
+    (included,) = [effect for effect in made.included if effect.effect == "tone"]
+    # sine and cosine of the filter's states have half the square each
+    assert included.states[0].sd == pytest.approx(amplitude["value"] / np.sqrt(2.0))
 
 
 def test_a_channel_with_only_faults_is_clean() -> None:
