@@ -238,14 +238,16 @@ fields are in [Formats](formats.md#results-of-replay). No command overwrites a f
 | exit code | meaning |
 |---|---|
 | 0 | fine |
-| 1 | findings: not converged, damaged or unfinished file |
+| 1 | findings: not converged, damaged or unfinished file; or a defect of imutui |
 | 2 | usage |
 | 3 | input cannot be read |
 | 4 | instrument or port |
 | 5 | disk |
 | 130 | interrupted |
 
-An error says what, where, and what to do next.
+An error says what, where, and what to do next. One that nothing you gave can cause is a defect of imutui: it is said to
+be one, and where its report lies (command line, versions, where it was raised; only you may read it). Attach that file,
+and the recording if it may be shared, to a report where you got imutui from. Recordings are not affected.
 """
 
 

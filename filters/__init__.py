@@ -37,10 +37,10 @@ Names
     arw, vrw     angle and velocity random walk: densities of white noise, rad/√s and m/s/√s
 
 Where things are
-    Ground: `channels` names, order and units of the six readings · `earth` radii, gravity, Earth rate · `attitude`
-    rotations · `specification` what data sheets promise · `imu` samples, axes, noise · `state` the navigation state and
-    the order of the errors · `allan` white noise and drift of a log · `first_order` the recursion of lags and of band
-    limits.
+    Ground: `errors` what an input can cause; any other exception is a defect · `channels` names, order and units of
+    the six readings · `earth` radii, gravity, Earth rate · `attitude` rotations · `specification` what data sheets
+    promise · `imu` samples, axes, noise · `state` the navigation state and the order of the errors · `allan` white
+    noise and drift of a log · `first_order` the recursion of lags and of band limits.
 
     `motion`      what is known of it: `segments`, `kinematics` and `profile`, what a table does · `reference` what the
                   filter is fed · `alignment` how that is found in data

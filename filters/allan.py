@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.errors import InputError
 from filters.types import Array
 
 CHI2_MEDIAN = 0.4549364
@@ -114,7 +115,7 @@ def noise_of(x: Array, period: float) -> NoiseLevels:
     factors = octaves(first, x.shape[0] // 4)
     if factors.size < MIN_TAUS:
         needed = 4 * first * 2 ** (MIN_TAUS - 1)
-        raise ValueError(f"`x` has {x.shape[0]} samples: noise takes {needed} ({needed * period:.3g} s) at this period")
+        raise InputError(f"`x` has {x.shape[0]} samples: noise takes {needed} ({needed * period:.3g} s) at this period")
     tau, adev = deviation(x, period, factors)
     dof = degrees_of_freedom(x.shape[0], factors)
     levels = np.array([_fit(tau, column**2, dof) for column in adev.T])

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from filters.channels import CHANNELS as CHANNELS
 from filters.channels import STANDARD_GRAVITY as STANDARD_GRAVITY
+from filters.errors import InputError
 from filters.specification import IMU400CD_200 as IMU400CD_200
 from filters.specification import IMU440CA_200 as IMU440CA_200
 from filters.specification import ImuSpec as ImuSpec
@@ -52,7 +53,7 @@ class Noise:
 class AxisMap:
     """Between the instrument's own axes and sign, and body axes; the one place that knows both.
 
-    Raises ValueError if `mount` is no signed permutation, if rates would come out left-handed, or a sign is not ±1.
+    Raises InputError if `mount` is no signed permutation, if rates would come out left-handed, or a sign is not ±1.
     """
 
     # M, signed permutation (3, 3) from instrument to body axes, of gyro and accelerometer alike
@@ -66,14 +67,14 @@ class AxisMap:
 
     def __post_init__(self) -> None:
         if self.accel_sign not in (-1, 1):
-            raise ValueError(f"`accel_sign` is {self.accel_sign}, not -1 or +1")
+            raise InputError(f"`accel_sign` is {self.accel_sign}, not -1 or +1")
         if self.gyro_sign.shape != (3,) or not np.all(np.abs(self.gyro_sign) == 1.0):
-            raise ValueError(f"`gyro_sign` is {self.gyro_sign}, not three of -1 and 1")
+            raise InputError(f"`gyro_sign` is {self.gyro_sign}, not three of -1 and 1")
         M = self.mount
         if M.shape != (3, 3) or not np.array_equal(M @ M.T, np.eye(3)) or not np.all(np.isin(M, (-1.0, 0.0, 1.0))):
-            raise ValueError(f"`mount` is {M.tolist()}, not a signed permutation of the axes")
+            raise InputError(f"`mount` is {M.tolist()}, not a signed permutation of the axes")
         if np.linalg.det(M) < 0.0 and np.all(self.gyro_sign == 1.0):
-            raise ValueError("`mount` turns right-handed axes into left-handed ones: swap two axes, or flip a sign")
+            raise InputError("`mount` turns right-handed axes into left-handed ones: swap two axes, or flip a sign")
         # worked out once: a reading at a time is turned hundreds of times a second
         object.__setattr__(self, "_to_body", _turn(M))
         object.__setattr__(self, "_to_instrument", _turn(M.T))
@@ -117,13 +118,13 @@ def parse_mount(text: str) -> Array:
 
     `text`: three of x, y, z, each once, each with an optional sign, separated by commas.
     Returns M, shape (3, 3): ``v_body = M @ v_instrument``.
-    Raises ValueError if `text` does not read so.
+    Raises InputError if `text` does not read so.
     """
     names = [part.strip() for part in text.split(",")]
     M = np.zeros((3, 3))
     bare = [name.lstrip("+-") for name in names]
     if sorted(bare) != ["x", "y", "z"] or any(len(name) - len(b) > 1 for name, b in zip(names, bare, strict=True)):
-        raise ValueError(f'`mount` is "{text}", not three of x, y, z with signs such as "x,-y,-z"')
+        raise InputError(f'`mount` is "{text}", not three of x, y, z with signs such as "x,-y,-z"')
     for row, (name, b) in enumerate(zip(names, bare, strict=True)):
         M[row, "xyz".index(b)] = -1.0 if name.startswith("-") else 1.0
     return M

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from filters import attitude, earth
+from filters.errors import InputError
 from filters.types import Array
 
 POSITION = slice(0, 3)
@@ -28,11 +29,11 @@ class Site:
 
     def __post_init__(self) -> None:
         if not np.isfinite([self.latitude, self.longitude, self.height]).all():
-            raise ValueError(
+            raise InputError(
                 f"`height` {self.height}, `latitude` {self.latitude} or `longitude` {self.longitude} is not finite"
             )
         if not 0.0 < self.gravity < np.inf:
-            raise ValueError(f"`gravity` is {self.gravity} m/s², not a positive number")
+            raise InputError(f"`gravity` is {self.gravity} m/s², not a positive number")
 
     @classmethod
     def at(cls, latitude_deg: float, longitude_deg: float, height: float, gravity: float | None = None) -> "Site":

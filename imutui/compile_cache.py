@@ -7,22 +7,21 @@ stays. Who uses `filters` alone gets numba's own choice.
 
 import os
 import sys
-from pathlib import Path
-
-import platformdirs
 
 VARIABLE = "NUMBA_CACHE_DIR"
 """Environment variable that numba reads."""
 
 
-def folder() -> Path:
-    """Folder for compiled code, inside the user's cache folder; it need not exist yet."""
-    return Path(platformdirs.user_cache_dir("imutui")) / "numba"
+def folder() -> str:
+    """Folder for compiled code, inside the user's cache folder (XDG); it need not exist yet."""
+    # without `platformdirs` and `pathlib`: until they are loaded, nobody could answer Ctrl+C
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    return f"{cache if cache.strip() else os.path.expanduser('~/.cache')}/imutui/numba"  # noqa: PTH111
 
 
 def use() -> None:
     """Tell numba, and the processes that this one will start, to keep compiled code in `folder`."""
-    os.environ.setdefault(VARIABLE, str(folder()))
+    os.environ.setdefault(VARIABLE, folder())
     if "numba" in sys.modules:  # it has looked already; what was decorated since keeps its own place
         from numba.core import config
 

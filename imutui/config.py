@@ -13,6 +13,7 @@ from typing import Any
 
 import platformdirs
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from filters.state import PAPER_SITE
 from imutui import outside_file, toml_text
@@ -85,10 +86,6 @@ _VARIABLES = {_PREFIX + key.upper().replace(".", "_"): key for key in DEFAULTS}
 _SECTIONS = tuple({_PREFIX + key.split(".")[0].upper() + "_" for key in DEFAULTS})
 
 
-class ConfigError(Exception):
-    """A setting is not what it should be; the message says which, where, and what it may be."""
-
-
 @dataclass(frozen=True, slots=True)
 class Setting:
     """An effective value and where it comes from."""
@@ -138,7 +135,7 @@ class Config:
     def with_flags(self, flags: Mapping[str, Value | None]) -> "Config":
         """Copy in which flags that were given win.
 
-        Raises ConfigError if a key is unknown or a value does not fit.
+        Raises InputError if a key is unknown or a value does not fit.
         """
         settings = dict(self.settings)
         for key, value in flags.items():
@@ -152,7 +149,7 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
 
     `environment`: environment variables.
     `folder`: where ./imutui.toml is looked for; the working folder unless given.
-    Raises ConfigError if a file is no TOML, or a value does not fit its key.
+    Raises InputError if a file is no TOML, or a value does not fit its key.
     """
     settings = {key: Setting(value, "default") for key, value in DEFAULTS.items()}
     warnings: list[str] = []
@@ -177,13 +174,13 @@ def load(environment: Mapping[str, str] = os.environ, folder: Path | None = None
 def parse_pairs(pairs: list[str]) -> dict[str, Value]:
     """Settings written as `key=value`.
 
-    Raises ConfigError if one is not written so, is unknown, or does not fit.
+    Raises InputError if one is not written so, is unknown, or does not fit.
     """
     out: dict[str, Value] = {}
     for pair in pairs:
         key, separator, value = pair.partition("=")
         if not separator:
-            raise ConfigError(f'--set "{pair}" is not key=value, such as filter.kappa=-12')
+            raise InputError(f'--set "{pair}" is not key=value, such as filter.kappa=-12')
         out[key.strip()] = _fit(key.strip(), value.strip(), "--set")
     return out
 
@@ -194,10 +191,10 @@ def _file(path: Path) -> dict[str, Any] | None:
         tree = toml_text.parse(outside_file.read(path, toml_text.LIMIT))
     except FileNotFoundError:
         return None
-    except ValueError as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from error
+    except InputError as error:
+        raise InputError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
+        raise InputError(f"{path}: {error.strerror}") from error
     out: dict[str, Any] = {}
     for section, values in tree.items():
         if isinstance(values, dict):
@@ -209,33 +206,34 @@ def _file(path: Path) -> dict[str, Any] | None:
 
 def _fit(key: str, value: Any, source: str) -> Value:
     if key not in DEFAULTS:
-        raise ConfigError(f"{source}: unknown setting `{key}`{_meant(key)}; known: {', '.join(DEFAULTS)}")
+        raise InputError(f"{source}: unknown setting `{key}`{_meant(key)}; known: {', '.join(DEFAULTS)}")
     kind = type(DEFAULTS[key])
-    try:
-        fitted = _as(kind, value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ConfigError(f'{source}: `{key}` is "{value}", not {_KINDS[kind]}') from error
+    if (fitted := _as(kind, value)) is None:
+        raise InputError(f'{source}: `{key}` is "{value}", not {_KINDS[kind]}')
     if key in ALLOWED and fitted not in ALLOWED[key]:
-        raise ConfigError(f'{source}: `{key}` is "{value}", not one of: {", ".join(map(str, ALLOWED[key]))}')
+        raise InputError(f'{source}: `{key}` is "{value}", not one of: {", ".join(map(str, ALLOWED[key]))}')
     if key in LEAST and float(fitted) < LEAST[key]:
-        raise ConfigError(f'{source}: `{key}` is "{value}"; it must be {LEAST[key]:g} or more')
+        raise InputError(f'{source}: `{key}` is "{value}"; it must be {LEAST[key]:g} or more')
     return fitted
 
 
 _KINDS = {str: "a text", int: "a whole number", float: "a number"}
 
 
-def _as(kind: type, value: Any) -> Value:
-    """A value as a text, a whole number or a number; ValueError if it is none."""
+def _as(kind: type, value: Any) -> Value | None:
+    """A value as a text, a whole number or a number; None if it is none."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError(value)
+        return None
     if kind is str:
         return str(value)  # a table's number is a name too
-    if kind is int and isinstance(value, str | int):
-        return int(value)
-    number = float(value)
+    try:
+        if kind is int and isinstance(value, str | int):
+            return int(value)
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
     if not math.isfinite(number) or (kind is int and not number.is_integer()):
-        raise ValueError(value)
+        return None
     return int(number) if kind is int else number
 
 

@@ -74,6 +74,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, ImuSpec, parse_mount
 from filters.motion.profile import Profile
 from filters.simulation import Effect, PowerOn, Scenario, Temperature
@@ -98,7 +99,7 @@ _NOISE = {
 }
 
 
-class ScenarioError(ValueError):
+class ScenarioError(InputError):
     """A profile or scenario is not what it should be; the message says which file, which key, and what it may be."""
 
 
@@ -135,14 +136,14 @@ def load_scenario(path: Path, plain: Scenario | None = None) -> Scenario:
         return _scenario(document, path, usual)
     except ScenarioError:
         raise
-    except ValueError as error:
+    except InputError as error:
         raise ScenarioError(f"{path}: {error}") from error
 
 
 def _parsed(path: Path) -> dict[str, Any]:
     try:
         return toml_text.parse(outside_file.read(path, toml_text.LIMIT))
-    except ValueError as error:
+    except InputError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}") from error
     except OSError as error:
         raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error
@@ -157,7 +158,7 @@ def _profile(document: Mapping[str, Any], path: Path) -> Profile:
             return reference_file.from_document(cast("reference_file.ProfileDocument", document))
         known(document, ("samples", "sign", "align", "offset_sd_s"), "with `samples`")
         if not isinstance(document["samples"], str):
-            raise ValueError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
+            raise InputError(f"`samples` is {document['samples']!r}, not the name of a CSV file")
         # what comes beside the samples is what comes beside segments: checked by the one who knows
         beside = dict(document) | {"segment": [{"kind": "dwell", "angles_deg": [0.0, 0.0, 0.0], "seconds": 1.0}]}
         del beside["samples"]
@@ -165,17 +166,21 @@ def _profile(document: Mapping[str, Any], path: Path) -> Profile:
         sampled = _csv_profile(path.parent / document["samples"])
     except ScenarioError:
         raise
-    except ValueError as error:
+    except InputError as error:
         raise ScenarioError(f"{path}: {error}") from error
     return replace(sampled, sign=model.sign, align=model.align, offset_sd=model.offset_sd)
 
 
 def _csv_profile(path: Path) -> Profile:
     try:
-        return reference_file.parse_angles(path.read_text(encoding="utf-8-sig"), str(path))
+        content = outside_file.read(path, outside_file.TEXT_LIMIT)
     except OSError as error:
         raise ScenarioError(f"{path} can't be read: {error.strerror}. Check the path.") from error
-    except ValueError as error:
+    except InputError as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    try:
+        return reference_file.parse_angles(reference_file.text_of(content, str(path)), str(path))
+    except InputError as error:
         raise ScenarioError(str(error)) from error
 
 
@@ -233,7 +238,7 @@ def _profile_of(document: Mapping[str, Any], path: Path) -> Profile | None:
             if str(error).startswith(f"{path}: "):
                 raise ScenarioError(f"{path}: profile, {str(error).removeprefix(f'{path}: ')}") from error
             raise
-    raise ValueError(f"`profile` is {profile!r}; it is the name of a file, or [[profile.segment]] tables")
+    raise InputError(f"`profile` is {profile!r}; it is the name of a file, or [[profile.segment]] tables")
 
 
 def _profile_named(name: str, folder: Path) -> Profile:
@@ -242,7 +247,7 @@ def _profile_named(name: str, folder: Path) -> Profile:
     if named is not None and not file.exists():
         return named.profile
     if not file.exists() and file.suffix.lower() not in (".toml", ".csv"):
-        raise ValueError(f'`profile` is "{name}": no such file, nor a ready-made profile: {named_profiles.listed()}')
+        raise InputError(f'`profile` is "{name}": no such file, nor a ready-made profile: {named_profiles.listed()}')
     return load_profile(file)
 
 
@@ -258,7 +263,7 @@ def _spec(table: Mapping[str, Any], usual: ImuSpec) -> ImuSpec:
 
 def _temperature(value: Any, where: str) -> Temperature:
     if not isinstance(value, dict) or set(value) not in ({"constant_degc"}, {"history"}):
-        raise ValueError(
+        raise InputError(
             f"{where}`temperature` is {value!r}; it has either `constant_degc = 25.0`"
             " or `history = [[0.0, 20.0], [600.0, 35.0]]` (s, degC)"
         )
@@ -271,35 +276,35 @@ def _temperature(value: Any, where: str) -> Temperature:
         and all(isinstance(pair, list) and len(pair) == 2 and all(is_number(v) for v in pair) for pair in history)
     )
     if not pairs:
-        raise ValueError(f"{where}`temperature.history` is {history!r}, not pairs [s, degC]")
+        raise InputError(f"{where}`temperature.history` is {history!r}, not pairs [s, degC]")
     try:
         return Temperature(tuple((float(t), float(degc)) for t, degc in history))
-    except ValueError as error:
-        raise ValueError(f"{where}`temperature.history` is {history}: times do not increase") from error
+    except InputError as error:
+        raise InputError(f"{where}`temperature.history` is {history}: times do not increase") from error
 
 
 def _effect(table: Mapping[str, Any], where: str) -> Effect:
     name = table.get("name")
     if not isinstance(name, str):
-        raise ValueError(f"{where}`name` is {name!r}, not the name of an effect")
+        raise InputError(f"{where}`name` is {name!r}, not the name of an effect")
     channel = table.get("channel", [])
     channels = [channel] if isinstance(channel, str) else channel
     if not isinstance(channels, list) or not all(isinstance(c, str) for c in channels):
-        raise ValueError(f'{where}`channel` is {channel!r}; it is one such as "gx", or a list of them')
+        raise InputError(f'{where}`channel` is {channel!r}; it is one such as "gx", or a list of them')
     parameters = {key: value for key, value in table.items() if key not in ("name", "channel")}
     try:
         return Effect(name, tuple(channels), parameters)
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
+    except InputError as error:
+        raise InputError(f"{where}{error}") from error
 
 
 def _power_ons(document: Mapping[str, Any]) -> tuple[PowerOn, ...]:
     given = tuple(_power_on(table, f"power_on {n}: ") for n, table in enumerate(tables_of(document, "power_on"), 1))
     count = whole(document, "power_ons", 1, "") if "power_ons" in document else max(len(given), 1)
     if count > _MOST_POWER_ONS:
-        raise ValueError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
+        raise InputError(f"`power_ons` is {count}; the most is {_MOST_POWER_ONS}")
     if count < len(given):
-        raise ValueError(f"`power_ons` is {count}, but there are {len(given)} [[power_on]] tables")
+        raise InputError(f"`power_ons` is {count}, but there are {len(given)} [[power_on]] tables")
     return given + (PowerOn(),) * (count - len(given))
 
 
@@ -324,7 +329,7 @@ def _site(table: Mapping[str, Any]) -> Site:
         return replace(PAPER_SITE, gravity=gravity)
     latitude, longitude, height = (number(table, key, where) for key in ("latitude_deg", "longitude_deg", "height_m"))
     if not -90.0 <= latitude <= 90.0:
-        raise ValueError(f"{where}`latitude_deg` is {latitude:g}, not within ±90")
+        raise InputError(f"{where}`latitude_deg` is {latitude:g}, not within ±90")
     return Site.at(latitude, longitude, height, gravity)
 
 
@@ -332,7 +337,7 @@ def _axes(table: Mapping[str, Any], usual: AxisMap) -> AxisMap:
     known(table, ("accel_sign", "mount"), "in [instrument]")
     sign, mount = table.get("accel_sign", usual.accel_sign), table.get("mount", "x,y,z")
     if sign not in (-1, 1):
-        raise ValueError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
+        raise InputError(f"[instrument]: `accel_sign` is {sign!r}, not -1 or 1")
     if not isinstance(mount, str):
-        raise ValueError(f'[instrument]: `mount` is {mount!r}, not a text such as "x,-y,-z"')
+        raise InputError(f'[instrument]: `mount` is {mount!r}, not a text such as "x,-y,-z"')
     return AxisMap(parse_mount(mount), int(sign))

@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from filters.errors import InputError
 from filters.simulation import FAULT_KINDS, Fault, Personality
 from imutui.toml_values import Table, choice, known, number, whole, yes
 
@@ -21,15 +22,15 @@ _MODES: tuple[Literal["voltage", "scaled"], ...] = ("voltage", "scaled")
 
 
 def personality_of(unit: Table, line: Table) -> Personality:
-    """What tables [unit] and [line] say; ValueError names the key that does not fit."""
+    """What tables [unit] and [line] say; InputError names the key that does not fit."""
     known(unit, _UNIT, "in [unit]")
     known(line, _LINE, "in [line]")
     usual = Personality()
     version = unit.get("version")
     if version is not None and not isinstance(version, str):
-        raise ValueError(f"[unit]: `version` is {version!r}, not a text")
+        raise InputError(f"[unit]: `version` is {version!r}, not a text")
     if version is not None and _SIMULATED not in version:
-        raise ValueError(
+        raise InputError(
             f"[unit]: `version` is {version!r}; with {_SIMULATED} in it nobody takes its readings for measured"
         )
     try:
@@ -43,15 +44,15 @@ def personality_of(unit: Table, line: Table) -> Personality:
             clock_skew_ppm=number(unit, "clock_skew_ppm", "", usual.clock_skew_ppm),
             usb_bursts=number(line, "usb_bursts_s", "", usual.usb_bursts),
         )
-    except ValueError as error:
-        raise ValueError(f"[unit] or [line]: {error}") from error
+    except InputError as error:
+        raise InputError(f"[unit] or [line]: {error}") from error
 
 
 def fault_of(table: Table, where: str) -> Fault:
-    """A table [[fault]]; ValueError names the key that does not fit."""
+    """A table [[fault]]; InputError names the key that does not fit."""
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in FAULT_KINDS:
-        raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
+        raise InputError(f"{where}`kind` is {kind!r}, not one of: {', '.join(FAULT_KINDS)}")
     measure = FAULT_KINDS[kind]
     more = ("power", "serial_number") if kind == "hang_up" else ()
     known(table, tuple(filter(None, ("at_s", "kind", measure, *more))), f"in {where}{kind}")
@@ -62,9 +63,9 @@ def fault_of(table: Table, where: str) -> Fault:
         return Fault(at, kind, count=whole(table, "count", 1, where))
     seconds = number(table, "seconds", where, least=0.0)
     if seconds == 0.0:
-        raise ValueError(f"{where}`seconds` is 0, not a positive number")
+        raise InputError(f"{where}`seconds` is 0, not a positive number")
     serial_number = whole(table, "serial_number", 0, where) if "serial_number" in table else None
     try:
         return Fault(at, kind, seconds=seconds, power=yes(table, "power", where), serial_number=serial_number)
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
+    except InputError as error:
+        raise InputError(f"{where}{error}") from error

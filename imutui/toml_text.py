@@ -7,6 +7,8 @@ import re
 import tomllib
 from typing import Any
 
+from filters.errors import InputError
+
 LIMIT = 4 * 2**20
 """Longest document, bytes."""
 DEPTH = 20
@@ -21,19 +23,24 @@ def parse(content: bytes) -> dict[str, Any]:
     """Document of a file's content.
 
     `content`: UTF-8, with or without byte order mark.
-    Raises ValueError if it is no TOML, or longer or deeper than the limits.
+    Raises InputError if it is no TOML, or longer or deeper than the limits.
     """
     if len(content) > LIMIT:
-        raise ValueError(f"it is {len(content):,} bytes long; the most is {LIMIT:,}")
+        raise InputError(f"it is {len(content):,} bytes long; the most is {LIMIT:,}")
     try:
         text = content.decode("utf-8-sig")
-        if _LONG_KEY.search(text):
-            raise ValueError(f"a key in it has more than {_PARTS} parts")
+    except UnicodeDecodeError as error:
+        raise InputError(str(error)) from error
+    if _LONG_KEY.search(text):
+        raise InputError(f"a key in it has more than {_PARTS} parts")
+    try:
         document = tomllib.loads(text)
+    except ValueError as error:
+        raise InputError(str(error)) from error
     except RecursionError as error:
-        raise ValueError(_TOO_DEEP) from error
+        raise InputError(_TOO_DEEP) from error
     if _is_deep(document):
-        raise ValueError(_TOO_DEEP)
+        raise InputError(_TOO_DEEP)
     return document
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeAlias, TypeVar
 
+from filters.errors import InputError
 from imutui.toml_text import is_number
 
 Table: TypeAlias = Mapping[str, Any]
@@ -15,14 +16,14 @@ def known(table: Table, keys: tuple[str, ...], where: str) -> None:
     """Refuse keys that are unknown."""
     for key in table:
         if key not in keys:
-            raise ValueError(f"`{key}` is unknown {where}; known: {', '.join(keys)}")
+            raise InputError(f"`{key}` is unknown {where}; known: {', '.join(keys)}")
 
 
 def table_of(document: Table, key: str) -> Table:
     """A table of the document; empty where it is absent."""
     value = document.get(key, {})
     if not isinstance(value, dict):
-        raise ValueError(f"`{key}` is {value!r}, not a table [{key}]")
+        raise InputError(f"`{key}` is {value!r}, not a table [{key}]")
     return value
 
 
@@ -30,7 +31,7 @@ def tables_of(document: Table, key: str) -> list[Table]:
     """An array of tables; empty where it is absent."""
     value = document.get(key, [])
     if not isinstance(value, list) or not all(isinstance(table, dict) for table in value):
-        raise ValueError(f"`{key}` is {value!r}; each is a table [[{key}]]")
+        raise InputError(f"`{key}` is {value!r}; each is a table [[{key}]]")
     return value
 
 
@@ -38,9 +39,9 @@ def number(table: Table, key: str, where: str, default: float | None = None, *, 
     """A finite number, not below the least."""
     value = table.get(key, default)
     if value is None:
-        raise ValueError(f"{where}`{key}` is missing")
+        raise InputError(f"{where}`{key}` is missing")
     if not is_number(value) or value < least:
-        raise ValueError(
+        raise InputError(
             f"{where}`{key}` is {value!r}, not a finite number{f' from {least:g} on' * (least > -math.inf)}"
         )
     return float(value)
@@ -50,7 +51,7 @@ def whole(table: Table, key: str, least: int, where: str) -> int:
     """A whole number, not below the least; there is no default."""
     value = table.get(key)
     if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**63:
-        raise ValueError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
+        raise InputError(f"{where}`{key}` is {value!r}, not a whole number from {least} on")
     return value
 
 
@@ -58,7 +59,7 @@ def yes(table: Table, key: str, where: str, default: bool = False) -> bool:
     """A truth value."""
     value = table.get(key, default)
     if not isinstance(value, bool):
-        raise ValueError(f"{where}`{key}` is {value!r}, not true or false")
+        raise InputError(f"{where}`{key}` is {value!r}, not true or false")
     return value
 
 
@@ -68,7 +69,7 @@ def choice(table: Table, key: str, where: str, allowed: tuple[Word, ...], defaul
     for word in allowed:
         if value == word:
             return word
-    raise ValueError(f"{where}`{key}` is {value!r}, not one of: {', '.join(allowed)}")
+    raise InputError(f"{where}`{key}` is {value!r}, not one of: {', '.join(allowed)}")
 
 
 def triple(table: Table, key: str, unit: float, where: str) -> Triple | None:
@@ -77,5 +78,5 @@ def triple(table: Table, key: str, unit: float, where: str) -> Triple | None:
         return None
     value = table[key]
     if not isinstance(value, list) or len(value) != 3 or not all(is_number(v) for v in value):
-        raise ValueError(f"{where}`{key}` is {value!r}, not three numbers: [x, y, z]")
+        raise InputError(f"{where}`{key}` is {value!r}, not three numbers: [x, y, z]")
     return value[0] * unit, value[1] * unit, value[2] * unit

@@ -7,20 +7,38 @@ import ast
 import sys
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
-from helpers.paths import ROOT
+from helpers.modules import MODULES, PACKAGES, tree_of, within
 
-PACKAGES = ("imutui", "filters")
 GROUND = {
     f"filters.{name}"
-    for name in ("types", "channels", "first_order", "earth", "attitude", "specification", "imu", "allan", "state")
+    for name in (
+        "errors",
+        "types",
+        "channels",
+        "first_order",
+        "earth",
+        "attitude",
+        "specification",
+        "imu",
+        "allan",
+        "state",
+    )
 }
 
-EVERYWHERE = {
-    f"imutui.{name}" for name in ("estimate_history", "history_rows", "outside_file", "plain_text", "toml_text")
+EVERYWHERE = {"filters.errors"} | {
+    f"imutui.{name}"
+    for name in (
+        "defects",
+        "estimate_history",
+        "history_rows",
+        "outside_file",
+        "plain_text",
+        "toml_text",
+        "toml_values",
+    )
 }
-"""What any module of imutui may import: they know the standard library, and numpy, only."""
+"""What any module of imutui may import: they know the standard library, and numpy, and each other, only."""
 
 # package or module → what it may import of this project, besides itself
 FLOORS = {
@@ -28,7 +46,9 @@ FLOORS = {
     "imutui.estimate_history": set(),
     "imutui.plain_text": set(),
     "imutui.toml_text": set(),
+    "imutui.toml_values": set(),
     "imutui.outside_file": set(),
+    "imutui.defects": set(),
     "filters": GROUND,
     "filters.motion": GROUND,
     "filters.kalman": GROUND | {"filters.motion"},
@@ -58,9 +78,8 @@ FLOORS = {
     },
     "imutui.service": set(),
     "imutui.config": {"filters", "imutui.logbook"},
-    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_wire", "imutui.toml_values"},
-    "imutui.scenario_wire": {"filters", "imutui.toml_values"},
-    "imutui.toml_values": set(),
+    "imutui.scenario": {"filters", "imutui.logbook", "imutui.scenario_wire"},
+    "imutui.scenario_wire": {"filters"},
     "imutui.cli": {"filters", "imutui"},
 }
 
@@ -86,25 +105,6 @@ WITHOUT_TEXTUAL = ("imutui.tui.messages", "imutui.tui.formatting")
 TEXT_MODULES = ("text", "result_text", "explanation")
 
 MOST_METHODS = 36
-
-
-def find_modules() -> dict[str, Path]:
-    """Name and path of every module of the project."""
-    found = {}
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-            found[name] = path
-    return found
-
-
-MODULES = find_modules()
-
-
-@cache
-def tree_of(module: str) -> ast.Module:
-    """Syntax tree of a module."""
-    return ast.parse(MODULES[module].read_text())
 
 
 @cache
@@ -134,11 +134,6 @@ def imports(module: str, *, top_level: bool = False) -> frozenset[str]:
                 full = f"{node.module}.{alias.name}"
                 names.add(full if full in MODULES else node.module)
     return frozenset(names)
-
-
-def within(name: str, package: str) -> bool:
-    """Whether a module is a package or lies in it."""
-    return name == package or name.startswith(package + ".")
 
 
 def floor_of(module: str) -> str | None:

@@ -7,6 +7,7 @@ from filters.channels import CHANNELS
 from filters.effects import additive, drivers, reference_errors, thermal_average
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.records import ShapeValue, number_of, numbers_of
+from filters.errors import InputError
 from filters.motion.segments import AXES
 
 
@@ -71,13 +72,13 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
     `effect`: in the catalogue, or driver:NAME.
     `channels`: of gx gy gz ax ay az.
     `shape`: what its `shape()` gave, and a driver's knots.
-    Raises ValueError if there is no such effect, or its shape is not one that it can have.
+    Raises InputError if there is no such effect, or its shape is not one that it can have.
     """
     for s in reference_errors.shared():
         if s.effect == effect:
             return s
     if len(channels) != 1:
-        raise ValueError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')
+        raise InputError(f'`channels` of "{effect}" is {", ".join(channels)}: it is an effect of one channel')
     channel = CHANNELS.index(channels[0])
     if effect == "bias":
         return additive.Bias(channel)
@@ -95,8 +96,8 @@ def hypothesis(effect: str, channels: tuple[str, ...], shape: Mapping[str, Shape
         if h.effect == effect
     ]
     if not known:
-        raise ValueError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')
-    raise ValueError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')
+        raise InputError(f'`effect` is "{effect}", which {channels[0]} can\'t have or which joins no filter')
+    raise InputError(f'`parameters` of "{effect}" are {wanted}, not one of {known}')
 
 
 def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothesis:
@@ -104,6 +105,8 @@ def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothe
     ranges = dict.fromkeys((*drivers.SCALARS, *AXES), (0.0, 1.0))
     if "knots" in shape:
         knots = numbers_of(shape, "knots")
+        if not knots:
+            raise InputError(f'`knots` of "driver:{name}" has none')
         ranges[name] = (knots[0], knots[-1])
     if "centre" in shape:
         centre = number_of(shape, "centre")
@@ -116,4 +119,4 @@ def _driver(name: str, channel: int, shape: Mapping[str, ShapeValue]) -> Hypothe
         same = basis.name == name and basis.kind == shape.get("basis")
         if same and all(basis.parts.get(key) == shape.get(key) for key in ("order", "tau_s")):
             return basis.on(channel)
-    raise ValueError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')
+    raise InputError(f'"driver:{name}" with the basis {shape.get("basis")} is not known')

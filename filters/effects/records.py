@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeGuard
+
+from filters.errors import InputError
 
 ShapeValue = float | str | list[float]
 """What fixes an effect's shape: a number, a word, or knots."""
@@ -33,31 +36,39 @@ class Included:
     states: tuple[State, ...] = ()  # in order
 
     def number(self, name: str, default: float | None = None) -> float:
-        """A parameter that is a number; ValueError if it is none."""
+        """A parameter that is a number; InputError if it is none."""
         return number_of(self.parameters, name, default)
 
     def numbers(self, name: str) -> list[float]:
-        """A parameter that is a list of numbers; ValueError if it is none."""
+        """A parameter that is a list of numbers; InputError if it is none."""
         return numbers_of(self.parameters, name)
 
 
 def number_of(shape: Mapping[str, ShapeValue], name: str, default: float | None = None) -> float:
     """A number among what fixes a shape.
 
-    Raises ValueError if it is missing and has no default, or is no number.
+    Raises InputError if it is missing and has no default, or is no number.
     """
     value = shape.get(name, default)
-    if not isinstance(value, int | float):
-        raise ValueError(f"`{name}` is {value!r}, not a number")
+    if not _is_number(value):
+        raise InputError(f"`{name}` is {value!r}, not a number")
     return float(value)
 
 
 def numbers_of(shape: Mapping[str, ShapeValue], name: str) -> list[float]:
     """A list of numbers among what fixes a shape.
 
-    Raises ValueError if it is missing, or is no list.
+    Raises InputError if it is missing, or is no list.
     """
     value = shape.get(name)
-    if not isinstance(value, list):
-        raise ValueError(f"`{name}` is {value!r}, not a list of numbers")
+    if not isinstance(value, list) or not all(_is_number(x) for x in value):
+        raise InputError(f"`{name}` is {value!r}, not a list of numbers")
     return [float(x) for x in value]
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    """Whether a value is a number that may be one of a shape; a whole number may be longer than a float takes."""
+    return isinstance(value, int | float) and -_LARGEST < value < _LARGEST
+
+
+_LARGEST = 1e30

@@ -30,6 +30,7 @@ from filters.effects.inputs import (
     Inputs,
 )
 from filters.effects.records import Included
+from filters.errors import InputError
 from filters.first_order import first_order
 from filters.imu import AxisMap
 from filters.motion import kinematics
@@ -62,7 +63,7 @@ class CausalEffects:
     `axes`: sign and mounting of the unit.
     `site`: where it stands.
     `period`: of the samples, s.
-    Raises ValueError if an effect is not known, or can't be had from the past alone; the message names it.
+    Raises InputError if an effect is not known, or can't be had from the past alone; the message names it.
     """
 
     def __init__(
@@ -71,9 +72,9 @@ class CausalEffects:
         self._axes, self._site, self._period = axes, site, period
         for effect in included:
             if effect.effect not in catalogue.EFFECTS and not effect.effect.startswith("driver:"):
-                raise ValueError(f'`effect` is "{effect.effect}", which is none of the catalogue')
+                raise InputError(f'`effect` is "{effect.effect}", which is none of the catalogue')
             if effect.include_as in "AS" and not effect.states:
-                raise ValueError(f'"{effect.effect}" has no states: without them it changes nothing')
+                raise InputError(f'"{effect.effect}" has no states: without them it changes nothing')
         self._parts = [_part(effect) for effect in included if effect.states]
         states = [(effect, state) for effect in included for state in effect.states]
         self.names = tuple(f"{'/'.join(e.channels)} {e.effect} {s.name} ({s.unit})" for e, s in states)
@@ -96,7 +97,7 @@ class CausalEffects:
     def restore(self, memory: str) -> None:
         """Go on from what the effects of the file before remembered, before the first sample is shown.
 
-        Raises ValueError if the text is none that `memory` gave.
+        Raises InputError if the text is none that `memory` gave.
         """
         self._thermal.restore(memory)
 
@@ -233,16 +234,16 @@ def _part(effect: Included) -> _Part:
     past = effect.effect.startswith(_NOT_CAUSAL)
     h = None if past else catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
     if h is None or (isinstance(h, Driver) and not h.in_filter):
-        raise ValueError(
+        raise InputError(
             f'"{effect.effect}" follows past motion, or what temperature has crossed, which the filter does'
             " not keep: take it out of the file"
         )
     parameters = h.parameters()
     if len(parameters) != len(effect.states):
-        raise ValueError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')
+        raise InputError(f'"{effect.effect}" has {len(parameters)} states, and the file gives {len(effect.states)}')
     for p, state in zip(parameters, effect.states, strict=True):
         if p.unit != state.unit:
-            raise ValueError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
+            raise InputError(f'`unit` of {effect.effect} {state.name} is "{state.unit}", not "{p.unit}"')
     return _Part(h.channels, h, np.array([p.si for p in parameters]))
 
 
@@ -259,15 +260,15 @@ class _ThermalState:
 
     @classmethod
     def parsed(cls, text: str) -> "_ThermalState":
-        """From JSON; raises ValueError if that is not what it is."""
+        """From JSON; raises InputError if that is not what it is."""
         try:
             found = json.loads(text)
             numbers = {name: float(found[name]) for name in ("held", "start")}
             vectors = {name: [float(v) for v in found[name]] for name in ("smooth", "lags", "plays")}
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"the memory of temperature does not read as one ({error})") from error
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise InputError(f"the memory of temperature does not read as one ({error})") from error
         if not np.isfinite([*numbers.values(), *(v for vector in vectors.values() for v in vector)]).all():
-            raise ValueError("the memory of temperature has a number that is not finite")
+            raise InputError("the memory of temperature has a number that is not finite")
         return cls(numbers, vectors)
 
 

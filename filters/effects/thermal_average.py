@@ -22,6 +22,7 @@ from filters.channels import error_unit
 from filters.effects.hypothesis import ChannelEffect, Parameter
 from filters.effects.inputs import BANKS, LAGS, Inputs
 from filters.effects.records import ShapeValue, number_of, numbers_of
+from filters.errors import InputError
 from filters.types import Array
 
 FORM = "average"
@@ -116,16 +117,16 @@ class ThermalAverage(ChannelEffect):
 def from_file(effect: str, channel: int, shape: Mapping[str, ShapeValue]) -> ThermalAverage:
     """An average as `coefficients` wrote it.
 
-    Raises ValueError if something is missing, or is none of the time constants, widths and starts that there are.
+    Raises InputError if something is missing, or is none of the time constants, widths and starts that there are.
     """
     if effect not in _LEADING:
-        raise ValueError(f'"{effect}" can\'t be an average; these can: {", ".join(_LEADING)}')
+        raise InputError(f'"{effect}" can\'t be an average; these can: {", ".join(_LEADING)}')
     low, high = number_of(shape, "low_degc"), number_of(shape, "high_degc")
     if not high > low:
-        raise ValueError(f"`high_degc` of {effect} is {high}, not above `low_degc`, {low}")
+        raise InputError(f"`high_degc` of {effect} is {high}, not above `low_degc`, {low}")
     spreads = number_of(shape, "spreads", 0.0)
     if not (spreads.is_integer() and 0 <= spreads <= _MOST_SPREADS):
-        raise ValueError(f"`spreads` of {effect} is {spreads:g}, not a number from 0 to {_MOST_SPREADS}")
+        raise InputError(f"`spreads` of {effect} is {spreads:g}, not a number from 0 to {_MOST_SPREADS}")
     curves = tuple(_curve(effect, shape, f"_{n}" if n else "") for n in range(int(spreads) + 1))
     return ThermalAverage(channel, effect, low, high, curves)
 
@@ -133,11 +134,11 @@ def from_file(effect: str, channel: int, shape: Mapping[str, ShapeValue]) -> The
 def _curve(effect: str, shape: Mapping[str, ShapeValue], own: str) -> tuple[float, ...]:
     curve = numbers_of(shape, f"curve{own}")
     if len(curve) != ORDERS:
-        raise ValueError(f"`curve{own}` of {effect} has {len(curve)} numbers, not {ORDERS}")
+        raise InputError(f"`curve{own}` of {effect} has {len(curve)} numbers, not {ORDERS}")
     lags = _placed(effect, "tau_s", numbers_of(shape, "tau_s"), numbers_of(shape, f"lag{own}"), list(LAGS))
     widths, starts = numbers_of(shape, "width_k"), numbers_of(shape, "start")
     if len(widths) != len(starts):
-        raise ValueError(f"`start` of {effect} has {len(starts)} entries for {len(widths)} of `width_k`")
+        raise InputError(f"`start` of {effect} has {len(starts)} entries for {len(widths)} of `width_k`")
     banks = list(zip(widths, starts, strict=True))
     plays = _placed(effect, "width_k", banks, numbers_of(shape, f"play{own}"), list(BANKS))
     return (*curve, *lags, *plays)
@@ -146,10 +147,10 @@ def _curve(effect: str, shape: Mapping[str, ShapeValue], own: str) -> tuple[floa
 def _placed(effect: str, name: str, keys: list[_Key], values: list[float], known: list[_Key]) -> list[float]:
     """Values at the places of their keys among those that are known, 0 elsewhere."""
     if len(keys) != len(values):
-        raise ValueError(f"`{name}` of {effect} has {len(keys)} entries for {len(values)} numbers")
+        raise InputError(f"`{name}` of {effect} has {len(keys)} entries for {len(values)} numbers")
     out = [0.0] * len(known)
     for key, value in zip(keys, values, strict=True):
         if key not in known:
-            raise ValueError(f"`{name}` of {effect} has {key}, not one of {known}")
+            raise InputError(f"`{name}` of {effect} has {key}, not one of {known}")
         out[known.index(key)] = value
     return out

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import state
+from filters.errors import InputError
 from filters.kalman import spkf, strapdown
 from filters.kalman.spkf import Belief, Innovation
 from filters.state import NavState
@@ -74,7 +75,7 @@ MakeEffects = Callable[[], Effects]
 def check(effects: Effects) -> None:
     """Refuse effects whose numbers do not belong together.
 
-    Raises ValueError naming what is wrong.
+    Raises InputError naming what is wrong.
     """
     p = len(effects.names)
     for name, value, shape in (
@@ -86,22 +87,22 @@ def check(effects: Effects) -> None:
         if np.shape(value) != shape:
             raise ValueError(f"`{name}` of the effects has shape {np.shape(value)}, not {shape}: {p} states are named")
         if not np.isfinite(value).all() and name != "tau":
-            raise ValueError(f"`{name}` of the effects is not finite: {value}")
+            raise InputError(f"`{name}` of the effects is not finite: {value}")
     if not np.all(effects.tau > 0.0):
-        raise ValueError(f"`tau` of the effects is {effects.tau} s, not positive")
+        raise InputError(f"`tau` of the effects is {effects.tau} s, not positive")
     if not np.all(effects.q >= 0.0):
-        raise ValueError(f"`q` of the effects is {effects.q}, negative")
+        raise InputError(f"`q` of the effects is {effects.q}, negative")
     P = effects.covariance
     sd = np.sqrt(np.maximum(np.diag(P), 0.0))
     unit = P / np.outer(np.where(sd > 0.0, sd, 1.0), np.where(sd > 0.0, sd, 1.0))
     if not np.allclose(unit, unit.T, atol=_ROUNDING) or (p and np.linalg.eigvalsh(unit)[0] < -_ROUNDING):
-        raise ValueError("`covariance` of the effects is not symmetric and positive")
+        raise InputError("`covariance` of the effects is not symmetric and positive")
 
 
 def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: NDArray[np.bool_]) -> None:
     """Refuse rows that no filter can use; samples that are not used may hold anything.
 
-    Raises ValueError naming the state and the time of the first one.
+    Raises InputError naming the state and the time of the first one.
     """
     n, p = t.size, len(names)
     for name, value, shape in (("phi", phi, (n, 6, p)), ("noise_scale", scale, (n, 6)), ("use", use, (n,))):
@@ -110,14 +111,14 @@ def check_rows(names: tuple[str, ...], t: Array, phi: Array, scale: Array, use: 
     wrong = use[:, None] & ~np.isfinite(phi).all(axis=1)
     if wrong.any():
         k, j = np.argwhere(wrong)[0]
-        raise ValueError(
+        raise InputError(
             f'the effect "{names[j]}" depends on what is not known at {t[k]:.3f} s, such as a temperature that the'
             " readings come without"
         )
     wrong = use[:, None] & ~(np.isfinite(scale) & (scale >= 0.0))
     if wrong.any():
         k, channel = np.argwhere(wrong)[0]
-        raise ValueError(f"`noise_scale` of the effects is {scale[k, channel]} at {t[k]:.3f} s")
+        raise InputError(f"`noise_scale` of the effects is {scale[k, channel]} at {t[k]:.3f} s")
 
 
 # --------------------------------------------------------------------------------------- the filter, written to be read

@@ -40,7 +40,7 @@ class Estimator:
 
     `settings`: what decides the estimates.
     `every`: least time between two estimates that `step` and `run` give, s; 0 for each sample, infinity for none.
-    Raises ValueError if the reference cannot be had: no motion given, or a rate too slow for it; or if the effects'
+    Raises InputError if the reference cannot be had: no motion given, or a rate too slow for it; or if the effects'
       numbers do not belong together.
     """
 
@@ -388,7 +388,7 @@ def step(estimator: Estimator, t: float, gyro: Array, accel: Array, temperature:
     `gyro`, `accel`: angular rate (rad/s) and specific force (m/s²), body axes, shape (3,).
     `temperature`: degC; NaN where it is not known. Effects look at it, the filter does not.
     Returns at most one every `estimator.every` s; none while the reference is being found.
-    Raises ValueError if `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
+    Raises InputError if `t` does not increase, the unit turns too fast for the rate, or its reference cannot be found.
     Raises DivergenceError if the filter broke down; the message names the sample.
     """
     return list(run(estimator, np.array([t]), gyro[None], accel[None], np.array([temperature]), last=False))

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.errors import InputError
 from filters.kalman.settings import GAP_PERIODS, MAX_TURN
 from filters.types import Array
 
@@ -24,19 +25,19 @@ class SampleTimes:
 
         `t`, `gyro`: s since the first sample, and rad/s; shapes (N,), (N, 3).
         `seen`: samples before these.
-        Raises ValueError if time does not increase, or the unit turns too far between two samples.
+        Raises InputError if time does not increase, or the unit turns too far between two samples.
         """
         before = np.concatenate([[self._last_t], t[:-1]])
         steps = t - before
         if not np.all(steps > 0.0):
             k = int(np.argmax(~(steps > 0.0)))
-            raise ValueError(f"`t` goes from {before[k]} s to {t[k]} s at sample {seen + k}: time must increase")
+            raise InputError(f"`t` goes from {before[k]} s to {t[k]} s at sample {seen + k}: time must increase")
         gaps = self.are_gaps(before, t)
         self.gaps += [(float(before[k]), float(steps[k])) for k in np.flatnonzero(gaps)]
         turned = np.sqrt(np.sum(gyro**2, axis=1)) * np.where(gaps | ~np.isfinite(steps), 0.0, steps)
         if np.any(turned > MAX_TURN):
             k = int(np.argmax(turned > MAX_TURN))
-            raise ValueError(
+            raise InputError(
                 f"the unit turns {np.rad2deg(turned[k]):.0f} deg between two samples at {t[k]:.3f} s (rate"
                 f" {1.0 / self._period:g} Hz): nothing is known of the rate in between."
                 " Record rotation at 10 Hz or more"

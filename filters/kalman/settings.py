@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters import state
+from filters.errors import InputError
 from filters.imu import IMU400CD_200, STANDARD_GRAVITY, ImuSpec, Noise
 from filters.motion import alignment, attitude_only, reference
 from filters.motion.profile import Profile
@@ -61,18 +62,18 @@ class Settings:
             ("measurements", self.measurements, MEASUREMENTS),
         ):
             if value not in allowed:
-                raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(allowed)}')
+                raise InputError(f'`{name}` is "{value}", not one of: {", ".join(allowed)}')
         if self.effects is not None and self.filter != "spkf":
-            raise ValueError(
+            raise InputError(
                 f'`filter` is "{self.filter}", but effects are to be included, which join the filter "spkf" only.'
                 " Choose it, or leave the effects out"
             )
         if self.seed < 0:
-            raise ValueError(f"`seed` is {self.seed}, negative")
+            raise InputError(f"`seed` is {self.seed}, negative")
         if not self.period > 0.0:
-            raise ValueError(f"`period` is {self.period} s, not positive")
+            raise InputError(f"`period` is {self.period} s, not positive")
         if not state.SIZE + self.kappa > 0.0:
-            raise ValueError(f"`kappa` is {self.kappa}: 15 + kappa must be positive")
+            raise InputError(f"`kappa` is {self.kappa}: 15 + kappa must be positive")
 
     def process_noise(self) -> Noise:
         """Process noise in force."""
@@ -80,14 +81,14 @@ class Settings:
 
 
 def alignment_of(settings: Settings) -> alignment.Alignment | None:
-    """What finds the reference in the first samples, where it has to be found; raises ValueError if it cannot be."""
+    """What finds the reference in the first samples, where it has to be found; raises InputError if it cannot be."""
     if settings.reference == "gravity":
         return alignment.Levelling(settings.site, P0_ACCEL_BIAS_SD)
     if settings.reference == "turned":
         return alignment.LevellingAtRest(settings.site, P0_ACCEL_BIAS_SD)
     if settings.reference == "trajectory":
         if not isinstance(settings.motion, Trajectory):
-            raise ValueError('`motion` is missing: the reference "trajectory" needs one')
+            raise InputError('`motion` is missing: the reference "trajectory" needs one')
         if attitude_only.knows_attitude_only(settings.motion):
             return attitude_only.Starting(settings.motion, settings.site)
         return alignment.InMotion(settings.motion, settings.site, P0_ACCEL_BIAS_SD)
@@ -95,19 +96,19 @@ def alignment_of(settings: Settings) -> alignment.Alignment | None:
 
 
 def reference_of(settings: Settings) -> Reference:
-    """The reference that is known from the start; raises ValueError if no motion is given, or the rate is too slow."""
+    """The reference that is known from the start; raises InputError if no motion is given, or the rate is too slow."""
     if settings.reference == "level":
         return reference.level(settings.site)
     profile = settings.motion
     if not isinstance(profile, Profile):
-        raise ValueError('`motion` is missing: the reference "profile" needs one')
+        raise InputError('`motion` is missing: the reference "profile" needs one')
     if profile.align == "gyro" and settings.offset_sd is None:
-        raise ValueError(
+        raise InputError(
             '`align` is "gyro": the profile is found in the whole log, so it cannot be used live. Record, then replay;'
             ' or align by "marks"'
         )
     if profile.max_rate * settings.period > MAX_TURN:
-        raise ValueError(
+        raise InputError(
             f"`profile` turns at up to {np.rad2deg(profile.max_rate):.0f} deg/s, which is"
             f" {np.rad2deg(profile.max_rate * settings.period):.0f} deg between two samples at"
             f" {1.0 / settings.period:g} Hz: nothing is known of the rate in between. Sample faster, or turn slower"

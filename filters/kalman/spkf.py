@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import state
+from filters.errors import InputError
 from filters.imu import Noise
 from filters.kalman import strapdown
 from filters.state import NavState
@@ -20,7 +21,7 @@ PAPER_KAPPA = -12.0
 """κ with n + κ = 3, as the paper suggests; the centre weight is then -4 and P can lose definiteness without updates."""
 
 
-class DivergenceError(ArithmeticError):
+class DivergenceError(InputError):
     """The covariance lost definiteness, or the state stopped being finite."""
 
 

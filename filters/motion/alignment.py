@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from filters import attitude
+from filters.errors import InputError
 from filters.motion import kinematics
 from filters.motion.profile import Profile
 from filters.motion.reference import PAPER_R_SD, Path, Reference, Still, Trajectory
@@ -41,7 +42,7 @@ class Alignment(Protocol):
         ...
 
     def found(self, t: Array, gyro: Array, accel: Array) -> Reference:
-        """Reference from the samples, body axes; raises ValueError if they do not give one."""
+        """Reference from the samples, body axes; raises InputError if they do not give one."""
         ...
 
 
@@ -91,12 +92,12 @@ def level_by_gravity(site: Site, mean_force_b: Array, accel_bias_sd: float) -> S
     `mean_force_b`: mean specific force, body axes, m/s², shape (3,).
     `accel_bias_sd`: standard deviation of the accelerometer bias at the start, m/s².
     Returns rows position, velocity and yaw.
-    Raises ValueError if the mean force is not within 10 % of gravity: then the unit does not stand still, or units are
+    Raises InputError if the mean force is not within 10 % of gravity: then the unit does not stand still, or units are
       wrong.
     """
     norm = float(np.linalg.norm(mean_force_b))
     if not 0.9 < norm / site.gravity < 1.1:
-        raise ValueError(
+        raise InputError(
             f"`mean_force_b` has magnitude {norm:.3f} m/s², not gravity's {site.gravity:.3f}:"
             " not at rest, or wrong units"
         )
@@ -121,13 +122,13 @@ class InMotion:
     `trajectory`: its first row must give position and velocity.
     `site`: gravity.
     `accel_bias_sd`: at the start, m/s².
-    Raises ValueError if the first row lacks position or velocity.
+    Raises InputError if the first row lacks position or velocity.
     """
 
     def __init__(self, trajectory: Trajectory, site: Site, accel_bias_sd: float) -> None:
         whole = np.flatnonzero(np.isfinite(trajectory.values[:, :6]).all(axis=1))
         if not whole.size:
-            raise ValueError("`trajectory` has no row with both position and velocity: the filter has nowhere to start")
+            raise InputError("`trajectory` has no row with both position and velocity: the filter has nowhere to start")
         # what is before the first sample is the past; only the last of it says where the unit is then
         past = whole[trajectory.t[whole] <= 0.0]
         self._first = int(past[-1] if past.size else whole[0])
@@ -189,7 +190,7 @@ def attitude_from_velocity(trajectory: Trajectory, gravity: float, t: Array, gyr
     `gravity`: m/s².
     `t`, `gyro`, `accel`: samples, s, rad/s, m/s², body axes, shape (N,), (N, 3), (N, 3).
     Returns C_nb at t[0], shape (3, 3).
-    Raises ValueError if fewer than three pairs of velocities lie within the samples.
+    Raises InputError if fewer than three pairs of velocities lie within the samples.
     """
     velocity = trajectory.values[:, 3:6]
     use = np.isfinite(velocity).all(axis=1) & (trajectory.t >= t[0]) & (trajectory.t <= t[-1])
@@ -211,7 +212,7 @@ def attitude_from_velocity(trajectory: Trajectory, gravity: float, t: Array, gyr
             pairs.append((last, k))
             last = k
     if len(pairs) < 3:
-        raise ValueError(f"`trajectory` has {len(pairs)} usable pairs of velocities; three are needed to find attitude")
+        raise InputError(f"`trajectory` has {len(pairs)} usable pairs of velocities; three are needed to find attitude")
     first, second = np.array(pairs).T
     alpha = fix_v[second] - fix_v[first]
     alpha[:, 2] -= gravity * (fix_t[second] - fix_t[first])
@@ -230,12 +231,12 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
     `profile`: with moving segments.
     `t`, `gyro`: samples, s and rad/s, body axes, shape (N,) and (N, 3).
     Returns offset and its standard deviation, s.
-    Raises ValueError if the profile does not move, or the gyros do not follow it.
+    Raises InputError if the profile does not move, or the gyros do not follow it.
     """
     grid = np.arange(0.0, profile.duration, _STEP)
     wanted = _rates(profile, grid)
     if not np.any(np.abs(wanted) > 1e-3):
-        raise ValueError("`profile` never turns: there is nothing to find its time by; use marks")
+        raise InputError("`profile` never turns: there is nothing to find its time by; use marks")
     seen_t = np.arange(t[0], t[-1], _STEP)
     seen = np.stack([np.interp(seen_t, t, gyro[:, i]) for i in range(3)], axis=-1)
     shift = _best_shift(seen, wanted)
@@ -249,7 +250,7 @@ def offset_of_profile(profile: Profile, t: Array, gyro: Array) -> tuple[float, f
         slope = slope - slope.mean(axis=0)
         information = float(np.sum(slope**2))
         if information == 0.0:
-            raise ValueError(f"`profile` {_NOT_THIS_ONE}: it does not lie in this log")
+            raise InputError(f"`profile` {_NOT_THIS_ONE}: it does not lie in this log")
         step = float(np.sum(slope * residual)) / information
         offset += float(np.clip(step, -_STEP, _STEP))
         sd = float(np.sqrt(np.mean(residual**2) / information))
@@ -279,13 +280,13 @@ def _check_fit(gyro: Array, expected: Array) -> None:
     """Refuse a profile that the gyros did not follow: in all, by each axis' own share, and by the bias it takes."""
     bias = np.mean(gyro - expected, axis=0)
     if np.any(np.abs(bias) > _BIAS):
-        raise ValueError(
+        raise InputError(
             f"`profile` {_NOT_THIS_ONE}: it fits only with a gyro bias of {np.rad2deg(np.abs(bias).max()):.0f} deg/s"
         )
     centred, wanted = gyro - gyro.mean(axis=0), expected - expected.mean(axis=0)
     explained = 1.0 - np.sum((centred - wanted) ** 2) / np.sum(centred**2)
     if explained < 0.5:
-        raise ValueError(f"`profile` {_NOT_THIS_ONE}: it explains {max(0.0, explained) * 100:.0f} % of it")
+        raise InputError(f"`profile` {_NOT_THIS_ONE}: it explains {max(0.0, explained) * 100:.0f} % of it")
     energy = np.sum(wanted**2, axis=0)
     noise = np.mean((centred - wanted) ** 2, axis=0)
     for i, axis in enumerate("xyz"):
@@ -293,7 +294,7 @@ def _check_fit(gyro: Array, expected: Array) -> None:
         if energy[i] > 100.0 * noise.min() and energy[i] > 0.0:
             share = float(np.sum(centred[:, i] * wanted[:, i]) / energy[i])
             if not 0.5 < share < 1.5:
-                raise ValueError(f"`profile` {_NOT_THIS_ONE}: the {axis} gyro saw {share * 100:.0f} % of its rate")
+                raise InputError(f"`profile` {_NOT_THIS_ONE}: the {axis} gyro saw {share * 100:.0f} % of its rate")
 
 
 def _rates(profile: Profile, t: Array) -> Array:

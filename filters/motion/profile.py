@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from filters.errors import InputError
 from filters.motion.kinematics import PieceTable, Swing, each, envelope, piece_table
 from filters.motion.segments import Dwell, Sampled, Segment, check_positive
 from filters.types import Array
@@ -31,7 +32,7 @@ ACCEL = math.radians(100.0)
 class Profile:
     """Motion of a table; the module says what its segments mean.
 
-    Raises ValueError if one of them makes no sense.
+    Raises InputError if one of them makes no sense.
     """
 
     segments: tuple[Segment, ...]  # in order, at least one
@@ -45,13 +46,13 @@ class Profile:
 
     def __post_init__(self) -> None:
         if not self.segments:
-            raise ValueError("`segments` is empty: a profile has at least one")
+            raise InputError("`segments` is empty: a profile has at least one")
         if len(self.sign) != 3 or any(s not in (-1, 1) for s in self.sign):
-            raise ValueError(f"`sign` is {list(self.sign)}, not three of -1 and 1")
+            raise InputError(f"`sign` is {list(self.sign)}, not three of -1 and 1")
         if self.align not in ALIGNS:
-            raise ValueError(f'`align` is "{self.align}", not one of: {", ".join(ALIGNS)}')
+            raise InputError(f'`align` is "{self.align}", not one of: {", ".join(ALIGNS)}')
         if self.offset_sd is not None and not 0.0 <= self.offset_sd < math.inf:
-            raise ValueError(f"`offset_sd` is {self.offset_sd}, not a finite number of seconds, 0 or more")
+            raise InputError(f"`offset_sd` is {self.offset_sd}, not a finite number of seconds, 0 or more")
         check_positive("slew", self.slew)
         check_positive("accel", self.accel)
         object.__setattr__(self, "_pieces", piece_table(self.segments, self.slew, self.accel))

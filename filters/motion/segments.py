@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filters.errors import InputError
+
 AXES = ("outer", "middle", "inner")
 """Of the table, in the order of all arrays of three table angles."""
 
@@ -33,7 +35,7 @@ class Dwell:
 
     def __post_init__(self) -> None:
         if len(self.angles) != 3 or not np.isfinite(self.angles).all():
-            raise ValueError(f"`angles` is {self.angles}, not three finite angles: outer, middle, inner")
+            raise InputError(f"`angles` is {self.angles}, not three finite angles: outer, middle, inner")
         check_positive("seconds", self.seconds)
 
 
@@ -48,7 +50,7 @@ class Rate:
     def __post_init__(self) -> None:
         axis_number(self.axis)
         if not math.isfinite(self.rate) or self.rate == 0.0:
-            raise ValueError(f"`rate` is {self.rate}, not a finite rate other than zero")
+            raise InputError(f"`rate` is {self.rate}, not a finite rate other than zero")
         check_positive("seconds", self.seconds)
 
 
@@ -78,27 +80,27 @@ class Sampled:
     def __post_init__(self) -> None:
         t, angles = np.array(self.t), np.array(self.angles)
         if t.size < 2 or angles.shape != (t.size, 3):
-            raise ValueError(f"`t` has {t.size} times and `angles` shape {angles.shape}: at least 2, and 3 angles each")
+            raise InputError(f"`t` has {t.size} times and `angles` shape {angles.shape}: at least 2, and 3 angles each")
         finite = np.isfinite(t) & np.isfinite(angles).all(axis=1)
         if not finite.all():
             row = int(np.argmin(finite))
-            raise ValueError(f"`angles` or `t` is not finite in row {row}")
+            raise InputError(f"`angles` or `t` is not finite in row {row}")
         if not (np.diff(t) > 0.0).all():
             row = int(np.argmin(np.diff(t) > 0.0)) + 1
-            raise ValueError(f"`t` does not increase in row {row}: {t[row]:g} after {t[row - 1]:g}")
+            raise InputError(f"`t` does not increase in row {row}: {t[row]:g} after {t[row - 1]:g}")
 
 
 Segment = Dwell | Rate | Sine | Sampled
 
 
 def axis_number(axis: str) -> int:
-    """Column of an axis in arrays of table angles; raises ValueError if there is none of that name."""
+    """Column of an axis in arrays of table angles; raises InputError if there is none of that name."""
     if axis not in AXES:
-        raise ValueError(f'`axis` is "{axis}", not one of: {", ".join(AXES)}')
+        raise InputError(f'`axis` is "{axis}", not one of: {", ".join(AXES)}')
     return AXES.index(axis)
 
 
 def check_positive(name: str, value: float) -> None:
-    """Raise ValueError that names the argument unless its value is positive and finite."""
+    """Raise InputError that names the argument unless its value is positive and finite."""
     if not 0.0 < value < math.inf:
-        raise ValueError(f"`{name}` is {value}, not a positive finite number")
+        raise InputError(f"`{name}` is {value}, not a positive finite number")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from filters.channels import ACCELS, GYROS
+from filters.errors import InputError
 from filters.multiposition import choice, errors, rests
 from filters.multiposition.accelerometer import Rests
 from filters.multiposition.choice import Choice
@@ -66,7 +67,7 @@ def calibrate(
     `heldout`: a log to judge on.
     `seed`: of intervals.
     `progress`: told a share from 0 to 1 and what is being done.
-    Raises ValueError if a log has no rests or lacks an accelerometer; the message names it.
+    Raises InputError if a log has no rests or lacks an accelerometer; the message names it.
     """
     progress(0.0, "looking for rests")
     found = tuple(_rests_of(run) for run in runs)
@@ -74,7 +75,7 @@ def calibrate(
     gravity = runs[0].site.gravity
     observed, directions = Rests(every, gravity), rests.distinct_directions(every)
     if directions < 2:
-        raise ValueError(
+        raise InputError(
             f"{', '.join(run.name for run in runs)}: the unit was never turned: {len(every)} rests, all in one"
             " direction. Lay it down in at least nine; or trace it at rest: --reference gravity."
         )
@@ -96,14 +97,14 @@ def _rests_of(run: Run) -> tuple[Rest, ...]:
     if not rests.has_accelerometers(run):
         have = rests.recorded(run)
         lack = ", ".join(name for name, c in zip(("x", "y", "z"), ACCELS, strict=True) if not have[c])
-        raise ValueError(
+        raise InputError(
             f"{run.name}: accelerometer {lack} was not recorded, or reads the same throughout, and the magnitude of"
             " gravity takes all three. Record all of them, or trace the log at one rest: --reference gravity with"
             " --start and --end on import."
         )
     found = rests.find_rests(run)
     if not found:
-        raise ValueError(
+        raise InputError(
             f"{run.name}: no rest was found: nowhere do all channels stay quiet for {rests.WINDOW_S:g} s together. Put"
             " the unit down for some seconds in at least nine directions."
         )

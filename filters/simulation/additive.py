@@ -11,6 +11,7 @@ import numpy as np
 
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import PLAYS, REFERENCE_DEGC
+from filters.errors import InputError
 from filters.first_order import first_order
 from filters.motion.segments import AXES
 from filters.simulation.parameters import GYRO_CHANNELS, ScenarioParameter, Setup, TrueInputs, positive
@@ -233,7 +234,7 @@ class CrossAxis:
         self._k = np.array([setup.number(axis) for axis in "xyz"])
         if self._k[own] != 0.0:
             name = CHANNELS[setup.channel]
-            raise ValueError(f"`{'xyz'[own]}_rad` is {self._k[own]:g} on {name}: that is its own axis, a scale factor")
+            raise InputError(f"`{'xyz'[own]}_rad` is {self._k[own]:g} on {name}: that is its own axis, a scale factor")
         self._inputs = slice(0, 3) if setup.channel < 3 else slice(3, 6)
 
     def error(self, inputs: TrueInputs) -> Array:

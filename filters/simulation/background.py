@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from filters import earth
+from filters.errors import InputError
 from filters.imu import AxisMap
 from filters.motion.kinematics import angles_of, attitudes, body_rate
 from filters.state import Site
@@ -148,16 +149,16 @@ class Background:
 
         `perfect`: what a perfect unit at rest on the level table reads, shape (6,).
         `gravity`: m/s².
-        Raises ValueError if it moves, or its gravity points elsewhere.
+        Raises InputError if it moves, or its gravity points elsewhere.
         """
         if self.motion.moves:
-            raise ValueError(
+            raise InputError(
                 "the recording has a motion of its own, and the scenario adds one: leave out its profile and the"
                 " effects of motion (delay, lever_arm, tilt, gravity, earth_rate, mounting)"
             )
         force = self.motion.sensed[0, 3:]
         if np.abs(force - perfect[3:]).max() > _SAME_FORCE * gravity:
-            raise ValueError(
+            raise InputError(
                 f"the recording reads gravity as {_in_g(force, gravity)}, and the scenario's unit on its level table as"
                 f" {_in_g(perfect[3:], gravity)}: its motion can't be added to that. Name the recording's sign and"
                 ' mounting in the scenario\'s [instrument], such as accel_sign = 1, mount = "x,-y,-z"'

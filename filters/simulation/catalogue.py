@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from filters.channels import CHANNELS
+from filters.errors import InputError
 from filters.first_order import first_order
 from filters.simulation import additive, output, truth
 from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
@@ -124,7 +125,7 @@ them if it has `selectable` too), with `together` on those that a scenario names
 class Effect:
     """What a scenario asks of one effect.
 
-    Raises ValueError if a name, a channel, a parameter or a value does not fit; the message says what would.
+    Raises InputError if a name, a channel, a parameter or a value does not fit; the message says what would.
     """
 
     name: str  # in `EFFECTS`
@@ -134,18 +135,18 @@ class Effect:
 
     def __post_init__(self) -> None:
         if self.name not in EFFECTS:
-            raise ValueError(f'`name` is "{self.name}", no effect; known: {", ".join(EFFECTS)}')
+            raise InputError(f'`name` is "{self.name}", no effect; known: {", ".join(EFFECTS)}')
         kind = EFFECTS[self.name]
         if not self.channels and not getattr(kind, "everywhere", False):
-            raise ValueError(f"`channel` is missing for {self.name}: one or several of {', '.join(kind.channels)}")
+            raise InputError(f"`channel` is missing for {self.name}: one or several of {', '.join(kind.channels)}")
         for channel in self.channels:
             if channel not in kind.channels:
-                raise ValueError(f'`channel` is "{channel}"; {self.name} can be on {", ".join(kind.channels)}')
+                raise InputError(f'`channel` is "{channel}"; {self.name} can be on {", ".join(kind.channels)}')
         if len(set(self.channels)) < len(self.channels):
-            raise ValueError(f"`channel` is {list(self.channels)}: one is named twice")
+            raise InputError(f"`channel` is {list(self.channels)}: one is named twice")
         whole = getattr(kind, "everywhere", False) and not getattr(kind, "selectable", False)
         if whole and self.channels and set(self.channels) != set(kind.channels):
-            raise ValueError(f"`channel` is {list(self.channels)}; {self.name} is on all it concerns: leave it out")
+            raise InputError(f"`channel` is {list(self.channels)}; {self.name} is on all it concerns: leave it out")
         self.made(1.0, lambda _: np.random.default_rng(0))
 
     def made(self, rate_hz: float, rng: Callable[[int], np.random.Generator]) -> list[tuple[int, Any]]:
@@ -169,22 +170,22 @@ class Effect:
         for name in self.parameters:
             if name not in names:
                 where = f"{self.name} on {CHANNELS[channel]}"
-                raise ValueError(f"`{name}` is no parameter of {where}; it has: {', '.join(names)}")
+                raise InputError(f"`{name}` is no parameter of {where}; it has: {', '.join(names)}")
         return {p.key: self._value(name, p, channel) for name, p in names.items()}
 
     def _value(self, name: str, parameter: ScenarioParameter, channel: int) -> float | str:
         value = self.parameters.get(name, parameter.default)
         if value is None:
-            raise ValueError(f"`{name}` is missing for {self.name} on {CHANNELS[channel]}")
+            raise InputError(f"`{name}` is missing for {self.name} on {CHANNELS[channel]}")
         if parameter.choices:
             if value not in parameter.choices:
-                raise ValueError(f'`{name}` is "{value}", not one of: {", ".join(parameter.choices)}')
+                raise InputError(f'`{name}` is "{value}", not one of: {", ".join(parameter.choices)}')
             return value
         given = name in self.parameters
         if not isinstance(value, int | float) or isinstance(value, bool) or (given and not np.isfinite(value)):
-            raise ValueError(f"`{name}` is {value!r}, not a finite number")
+            raise InputError(f"`{name}` is {value!r}, not a finite number")
         if not parameter.least <= value <= parameter.most or (parameter.above and value == parameter.least):
             bounds = f"{'more than' if parameter.above else 'at least'} {parameter.least:g}"
             bounds += f" and at most {parameter.most:g}" if np.isfinite(parameter.most) else ""
-            raise ValueError(f"`{name}` is {value:g}; it is {bounds}")
+            raise InputError(f"`{name}` is {value:g}; it is {bounds}")
         return parameter.si(float(value), channel)

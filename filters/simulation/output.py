@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from filters.channels import CHANNELS, DPS, G
 from filters.effects.inputs import SENSED
+from filters.errors import InputError
 from filters.simulation.parameters import ScenarioParameter, Setup, TrueInputs, positive
 from filters.types import Array
 
@@ -81,7 +82,7 @@ class NoiseCrosstalk:
 
     def __init__(self, setup: Setup) -> None:
         if len(setup.channels) < 2:
-            raise ValueError(
+            raise InputError(
                 f'`channel` is {CHANNELS[setup.channel]} alone: noise_crosstalk is between two, such as ["ax", "ay"]'
             )
         self._rho = setup.number("rho")

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.imu import IMU400CD_200, AxisMap, ImuSpec
 from filters.motion.profile import Profile
 from filters.simulation.catalogue import Effect
@@ -70,9 +71,9 @@ class Temperature:
     def __post_init__(self) -> None:
         t = [point[0] for point in self.points]
         if not all(math.isfinite(number) for point in self.points for number in point):
-            raise ValueError(f"`points` is {list(self.points)}, not all finite")
+            raise InputError(f"`points` is {list(self.points)}, not all finite")
         if any(b <= a for a, b in itertools.pairwise(t)):
-            raise ValueError(f"`points` is {list(self.points)}: times do not increase")
+            raise InputError(f"`points` is {list(self.points)}: times do not increase")
 
     def at(self, t: Array) -> Array:
         """Temperature, degC, shape (N,)."""
@@ -122,18 +123,18 @@ class Fault:
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_KINDS:
-            raise ValueError(f'`kind` is "{self.kind}", not one of: {", ".join(FAULT_KINDS)}')
+            raise InputError(f'`kind` is "{self.kind}", not one of: {", ".join(FAULT_KINDS)}')
         if not 0.0 <= self.at < math.inf:
-            raise ValueError(f"`at` is {self.at}, not a time from 0 on")
+            raise InputError(f"`at` is {self.at}, not a time from 0 on")
         if (self.power or self.serial_number is not None) and self.kind != "hang_up":
-            raise ValueError(f"`power` and `serial_number` are of a hang_up, not of {self.kind}")
+            raise InputError(f"`power` and `serial_number` are of a hang_up, not of {self.kind}")
         if self.serial_number is not None and not 0 <= self.serial_number < 2**32:
-            raise ValueError(f"`serial_number` is {self.serial_number}, not one of 32 bits")
+            raise InputError(f"`serial_number` is {self.serial_number}, not one of 32 bits")
         if not FAULT_KINDS[self.kind]:
             return
         amount = self.count if FAULT_KINDS[self.kind] == "count" else self.seconds
         if not 0 < amount < math.inf:
-            raise ValueError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")
+            raise InputError(f"`{FAULT_KINDS[self.kind]}` is {amount} for {self.kind}, not positive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +153,12 @@ class Personality:
 
     def __post_init__(self) -> None:
         if self.version is not None and not (self.version.isascii() and len(self.version) <= _VERSION_CHARACTERS):
-            raise ValueError(f"`version` is {self.version!r}, not at most {_VERSION_CHARACTERS} ASCII characters")
+            raise InputError(f"`version` is {self.version!r}, not at most {_VERSION_CHARACTERS} ASCII characters")
         for name, most in (("reply_delay", math.inf), ("usb_bursts", _LONGEST_BURST_S)):
             if not (0.0 <= getattr(self, name) <= most and math.isfinite(getattr(self, name))):
-                raise ValueError(f"`{name}` is {getattr(self, name)}, not from 0 to {most:g} s")
+                raise InputError(f"`{name}` is {getattr(self, name)}, not from 0 to {most:g} s")
         if not abs(self.clock_skew_ppm) <= _MOST_SKEW_PPM:
-            raise ValueError(f"`clock_skew_ppm` is {self.clock_skew_ppm}, not within ±{_MOST_SKEW_PPM:g}")
+            raise InputError(f"`clock_skew_ppm` is {self.clock_skew_ppm}, not within ±{_MOST_SKEW_PPM:g}")
 
 
 @dataclass(frozen=True)
@@ -184,9 +185,9 @@ class Scenario:
 
     def __post_init__(self) -> None:
         if self.seed < 0:
-            raise ValueError(f"`seed` is {self.seed}, negative")
+            raise InputError(f"`seed` is {self.seed}, negative")
         if not self.power_ons:
-            raise ValueError("`power_ons` is empty: there is at least one")
+            raise InputError("`power_ons` is empty: there is at least one")
         for name in ("accel_bias_run_sd", "gyro_bias_run_sd"):
             if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"`{name}` is {getattr(self, name)}, not a finite number from 0 on")
+                raise InputError(f"`{name}` is {getattr(self, name)}, not a finite number from 0 on")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.errors import InputError
 from filters.first_order import first_order
 from filters.imu import IMU400CD_200, LOOP_HZ, ImuSpec, Samples
 from filters.motion.profile import Profile
@@ -77,7 +78,7 @@ class Unit:
     `background`: a recording that is played in place of biases and noise that are drawn: the scenario's motion, its
       effects and the biases that it names are added. Temperature is the scenario's where it has one, else the
       recording's.
-    Raises ValueError if the scenario has no such power-on, the rate is not positive, or something can't be added to the
+    Raises InputError if the scenario has no such power-on, the rate is not positive, or something can't be added to the
       recording.
     """
 
@@ -89,9 +90,9 @@ class Unit:
         background: Background | None = None,
     ) -> None:
         if not 0 <= power_on < len(scenario.power_ons):
-            raise ValueError(f"`power_on` is {power_on}; the scenario has 0 to {len(scenario.power_ons) - 1}")
+            raise InputError(f"`power_on` is {power_on}; the scenario has 0 to {len(scenario.power_ons) - 1}")
         if not 0.0 < rate_hz < np.inf:
-            raise ValueError(f"`rate_hz` is {rate_hz}, not positive")
+            raise InputError(f"`rate_hz` is {rate_hz}, not positive")
         self.scenario = scenario
         self.power_on = power_on
         self.rate_hz = rate_hz
@@ -281,7 +282,7 @@ def simulate(
 def _check_no_noise(scenario: Scenario) -> None:
     for effect in scenario.effects:
         if any(isinstance(thing, _OF_NOISE) for _, thing in effect.made(1.0, lambda _: np.random.default_rng(0))):
-            raise ValueError(
+            raise InputError(
                 f"{effect.name} changes noise that is made; a recording has its own: leave {effect.name} out"
             )
 

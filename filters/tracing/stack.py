@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.allan import CHI2_MEDIAN
+from filters.errors import InputError
 from filters.tracing.blocks import Blocks
 from filters.types import Array
 
@@ -37,7 +38,7 @@ class Stack:
     def of(cls, blocks: Sequence[Blocks]) -> "Stack":
         """Runs one after the other; cells are numbered on from run to run.
 
-        Raises ValueError if parts of a power-on do not follow each other in time.
+        Raises InputError if parts of a power-on do not follow each other in time.
         """
         first_runs = _first_runs(blocks)
         sizes = [b.t.size for b in blocks]
@@ -91,9 +92,9 @@ def _first_runs(blocks: Sequence[Blocks]) -> list[int]:
         own, before = b.run, blocks[number - 1].run if number else None
         if before is None or not own.power_on or own.power_on != before.power_on:
             if own.power_on in seen:
-                raise ValueError(f"{own.name} does not stand beside the other parts of its power-on")
+                raise InputError(f"{own.name} does not stand beside the other parts of its power-on")
             out.append(number)
             seen |= {own.power_on} - {""}
         elif own.begins <= before.begins + before.seconds:
-            raise ValueError(f"{own.name} begins before {before.name}, of the same power-on, ends")
+            raise InputError(f"{own.name} begins before {before.name}, of the same power-on, ends")
     return out

@@ -5,6 +5,7 @@ Each step is a module of its own; the package's docstring lists them in order. T
 
 from collections.abc import Callable, Sequence
 
+from filters.errors import InputError
 from filters.tracing import validation
 from filters.tracing.assessment import assess
 from filters.tracing.blocks import BLOCK_S
@@ -38,7 +39,7 @@ def trace(
     `asked`: effects whose limit of detection is to be said.
     `seed`: of intervals and bands.
     `progress`: told a share from 0 to 1 and what is being done.
-    Raises ValueError if there is no run, or one is too short.
+    Raises InputError if there is no run, or one is too short.
     """
     _check(runs, heldout)
     runs = in_order(runs)
@@ -78,7 +79,7 @@ def _check(runs: Sequence[Run], heldout: Run | None) -> None:
         raise ValueError("`runs` is empty: there is nothing to trace")
     for run in (*runs, *([heldout] if heldout else [])):
         if run.t.size < 8 or run.seconds < LEAST_S:
-            raise ValueError(
+            raise InputError(
                 f"{run.name} lasts {run.seconds:.1f} s: a run must last {LEAST_S:.0f} s at least, and a held-out one"
                 f" {validation.LEAST_S:.0f} s for a verdict"
             )

@@ -10,6 +10,7 @@ What is no command: `exit_codes` how a command ends · `options`, `session_optio
 
 import gc
 import os
+import sys
 from collections.abc import Callable
 from typing import Annotated
 
@@ -40,7 +41,7 @@ from imutui.cli import (
     trace,
     virtual,
 )
-from imutui.cli.exit_codes import handled, tell
+from imutui.cli.exit_codes import flush, handled, tell, told
 from imutui.cli.numbers_in_options import Command
 
 COMMANDS: dict[str, Callable[..., None]] = {
@@ -108,9 +109,15 @@ def _root(
 
 
 def main() -> None:
-    """Entry point of the `imutui` program."""
+    """Run the command that the command line names; `imutui.__main__` is where the program begins."""
     # a filter step works on 15×15 matrices: threads of the linear algebra library only get in each other's way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # what is loaded stays: looking through it for garbage takes longer than loading much of it
     gc.set_threshold(10_000, 5, 5)
-    _app(prog_name="imutui")
+    try:
+        try:
+            _app(prog_name="imutui")
+        finally:
+            flush()
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - what is no command's own, such as help
+        sys.exit(told(error))

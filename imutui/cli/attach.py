@@ -32,7 +32,7 @@ def open_ui() -> None:
 
 
 def appearance() -> "Appearance":
-    """How the configuration wants the screen; ConfigError or ValueError if that cannot be."""
+    """How the configuration wants the screen; InputError if that cannot be."""
     from imutui import config
     from imutui.tui.terminal.appearance import Appearance
 

@@ -110,13 +110,13 @@ def command(
 
 def _rows_in(results: Path) -> str:
     """How many rows are kept in a folder of results, of these settings."""
+    from filters.errors import InputError
     from imutui.jobs.campaign import results_folder
     from imutui.jobs.quantities import that_many
-    from imutui.logbook.reader import UnreadableLogError
 
     try:
         count = len(results_folder.read(results).rows)
-    except (OSError, ValueError, UnreadableLogError):  # interrupted before there was one
+    except (OSError, InputError):  # interrupted before there was one
         count = 0
     return f"{that_many(count, 'row', 'is', 'are')} kept in {results}"
 

@@ -1,9 +1,13 @@
 """How a command ends: results on stdout, one paragraph of error on stderr, an exit code; never a traceback."""
 
+import contextlib
+import errno
 import functools
 import os
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -79,22 +83,53 @@ def handled(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            try:
-                _refuse_line_breaks([*args, *kwargs.values()])
-                return command(*args, **kwargs)
-            finally:
-                _flush()
+            with _interruptible():
+                try:
+                    _refuse_line_breaks([*args, *kwargs.values()])
+                    return command(*args, **kwargs)
+                finally:
+                    flush()
         except (typer.Exit, typer.Abort):
             raise
-        except KeyboardInterrupt:
-            say("imutui: interrupted")
-            raise typer.Exit(INTERRUPTED) from None
-        except BrokenPipeError:
-            raise typer.Exit(FINE) from None  # whoever read our output has had enough
-        except Exception as error:  # noqa: BLE001 - the last resort: words instead of a traceback
-            raise fail(*in_words(error)) from None
+        except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the last resort: words instead of a traceback
+            raise typer.Exit(told(error)) from None
 
     return wrapped
+
+
+def told(error: Exception | KeyboardInterrupt) -> int:
+    """Say what has ended a command; returns its exit code."""
+    if isinstance(error, BrokenPipeError):
+        return FINE  # whoever read our output has had enough
+    if isinstance(error, KeyboardInterrupt):
+        say("imutui: interrupted")
+        return INTERRUPTED
+    code, words = in_words(error)
+    say(f"imutui: {words}")
+    return code
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl+C be an exception in this block, where there may be something to be left in order."""
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    hook = sys.unraisablehook
+    try:
+        sys.unraisablehook = lambda told: _later() if told.exc_type is KeyboardInterrupt else hook(told)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = hook
+
+
+def _later() -> None:
+    """Let Ctrl+C come again: it came where Python drops exceptions, as at the end of the import of a module."""
+    main = threading.main_thread().ident or 0
+    threading.Timer(0.01, signal.pthread_kill, (main, signal.SIGINT)).start()
 
 
 def _refuse_line_breaks(arguments: list[object]) -> None:
@@ -107,38 +142,48 @@ def _refuse_line_breaks(arguments: list[object]) -> None:
                 raise fail(USAGE, f"the name {in_line(str(path))} has a line break in it. Rename it, then ask again.")
 
 
-def _flush() -> None:
+def flush() -> None:
     """Write what is printed, here, where it can still be said what is wrong with it.
 
     The interpreter would try again as it exits, and complain in words of its own: what can't be written is let go.
     """
     try:
         sys.stdout.flush()
-    except OSError:
+    except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        error.filename = _OUTPUT
         raise
+
+
+_OUTPUT = "the standard output"
 
 
 def in_words(error: Exception) -> tuple[int, str]:
     """Exit code of an error, and what to tell the user."""
+    from filters.errors import InputError
+
     if _raised("imutui.session.client", "SessionError", error):
         return int(error.exit_code), str(error)  # type: ignore[attr-defined]
     if _raised("imutui.jobs.campaign.cluster", "ClusterError", error):
         return INSTRUMENT, str(error)
     if any(_raised(module, name, error) for module, name in _INPUT_ERRORS):
         return UNREADABLE, str(error)
-    if isinstance(error, ValueError) or _raised("imutui.config", "ConfigError", error):
-        return USAGE, str(error)
     if _raised("filters.kalman.spkf", "DivergenceError", error):
         return FINDINGS, f"{error}. Look at the data around there, or replay a part with --start and --end."
+    if isinstance(error, InputError):
+        return USAGE, str(error)
     if isinstance(error, MemoryError):
         words = error or "memory ran out"
         return FINDINGS, f"{words}. Take fewer logs at a time, or a part with --start and --end."
+    if isinstance(error, OSError) and error.filename == _OUTPUT and error.errno == errno.EBADF:
+        return DISK, f"{_OUTPUT} is closed, and what is asked for goes there. `>/dev/null` throws it away."
     if isinstance(error, OSError):
         name = error.filename2 or error.filename
         where = f"{name}: " if name else ""
         return DISK, f"{where}{error.strerror or error}. Check the path, its permissions and the space left."
-    return FINDINGS, _report(error)
+    from imutui import defects
+
+    return FINDINGS, f"{defects.told(error)} Recordings are not affected."
 
 
 _INPUT_ERRORS = (
@@ -151,15 +196,3 @@ def _raised(module: str, name: str, error: Exception) -> bool:
     """Whether an error is of a class; whoever raised it has loaded its module, so that asking loads nothing."""
     loaded = sys.modules.get(module)
     return loaded is not None and isinstance(error, getattr(loaded, name))
-
-
-def _report(error: Exception) -> str:
-    import tempfile
-    import traceback
-
-    with tempfile.NamedTemporaryFile("w", prefix="imutui-", suffix=".txt", delete=False) as stream:
-        traceback.print_exception(error, file=stream)
-    return (
-        f"an error of imutui's own: {type(error).__name__}: {error}. Details are in {stream.name}; please report them."
-        " Recordings are not affected."
-    )

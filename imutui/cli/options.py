@@ -99,9 +99,10 @@ def effects_of(text: str | None) -> bytes | None:
 def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str]) -> "Overrides":
     """What --filter, --reference and --set replace of a log's own settings.
 
-    Raises ConfigError if --set names what a log that is made has for good, or there is no such filter.
+    Raises InputError if --set names what a log that is made has for good, or there is no such filter.
     """
-    from imutui.config import ALLOWED, ConfigError, parse_pairs
+    from filters.errors import InputError
+    from imutui.config import ALLOWED, parse_pairs
 
     fields = {
         "filter.name": "filter",
@@ -115,14 +116,12 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
     values = parse_pairs(pairs)
     unusable = sorted(set(values) - set(fields))
     if unusable:
-        raise ConfigError(
-            f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}"
-        )
+        raise InputError(f"--set {unusable[0]} cannot change a log that is already made; possible: {', '.join(fields)}")
     overrides: dict[str, str | float] = {fields[key]: value for key, value in values.items()}
     if filter_name is not None:
         known = ALLOWED["filter.name"]
         if filter_name not in known:
-            raise ConfigError(f'--filter is "{filter_name}", not one of: {", ".join(map(str, known))}')
+            raise InputError(f'--filter is "{filter_name}", not one of: {", ".join(map(str, known))}')
         overrides["filter"] = filter_name
     if reference is not None:
         overrides["reference"] = reference
@@ -132,16 +131,18 @@ def overrides_of(filter_name: str | None, reference: str | None, pairs: list[str
 def parse_site(text: str | None) -> tuple[float, float, float] | None:
     """Latitude, longitude (degrees) and height (m) of "LAT,LON,H".
 
-    Raises ValueError if the text does not read so.
+    Raises InputError if the text does not read so.
     """
+    from filters.errors import InputError
+
     if text is None:
         return None
     try:
         latitude, longitude, height = (float(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f'--site is "{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
+        raise InputError(f'--site is "{text}", not LAT,LON,H in degrees and metres such as "-23.2,-45.9,641"') from None
     if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
-        raise ValueError(f'--site is "{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
+        raise InputError(f'--site is "{text}": latitude must lie within ±90 degrees, longitude within -180 to 360')
     if not -1e3 < height < 1e5:
-        raise ValueError(f'--site is "{text}": height must be metres above the ellipsoid, within -1000 to 100000')
+        raise InputError(f'--site is "{text}": height must be metres above the ellipsoid, within -1000 to 100000')
     return latitude, longitude, height

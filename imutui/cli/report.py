@@ -30,7 +30,7 @@ def command(
     Example: imutui report before.json after.json -o page
     """
     check_folder(output, force, "-o")
-    from imutui.cli.exit_codes import UNREADABLE, fail, say, show_progress
+    from imutui.cli.exit_codes import say, show_progress
     from imutui.jobs import result_files
     from imutui.logbook.json_text import dumps
 
@@ -40,10 +40,6 @@ def command(
     completed, notes = result_files.completed(documents)
     try:
         written, told = write_page(output, completed, show_progress)
-    except (ArithmeticError, IndexError, KeyError, TypeError, ValueError) as error:
-        names = ", ".join(map(str, results))
-        why = f"{names}: no page can be made of what stands there ({type(error).__name__}: {error})"
-        raise fail(UNREADABLE, f"{why}. Make the result again with `imutui trace` or `imutui replay`.") from None
     finally:
         show_progress("")
     notes += told

@@ -66,7 +66,7 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
     `checked`: whether to refuse here what the filter could not run with. That loads the filters, which takes a second
       or two; a plan that only fills a form is checked by the acquisition, when it is started.
     `**fields`: of the plan.
-    Raises ValueError if something asked cannot be; the message names it.
+    Raises InputError if something asked cannot be; the message names it.
     """
     chosen = tuple(field for field, key in _OF_INSTRUMENT.items() if config.settings[key].source != "default")
     plan = Plan(

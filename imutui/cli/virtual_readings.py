@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from filters.simulation import LOOP_HZ, Personality, Scenario, Temperature, Unit
 from filters.simulation.background import Background
@@ -168,7 +169,7 @@ def on_the_line(
     made = scenario_of(scenario, seed, plain)
     played = None if recording is None else load(recording, start, made.axes, made.site)
     if played is not None and np.isnan(played.values).any():
-        raise ValueError(
+        raise InputError(
             f"{recording} lacks a channel, and the virtual instrument sends six: play another recording, or name a"
             " --scenario instead."
         )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from filters.errors import InputError
 from filters.imu import IMU440CA_200, AxisMap
 from filters.simulation import Scenario
 from imutui import outside_file
@@ -120,7 +121,7 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     `scenario`: what happens on the wire; it can't change readings.
     `seed`: wins over the scenario's.
     `serial_number`: none: that of the recorded unit.
-    Raises ValueError if the scenario makes readings.
+    Raises InputError if the scenario makes readings.
     Raises ImportDataError if there is nothing to play.
     """
     from imutui.logbook.importer import ImportDataError
@@ -128,14 +129,14 @@ def recorded_unit(path: Path, scenario: Path | None, seed: int | None, serial_nu
     made, plain = scenario_of(scenario, seed), Scenario()
     changed = [words for name, words in _OF_READINGS.items() if getattr(made, name) != getattr(plain, name)]
     if changed:
-        raise ValueError(
+        raise InputError(
             f"{path} is played byte for byte: leave {', '.join(dict.fromkeys(changed))} out of {scenario}."
         )
     try:
         stream = RecordedStream(outside_file.read(path, _LONGEST_STREAM))
     except OSError as error:
         raise ImportDataError(f"{path} can't be read: {error.strerror}. Check the path.") from error
-    except ValueError as error:
+    except InputError as error:
         raise ImportDataError(f"{path} can't be played: {error}.") from error
     fields = {**dict(IMU381ZA), **dict(stream.only), Field.RATE_DIVIDER: 0}
     options = UnitOptions(

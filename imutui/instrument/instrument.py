@@ -55,7 +55,7 @@ class Instrument:
     accel_range_g: float
     scaling: Callable[[float, float], Scaling]  # makes the scaling from the ranges, deg/s and g
     zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
-    check_zeroing: Callable[[int], None]  # raises ValueError for an argument of zeroing that cannot be sent
+    check_zeroing: Callable[[int], None]  # raises InputError for an argument of zeroing that cannot be sent
     zeroing_patience_s: Callable[[int], float]  # how long a unit may take to zero its rate sensors, by the argument, s
     # names of the bits that are set in a packet's status word; None where packets have no details, see
     # `host.PacketDetails`

@@ -80,7 +80,7 @@ def apply(
     `mode`: permissions.
     `progress`: told the share done, 0 to 1.
     Raises UnreadableLogError if the log cannot be read.
-    Raises ValueError if the effects cannot be: the message says which, and why.
+    Raises InputError if the effects cannot be: the message says which, and why.
     Raises FileExistsError if `output` exists and may not be replaced.
     """
     log = reader.read(path)

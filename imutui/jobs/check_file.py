@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
+from filters.errors import InputError
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import SHOWN, CheckContext, Finding
 from imutui.jobs.quantities import plural
@@ -36,7 +37,7 @@ def _sum(log: CheckContext) -> Iterator[Finding]:
     beside = checksum_file.path_of(log.found.path)
     try:
         told = checksum_file.read(log.found.path)
-    except (ValueError, OSError) as error:
+    except (InputError, OSError) as error:
         what = f"The SHA-256 beside the file cannot be read: {error}."
         yield Finding("sha256", what, str(beside), "Look at it, and remove it if it is not the log's.")
         return

@@ -24,7 +24,7 @@ class Term:
 def of_effects_file(text: str) -> tuple[Term, ...]:
     """Terms of an effects file; none of an empty text.
 
-    Raises ValueError if it is no effects file.
+    Raises InputError if it is no effects file.
     """
     if not text:
         return ()

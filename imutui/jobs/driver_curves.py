@@ -16,6 +16,7 @@ from filters.channels import CHANNELS, DPS, G, error_unit
 from filters.effects import additive, catalogue
 from filters.effects.hypothesis import Hypothesis
 from filters.effects.inputs import LAGS, REFERENCE_DEGC, SENSED, Inputs
+from filters.errors import InputError
 from filters.tracing.trace_document import TraceDocument
 from filters.types import Array
 from imutui.jobs.driver_course import LEAST_SPANS, TEMPERATURE, UNITS, DriverCourse, means
@@ -116,7 +117,7 @@ def _found(d: TraceDocument) -> list[_Found]:
         at += rows.size
         try:
             h = catalogue.hypothesis(effect.effect, effect.channels, effect.parameters)
-        except ValueError:  # a process in time, or of another version
+        except InputError:  # a process in time, or of another version
             continue
         if rows.size and len(h.channels) == 1 and (h.source == "temperature" or _drivers(h)):
             known.append((h, rows))

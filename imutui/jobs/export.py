@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.logbook import atomic_file, parquet, pieces, reader
 from imutui.logbook.export import formats, samples, topic
 from imutui.logbook.export.columns import Table
@@ -59,7 +60,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     `progress`: told the number of rows written, now and then.
     `mode`: permissions of what is made.
     Raises UnreadableLogError if the log cannot be read.
-    Raises ValueError if it has nothing of what is asked for.
+    Raises InputError if it has nothing of what is asked for.
     Raises FileExistsError if a file exists and may not be replaced.
     """
     known = pieces.outline(wanted.log) if wanted.topic is None else None
@@ -71,7 +72,7 @@ def export(wanted: Export, progress: Callable[[int], None] = lambda rows: None, 
     with atomic_file.part_of(wanted.output, overwrite=wanted.overwrite, mode=mode) as part:
         rows = formats.write(wanted.kind, made, part, progress)
         if not rows:
-            raise ValueError(f"{wanted.log}: --start and --end leave nothing to export.")
+            raise InputError(f"{wanted.log}: --start and --end leave nothing to export.")
     if reference is not None:
         atomic_file.write(reference[0], reference[1].decode(errors="surrogateescape"), overwrite=True, mode=mode)
     names = tuple(column.name for column in made.columns)

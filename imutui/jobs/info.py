@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from filters.errors import InputError
 from filters.imu import AxisMap
 from imutui.instrument.registry import of_model
 from imutui.jobs.documents import (
@@ -268,7 +269,7 @@ def _effects(content: "Audit") -> list[str]:
         return []
     try:
         return [f"{e.effect} ({' '.join(e.channels)})" for e in effects_file.parse(attached).effects]
-    except ValueError as error:
+    except InputError as error:
         return [f"a file that cannot be used: {error}"]
 
 

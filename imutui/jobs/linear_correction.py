@@ -22,6 +22,7 @@ import numpy as np
 
 from filters.channels import CHANNELS
 from filters.effects import plain_names
+from filters.errors import InputError
 from filters.types import Array
 from imutui.jobs.correction_terms import Term
 
@@ -60,7 +61,7 @@ def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading:
     `bias`: gyros in deg/s, accelerometers in mg; None counts as zero.
     `terms`: states of effects.
     `of_reading`: see `LinearCorrection`.
-    Raises ValueError if two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
+    Raises InputError if two readings of the unit would be alike whatever it senses, so that I + A has no inverse.
     """
     made = np.array([0.0 if b is None else b for b in bias], float)
     made[3:] *= _MG
@@ -71,7 +72,7 @@ def of_terms(bias: Sequence[float | None], terms: Sequence[Term], *, of_reading:
             if not _take(term, name, made, A, K):
                 left_out[_words(term)] = None
     if np.linalg.cond(np.eye(6) + A) > _MOST_CONDITION:
-        raise ValueError("its scale factors and cross-axis terms leave no reading to correct: look at their values")
+        raise InputError("its scale factors and cross-axis terms leave no reading to correct: look at their values")
     return LinearCorrection(made, A, K, tuple(left_out), of_reading)
 
 

@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.logbook import added_notes, atomic_file, checksum_file, file_lock
 from imutui.plain_text import in_line
 
@@ -46,19 +47,19 @@ def _belongs(name: str, log: Path) -> bool:
 def annotate(log: Path, note: str | None, operator: str | None) -> Path:
     """Add a note or an operator to a log, in a file beside it; returns that file.
 
-    Raises ValueError if the log is being written, or what is beside it cannot be used.
+    Raises InputError if the log is being written, or what is beside it cannot be used.
     Raises OSError if there is no such log, or the disk does not take it.
     """
     with log.open("rb") as stream:
         if file_lock.is_held(stream):
-            raise ValueError(f"{log.name} is being written: its note goes into it, by `imutui note` without --log")
+            raise InputError(f"{log.name} is being written: its note goes into it, by `imutui note` without --log")
     return added_notes.add(log, note, operator)
 
 
 def delete(log: Path) -> list[Path]:
     """Remove a log and its own files; returns what was removed, the log last.
 
-    Raises ValueError if it is being written.
+    Raises InputError if it is being written.
     Raises OSError if the disk or its permissions do not allow it; what is beside the log goes first, so that a log that
       could not be removed is there still.
     """
@@ -74,19 +75,19 @@ def delete(log: Path) -> list[Path]:
 def new_path(log: Path, entered: str) -> Path:
     """Where a log is after it was renamed; ".mcap" is added where it lacks.
 
-    Raises ValueError if what was entered is no name for a file; the message says what is wrong with it.
+    Raises InputError if what was entered is no name for a file; the message says what is wrong with it.
     """
     name = entered.strip()
     name = name if name.endswith(SUFFIX) else name + SUFFIX
     stem = name.removesuffix(SUFFIX)
     if not stem:
-        raise ValueError("a name is needed, such as cold-start.mcap")
+        raise InputError("a name is needed, such as cold-start.mcap")
     if "/" in name or "\0" in name or name.startswith(".") or in_line(name) != name:
-        raise ValueError(
+        raise InputError(
             f'"{in_line(name)}" is no name of a file here: no slash, no leading dot, no control characters'
         )
     if len(os.fsencode(name)) > _LONGEST:
-        raise ValueError(f"the name is {len(os.fsencode(name))} bytes long; the most is {_LONGEST}")
+        raise InputError(f"the name is {len(os.fsencode(name))} bytes long; the most is {_LONGEST}")
     return log.with_name(name)
 
 
@@ -95,7 +96,7 @@ def rename(log: Path, entered: str) -> Path:
 
     The file with its SHA-256 gets the new name inside too. Nothing is ever replaced.
 
-    Raises ValueError if it is being written, or the name cannot be used or is taken.
+    Raises InputError if it is being written, or the name cannot be used or is taken.
     Raises OSError if the disk or its permissions do not allow it.
     """
     target = new_path(log, entered)
@@ -106,7 +107,7 @@ def rename(log: Path, entered: str) -> Path:
     moves = [(log, target), *((path, _moved(path, log, target)) for path in found.beside)]
     taken = next((to for _, to in moves if to.exists() or to.is_symlink()), None)
     if taken is not None:
-        raise ValueError(f"{taken.name} exists already, and nothing is replaced: take another name")
+        raise InputError(f"{taken.name} exists already, and nothing is replaced: take another name")
     sha256 = checksum_file.read_or_none(log)
     for path, to in moves:
         _move(path, to)
@@ -125,7 +126,7 @@ def _move(path: Path, to: Path) -> None:
     try:
         os.link(path, to, follow_symlinks=False)  # refuses a name that somebody took meanwhile
     except FileExistsError as error:
-        raise ValueError(f"{to.name} exists already, and nothing is replaced: take another name") from error
+        raise InputError(f"{to.name} exists already, and nothing is replaced: take another name") from error
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS):
             raise
@@ -137,4 +138,4 @@ def _move(path: Path, to: Path) -> None:
 def _refuse_written(log: Path) -> None:
     with log.open("rb") as stream:
         if file_lock.is_held(stream):
-            raise ValueError(f"{log.name} is being written, so it stays as it is: finish the recording first")
+            raise InputError(f"{log.name} is being written, so it stays as it is: finish the recording first")

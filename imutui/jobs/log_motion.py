@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters import attitude
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from filters.motion import alignment, attitude_rows, kinematics
 from filters.motion.profile import Profile
@@ -50,7 +51,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
     `info`: from `replay.session_of`.
     `options`: `reference` and `overrides` count.
     `gyro_latency`: how late the gyros read, s: a profile that is joined by them is joined so much too late.
-    Raises ValueError if the reference does not say the attitude, or the log does not follow it.
+    Raises InputError if the reference does not say the attitude, or the log does not follow it.
     """
     still = np.zeros((1, 3))
     if info.reference in ("level", "turned"):  # turned by hand: the readings themselves say where it rests
@@ -65,7 +66,7 @@ def motion_of(log: Log, info: SessionInfo, options: replay.ReplayOptions, gyro_l
         return _from_profile(log, info, known, gyro_latency)
     if isinstance(known, Trajectory):
         return _from_trajectory(log, known)
-    raise ValueError(
+    raise InputError(
         f"{log.path}: the reference is {info.reference!r}, not level, gravity, turned, or a file. Name one: --reference"
         " level|gravity|turned|FILE."
     )
@@ -75,14 +76,14 @@ def _levelled(log: Log, info: SessionInfo) -> Array:
     force = _calm_mean(log.accel[log.valid]) if log.valid.any() else np.zeros(3)
     try:
         force = level_force(force, info.gravity_mps2)
-    except ValueError as error:
-        raise ValueError(
+    except InputError as error:
+        raise InputError(
             f"{log.path}: {error}. If it is level: --reference level; else name how it stands: --reference FILE."
         ) from error
     try:
         return alignment.level_by_gravity(info.settings().site, force, 0.0).nav.C_nb
-    except ValueError as error:
-        raise ValueError(
+    except InputError as error:
+        raise InputError(
             f"{log.path}: the mean specific force has magnitude {np.linalg.norm(force):.3f} m/s², gravity is"
             f" {info.gravity_mps2:.3f}: the unit does not stand still, a channel is dead, or units are wrong. Name how"
             " the table moves (--reference FILE), or import again with the right flags."
@@ -105,8 +106,8 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
         use = log.valid
         try:
             offset, sd = alignment.offset_of_profile(profile, t[use], log.gyro[use])
-        except ValueError as error:
-            raise ValueError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
+        except InputError as error:
+            raise InputError(f"{log.path}: {error}. Name the profile of this log: --reference FILE.") from error
         offset -= gyro_latency
         how = f"the profile starts at {offset:.3f} ± {sd:.3f} s (1 sd) of the log, found from the gyros"
     settings = info.settings()
@@ -119,7 +120,7 @@ def _from_profile(log: Log, info: SessionInfo, profile: Profile, gyro_latency: f
     unknown = None
     if profile.align == "marks":
         if not rests.any():
-            raise ValueError(
+            raise InputError(
                 f'{log.path}: its profile is joined to the log by marks (align = "marks"), and the log has none that'
                 ' fits. Join it by the gyros (align = "gyro") or from the first sample (align = "none"): --reference'
                 " FILE."
@@ -150,13 +151,13 @@ def _from_table(log: Log, info: SessionInfo) -> Motion:
 def _from_trajectory(log: Log, known: Trajectory) -> Motion:
     rows: NDArray[np.bool_] = np.asarray(np.isfinite(known.values[:, 6:9]).all(axis=1))
     if not rows.any():
-        raise ValueError(
+        raise InputError(
             f"{log.path}: its trajectory has no attitude (roll, pitch, yaw are empty), and tracing needs the attitude"
             " at each sample. Trace a part at rest with --reference gravity, or import with arrays `ang` or `ref_quat`,"
             " or name a table profile: --reference FILE."
         )
     if np.count_nonzero(rows) < 2:
-        raise ValueError(
+        raise InputError(
             f"{log.path}: its trajectory has one row of attitude. Of a unit at rest: --reference level|gravity."
         )
     if _stays(known):
@@ -193,7 +194,7 @@ def _from_attitudes(log: Log, at: Array, C_nb: Array, *, carried: bool = True) -
     known = attitude_rows.at_samples(t, at, C_nb)
     share = 1.0 - float(known.unknown.mean())
     if share < _MOSTLY:
-        raise ValueError(_mostly_unknown(log, share))
+        raise InputError(_mostly_unknown(log, share))
     stretches = attitude_rows.rests(t, log.gyro, log.accel, known)
     known = attitude_rows.at_rest(known, stretches)
     rest = np.zeros(t.size, bool)
@@ -221,7 +222,7 @@ def _completed(log: Log, t: Array, angles: Array, rates: Array) -> Motion:
     """Angles without gaps, which are marked as unknown, and rates from them where there are none of their own."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(angles).all(axis=1))
     if known.mean() < _MOSTLY:
-        raise ValueError(_mostly_unknown(log, float(known.mean())))
+        raise InputError(_mostly_unknown(log, float(known.mean())))
     angles = np.unwrap(angles, axis=0) if known.all() else _lines(t, t[known], angles[known], turns=True)
     told = np.isfinite(rates)
     if not told.all():

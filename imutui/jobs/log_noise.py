@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.imu import Noise
 from filters.kalman.settings import GAP_PERIODS
 from imutui.jobs.replay_input import Part
@@ -11,10 +12,10 @@ from imutui.logbook.session_info import SessionInfo
 def measured(info: SessionInfo, part: Part) -> Noise:
     """White noise and drift of the samples themselves, by Allan deviation, from the longest stretch without a gap.
 
-    Raises ValueError if the unit moves by its reference, or the log is too short.
+    Raises InputError if the unit moves by its reference, or the log is too short.
     """
     if info.reference not in ("level", "gravity"):
-        raise ValueError(
+        raise InputError(
             f'`noise` is "log" with reference "{info.reference}": noise is measured on a unit at rest. Measure it on a'
             " still log, or leave filter.noise at table1."
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import detectability
@@ -101,12 +102,12 @@ def of_trace(text: str, source: str) -> Offer:
 def save(offer: Offer, path: Path) -> None:
     """Write a profile to a new file.
 
-    Raises ValueError if its name does not end as that of such a file does.
+    Raises InputError if its name does not end as that of such a file does.
     Raises OSError if it exists, or cannot be written.
     """
     suffix = Path(offer.file).suffix.lower()
     if path.suffix.lower() != suffix:
-        raise ValueError(f"{path} does not end in {suffix}, as a profile of this kind does")
+        raise InputError(f"{path} does not end in {suffix}, as a profile of this kind does")
     atomic_file.write(path, offer.text, overwrite=False)
 
 
@@ -126,11 +127,11 @@ def offer_of(path: Path) -> Offer:
         content = outside_file.read(path, outside_file.TEXT_LIMIT)
         profile = reference_file.parse(path.name, content)
         if not isinstance(profile, Profile):
-            raise ValueError(f"{path.name} is a trajectory: nothing for an operator to follow")
+            raise InputError(f"{path.name} is a trajectory: nothing for an operator to follow")
         text = content.decode("utf-8-sig")
     except OSError as error:
         return Offer(path.name, place, error=f"can't be read: {error.strerror or error}")
-    except ValueError as error:
+    except InputError as error:
         return Offer(
             path.name, place, error=str(error).removeprefix(f"{path.name} ").removeprefix("is no table profile: ")
         )
@@ -173,10 +174,10 @@ def by_hand(offer: Offer) -> Offer | None:
 
 
 def load(name: str, text: str) -> Profile:
-    """Profile of a text; ValueError with what is wrong."""
+    """Profile of a text; InputError with what is wrong."""
     found = reference_file.parse(name, text.encode())
     if not isinstance(found, Profile):
-        raise ValueError(f"{name} is a trajectory, not a table profile")
+        raise InputError(f"{name} is a trajectory, not a table profile")
     return found
 
 

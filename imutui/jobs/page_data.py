@@ -11,6 +11,7 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
 from imutui.jobs import driver_course, driver_curves, log_quality, replay, residual_noise
 from imutui.jobs.correction_terms import Term, of_effects_file, of_states
@@ -18,7 +19,7 @@ from imutui.jobs.driver_curves import DriverCurve
 from imutui.jobs.log_quality import Quality
 from imutui.jobs.residual_noise import NoiseLevel
 from imutui.logbook import effects_file, reader
-from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.reader import Log
 from imutui.logbook.results import EstimatePoints, ResultDocument
 
 Result: TypeAlias = TraceDocument | ResultDocument
@@ -95,7 +96,7 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
                 f"{path.name} comes out otherwise when it is filtered again ({again.get('library', '')}, the result is"
                 f" of {d.get('library') or 'an unknown version'}): biases and NIS over time are left out."
             )
-    except (TypeError, ValueError, ArithmeticError, UnreadableLogError) as error:
+    except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
     told = residual_noise.of_log(path, replay.ReplayOptions(overrides=asked.get("overrides")), start, end)
     missing += [told.why] if told.why else []
@@ -160,7 +161,7 @@ def _without_and_with(
         options = replay.ReplayOptions(overrides=overrides, effects=content, points=True)
         try:
             made.append(_course(replay.replay(path, options), name))
-        except (TypeError, ValueError, ArithmeticError, UnreadableLogError) as error:
+        except InputError as error:
             return made, f"{path.name} could not be filtered {name} ({error}): biases and NIS are left out."
     return made, ""
 
@@ -192,7 +193,7 @@ def _log(path: Path, sha256: str | None) -> tuple[Log | None, str]:
         if reader.sha256(path) != sha256:
             return None, f"{path} is not the file that the result is of (its SHA-256 differs)"
         return reader.read(path), ""
-    except (OSError, ValueError, UnreadableLogError) as error:
+    except (OSError, InputError) as error:
         return None, f"{path} cannot be read ({error})"
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.types import Array
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import power_on
@@ -30,7 +31,7 @@ class Joined:
 def join(reads: Sequence[LoggedRun]) -> Joined:
     """Join the logs of each power-on; they stay in the order given.
 
-    Raises ValueError if two parts of a power-on overlap in time.
+    Raises InputError if two parts of a power-on overlap in time.
     """
     before = _preceding(reads)
     notes = [
@@ -96,7 +97,7 @@ def _check_apart(parts: Sequence[LoggedRun]) -> None:
     for one, two in itertools.pairwise(parts):
         over = _after_power_on(one) + one.run.seconds - _after_power_on(two)
         if over >= 0.0:
-            raise ValueError(
+            raise InputError(
                 f"{one.path} and {two.path} are of one power-on and overlap by {over:.3f} s: a"
                 " sample counts once. Leave one of them out, or import again with other --start and --end, each part"
                 " with --continues of the one right before it."

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from imutui.jobs import damage_text
 from imutui.jobs.documents import RecoverDocument
 from imutui.jobs.quantities import plural
@@ -40,14 +41,14 @@ def recover(
       missing, None where nothing tells; `sentences` on what was lost; `complete`: whether nothing is, as far as can be
       told, but an unfinished end; `readable`: whether it can be replayed; `log_sha256`, `output_sha256`.
     Raises UnreadableLogError if there is no such file, or nothing whole in it.
-    Raises ValueError if the source is being written, or is the output.
+    Raises InputError if the source is being written, or is the output.
     Raises FileExistsError if the output exists and may not be replaced.
     Raises NotAsWrittenError if it does not read back as it was written; nothing is left then.
     """
     _refuse(path, output)
     found = scan(path, lambda share: progress(_SCANNED * share, f"reading {path.name}"))
     if found.held:
-        raise ValueError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
+        raise InputError(f"{path} is being written: `imutui stop` finishes it, and then it needs no recovery")
     digest = reader.sha256(path)
     try:
         with atomic_file.part_of(output, overwrite=overwrite, mode=mode) as part:
@@ -79,9 +80,9 @@ def recover(
 
 def _refuse(path: Path, output: Path) -> None:
     if output.is_dir():
-        raise ValueError(f"{output} is a folder: name the file to make")
+        raise InputError(f"{output} is a folder: name the file to make")
     if path.exists() and output.exists() and output.samefile(path):
-        raise ValueError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
+        raise InputError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
 
 
 def _samples(path: Path, output: Path) -> tuple[Log | None, str]:

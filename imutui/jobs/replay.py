@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.kalman import layout, runner
 from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
@@ -116,11 +117,11 @@ def replayed(
     `progress`: told the share done, 0 to 1, now and then.
     `say`: told in a sentence how far compiling has come, the first time on a machine.
     Raises UnreadableLogError if there is nothing to replay.
-    Raises ValueError if an override is not possible; the message names it.
+    Raises InputError if an override is not possible; the message names it.
     Raises DivergenceError if the filter broke down; the message names the sample.
     """
     if options.output is not None and options.output.exists() and options.output.samefile(path):
-        raise ValueError(f"{options.output} is the log itself: estimates go into a file of their own")
+        raise InputError(f"{options.output} is the log itself: estimates go into a file of their own")
     started = time.perf_counter()
     fed = _fed(path, options)
     log, first_ns = fed.log, fed.first.first_ns
@@ -149,7 +150,7 @@ def replayed(
             if sink is not None:
                 sink.take(rows, estimator)
         if estimator.latest is None:
-            raise ValueError(f"{path}: {_nothing_used(info)}")
+            raise InputError(f"{path}: {_nothing_used(info)}")
     except BaseException:
         if sink is not None:
             sink.abandon()
@@ -226,14 +227,14 @@ def prepare(
         content = effects_of(log, options)
         _refuse_twice(log.info, content)
         make = effects_file.maker(content, info)
-    except ValueError as error:
-        raise ValueError(f"{log.path}: {error}{advice}") from error
+    except InputError as error:
+        raise InputError(f"{log.path}: {error}{advice}") from error
     return info, replace(info.settings(motion, noise, offset, offset_sd, make), unread=part.unread)
 
 
 def _refuse_twice(info: SessionInfo, effects: bytes) -> None:
     if effects and effects_file.digest(effects) == info.applied_effects_sha256:
-        raise ValueError(f"the effects of this file are taken out of it already ({in_line(info.source)})")
+        raise InputError(f"the effects of this file are taken out of it already ({in_line(info.source)})")
 
 
 def session_of(log: Log, options: ReplayOptions) -> SessionInfo:
@@ -271,14 +272,14 @@ def motion_of(log: Log, info: SessionInfo, options: ReplayOptions, start: float)
     else:
         name = next((name for name in reference_file.ATTACHMENTS if name in log.attachments), None)
         if name is None:
-            raise ValueError(
+            raise InputError(
                 f'{log.path}: the reference is "{info.reference}", and the log has none of its own (an attachment'
                 " reference.toml or reference.csv). Name its file: --reference FILE."
             )
         motion = reference_file.parse(name, log.attachments[name])
     wanted = Profile if info.reference == "profile" else Trajectory
     if not isinstance(motion, wanted):
-        raise ValueError(f'{log.path}: the reference is "{info.reference}", but its file is something else')
+        raise InputError(f'{log.path}: the reference is "{info.reference}", but its file is something else')
     return motion if isinstance(motion, Profile) else Trajectory(motion.t - start, motion.values)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from imutui.logbook import pieces, reader
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
@@ -65,14 +66,14 @@ def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
     """Samples of a log, a bounded number in a part; see `select`.
 
     Raises UnreadableLogError as `reader.read`.
-    Raises ValueError if no sample is left.
+    Raises InputError if no sample is left.
     """
     begin_ns = known.first_ns
     chosen = (_chosen(piece, begin_ns, start, end) for piece in pieces.pieces(known, pieces.ROWS))
     found = (piece for piece in chosen if piece.stamp_ns.size)
     first = next(found, None)
     if first is None:
-        raise ValueError(_nothing_left(known.log.path, float(seconds_since(known.last_ns, begin_ns))))
+        raise InputError(_nothing_left(known.log.path, float(seconds_since(known.last_ns, begin_ns))))
     first_ns = int(first.stamp_ns[0])
     parts = (_part(piece, first_ns, begin_ns) for piece in chain([first], found))
     last_ns = known.last_ns if end is None else min(known.last_ns, begin_ns + round(end * 1e9))
@@ -108,7 +109,7 @@ def select(log: Log, start: float | None, end: float | None) -> Part:
     if end is not None:
         use &= t <= end
     if not use.any():
-        raise ValueError(_nothing_left(log.path, float(t[-1])))
+        raise InputError(_nothing_left(log.path, float(t[-1])))
     stamps = log.stamp_ns[use] if not use.all() else log.stamp_ns
     first_ns = int(stamps[0])
     begun = float(reader.seconds_since(first_ns, int(log.stamp_ns[0])))

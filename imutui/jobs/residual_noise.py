@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from filters import allan
 from filters.channels import CHANNELS
+from filters.errors import InputError
 from filters.tracing.result import RunSeries
 from filters.tracing.trace_document import ChannelCurvesEntry
 from filters.types import Array
 from imutui.jobs import replay, residual_curves, runs
-from imutui.logbook.reader import UnreadableLogError
 
 _MOST_ROWS = 500_000
 _SHORTEST_S = 5.0
@@ -55,7 +55,7 @@ def of_log(path: Path, options: replay.ReplayOptions, start: float | None, end: 
 
     try:
         read = runs.read_run(path, path.stem, options, _SHORTEST_S)
-    except (ValueError, UnreadableLogError) as error:
+    except InputError as error:
         return Residual(why=f"{path.name}: the residual and its Allan deviation are left out ({error}).")
     run = read.run
     use = (run.t >= (-np.inf if start is None else start)) & (run.t <= (np.inf if end is None else end))
@@ -89,7 +89,7 @@ def _levels(r: Array, period: float, follows: NDArray[np.bool_]) -> dict[str, No
     first, last = edges[np.argmax(edges[:, 1] - edges[:, 0])]
     try:
         found = allan.noise_of(r[first:last][:, seen], period)
-    except ValueError:
+    except InputError:
         return {}
     names = [name for name, s in zip(CHANNELS, seen.tolist(), strict=True) if s]
     walks = np.where(_shows(found, last - first, period), found.drift, 0.0)

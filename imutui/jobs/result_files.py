@@ -1,10 +1,10 @@
 """Results of replays and traces in files of JSON: read and checked, and completed from the logs that they are of."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
+from filters.errors import InputError
 from filters.tracing.trace_document import TraceDocument
 from imutui import outside_file
 from imutui.jobs import document_shape, info
@@ -35,10 +35,10 @@ def read(path: Path) -> list[Result]:
     """
     how = "`imutui trace LOG... --json` and `imutui replay LOG... --json` print results"
     try:
-        content = json.loads(outside_file.read(path, LIMIT))
+        content = outside_file.read_json(path, LIMIT)
     except OSError as error:
         raise UnreadableLogError(f"{path}: {error.strerror or error}. {how}") from error
-    except (ValueError, RecursionError) as error:
+    except InputError as error:
         raise UnreadableLogError(f"{path} is no JSON of a result: {error}. {how}") from error
     found = content if isinstance(content, list) else [content]
     if not found:
@@ -93,7 +93,7 @@ def _of_log(path: Path, sha256: str | None) -> tuple[dict[str, Any], str]:
         if reader.sha256(path) != sha256:
             return {}, f"{path} is not the file that the result is of, its SHA-256 differs: {lost}"
         told = info.info(path)
-    except (OSError, ValueError, UnreadableLogError) as error:
+    except (OSError, InputError) as error:
         return {}, f"{path} cannot be read ({error}): {lost}"
     temperature = told["temperature_degc"]
     return {
@@ -118,7 +118,7 @@ def _effects(document: dict[str, Any]) -> str:
     """What is wrong with its effects file, if it has one."""
     try:
         effects_file.parse(document.get("effects_file", "version = 1").encode("utf-8", "replace"))
-    except ValueError as error:
+    except InputError as error:
         return f"`result.effects_file`: {error}"
     return ""
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, format_mount
 from filters.tracing.blocks import BLOCK_S, average
 from filters.types import Array
@@ -41,7 +42,7 @@ _NOT_STATED = ("", "unknown")
 def check_together(reads: Sequence[LoggedRun]) -> None:
     """Refuse logs that cannot be runs of one campaign.
 
-    Raises ValueError if one stands there twice, or two are of different units, mountings, signs, sites, or kinds.
+    Raises InputError if one stands there twice, or two are of different units, mountings, signs, sites, or kinds.
     """
     _check_copies(reads)
     first = reads[0]
@@ -53,28 +54,28 @@ def check_together(reads: Sequence[LoggedRun]) -> None:
             ("serial number", a.serial_number, b.serial_number),
         ):
             if one != two and one not in _NOT_STATED and two not in _NOT_STATED:
-                raise ValueError(
+                raise InputError(
                     f"{where} are of different units ({what} {one} and {two}). A trace is of one unit: trace each"
                     " unit's logs by themselves."
                 )
         if {a.kind, b.kind} == {"measured", "simulated"}:
-            raise ValueError(
+            raise InputError(
                 f"{where} are measured and simulated: what is found on one says nothing of the other. Trace them apart."
             )
         if a.accel_sign != b.accel_sign or a.gyro_sign != b.gyro_sign:
-            raise ValueError(
+            raise InputError(
                 f"{where} have different signs (--accel-sign {a.accel_sign:+d} and {b.accel_sign:+d}, --gyro-sign"
                 f" {a.gyro_sign} and {b.gyro_sign}): that is a property of the unit. Import again the one whose sign is"
                 " wrong."
             )
         if not np.array_equal(a.axes().mount, b.axes().mount):
             one, two = (format_mount(x.axes().mount) for x in (a, b))
-            raise ValueError(
+            raise InputError(
                 f"{where} have different mountings ({one} and {two}): effects are told by how the unit sits on the"
                 " table. Trace the logs of one mounting at a time, or import again the one whose --mount is wrong."
             )
         if abs(a.gravity_mps2 - b.gravity_mps2) > 1e-5 or abs(a.latitude_deg - b.latitude_deg) > 0.01:
-            raise ValueError(
+            raise InputError(
                 f"{where} are from different sites (gravity {a.gravity_mps2:.5f} and {b.gravity_mps2:.5f} m/s²,"
                 f" latitude {a.latitude_deg:.3f}° and {b.latitude_deg:.3f}°). If it was one place, import again with"
                 " the same --site and --gravity; else trace each site by itself."
@@ -99,7 +100,7 @@ def _check_copies(reads: Sequence[LoggedRun]) -> None:
                 if before.path == read.path
                 else f"{before.path} and {read.path} hold the same samples"
             )
-            raise ValueError(f"{same}: a run counts once. Leave one out.")
+            raise InputError(f"{same}: a run counts once. Leave one out.")
         seen[samples] = read
 
 
@@ -125,11 +126,11 @@ class _GriddedRun:
 def check_reference(read: LoggedRun) -> None:
     """Refuse a reference that contradicts the readings: a wrong sign, wrong angles, wrong rates, a wrong time.
 
-    Raises ValueError: the message says which, how much, and what mends it.
+    Raises InputError: the message says which, how much, and what mends it.
     """
     seen = _seen(read)
     if not seen.good.any():
-        raise ValueError(
+        raise InputError(
             f"{read.path}: no reading can be used: all are flagged, or the reference is known nowhere. Name another"
             " reference: --reference level|gravity|FILE."
         )
@@ -167,7 +168,7 @@ def _check_rest(seen: _GriddedRun) -> None:
     spread = np.rad2deg(high - low)[:3] / _QUANTILES
     sway = float(np.sort((high - low)[3:])[1]) / _QUANTILES
     if spread.max() > _TURNS_DPS or sway > _SWAYS:
-        raise ValueError(
+        raise InputError(
             f"{seen.read.path}: the unit moves in this log (rates vary by {spread.max():.1f} deg/s, specific force by"
             f" {sway / STANDARD_GRAVITY:.2f} g), and the reference ({seen.read.info.reference}) says that it is at"
             " rest. Name how the table moves: --reference FILE, a table profile or a trajectory with attitude."
@@ -186,7 +187,7 @@ def _check_sign(seen: _GriddedRun) -> None:
     if share > -0.5:
         return
     off = (1.0 - share) * gamma / info.g_unit
-    raise ValueError(
+    raise InputError(
         f"{seen.read.path}: the accelerometers read the opposite of what the reference ({info.reference}) says,"
         f" {off:.2f} g off along gravity, with --accel-sign {info.accel_sign:+d}. Either the sign is the other one:"
         f" import again with --accel-sign {-info.accel_sign:+d}; or the unit is mounted the other way up (now --mount"
@@ -211,14 +212,14 @@ def _check_rates(seen: _GriddedRun) -> None:
     much = min(0.5 * float(np.mean((r - x) ** 2)), 0.1 * float(np.mean(r**2)), float(np.mean((r - signs * x) ** 2)))
     if abs(late) > _SHIFT and left < much:
         word = "late" if late > 0.0 else "early"
-        raise ValueError(
+        raise InputError(
             f"{seen.read.path}: the gyros follow the reference {abs(late):.2f} s {word}: its time is not the log's."
             f" Shift the reference by {late:+.2f} s, or let it be found from the gyros: a table profile with"
             ' align = "gyro".'
         )
     if (signs < 0.0).any():
         turned = ", ".join(name for name, sign in zip(names, signs, strict=True) if sign < 0.0)
-        raise ValueError(
+        raise InputError(
             f"{seen.read.path}: gyro {turned} reads the opposite of the table's rate. Turn the table's axis round"
             " (`sign` in the profile), or import again with --gyro-sign or another --mount."
         )
@@ -227,7 +228,7 @@ def _check_rates(seen: _GriddedRun) -> None:
         return
     worst = int(np.argmax(unlike))
     rms = float(np.rad2deg(np.sqrt(np.mean((r - x)[:, worst] ** 2))))
-    raise ValueError(
+    raise InputError(
         f"{seen.read.path}: the gyros do not follow the reference while it turns: gyro {names[worst]} is off by"
         f" {rms:.2f} deg/s (rms) and sees {100.0 * shares[worst]:.0f} % of its rate. It is another log's profile, or"
         " the mounting is another one: name the right --reference, or import again with the right --mount"
@@ -270,7 +271,7 @@ def _check_angles(seen: _GriddedRun) -> None:
     norm = np.linalg.norm(read, axis=1)
     ratio = float(np.median(norm)) / gamma
     if seen.alive[3:].all() and not _LEAST < ratio < 1.0 / _LEAST:
-        raise ValueError(
+        raise InputError(
             f"{seen.read.path}: at rest, the specific force has magnitude {ratio * gamma:.3g} m/s², and gravity is"
             f" {gamma:.3f}: readings are in other units. Import again with accel in g and gyro in deg/s."
         )
@@ -284,7 +285,7 @@ def _check_angles(seen: _GriddedRun) -> None:
     if typical < _DIRECTION:
         return
     mg = 2.0 * np.sin(0.5 * typical) * gamma / seen.read.info.g_unit * 1e3
-    raise ValueError(
+    raise InputError(
         f"{seen.read.path}: at rest, gravity is felt {np.rad2deg(typical):.0f}° from where the reference"
         f" ({seen.read.info.reference}) says ({mg:.0f} mg of residual). Its angles are not those of this log, an axis"
         " counts the other way (`sign` in the profile), or the mounting is another one (--mount on import). A unit that"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from filters import specification
+from filters.errors import InputError
 from filters.imu import AxisMap
 from filters.tracing.run import Run
 from filters.types import Array
@@ -44,12 +45,12 @@ def read_run(path: Path, name: str, options: replay.ReplayOptions, shortest: flo
     `options`: reference and overrides of the session.
     `shortest`: least length, s: what tracing needs.
     Raises UnreadableLogError if there is nothing to read.
-    Raises ValueError if it is too short, or its motion is not known.
+    Raises InputError if it is too short, or its motion is not known.
     """
     log = reader.read(path)
     t = log.seconds()
     if t[-1] < shortest:
-        raise ValueError(
+        raise InputError(
             f"{path} lasts {t[-1]:.1f} s; tracing needs at least {shortest:.0f} s, better half an hour a run with"
             " the unit warming up. Record a longer one."
         )

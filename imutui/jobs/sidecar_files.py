@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.logbook import atomic_file
 from imutui.logbook import effects_file as effects
 
@@ -97,7 +98,7 @@ def effects_file(path: Path) -> EffectsFile:
         document = effects.parse(content)
     except OSError as error:
         return EffectsFile(path, error=f"can't be read: {error.strerror or error}")
-    except ValueError as error:
+    except InputError as error:
         return EffectsFile(path, error=str(error))
     names = tuple(f"{effect.effect} ({' '.join(effect.channels)})" for effect in document.effects)
     return EffectsFile(path, content.decode("utf-8-sig"), document.source, names)

@@ -14,6 +14,7 @@ import numpy as np
 import imutui
 from filters.channels import CHANNELS
 from filters.effects import plain_names
+from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunCurvesEntry, RunEntry, TraceDocument
 from imutui.jobs import power_ons, replay, residual_curves, run_consistency, runs, turned
@@ -58,7 +59,7 @@ def trace(
     `options`: what is held out, reference, seed.
     `progress`: told the share done, 0 to 1, and what is being done.
     Raises UnreadableLogError if there is nothing to read in one of them.
-    Raises ValueError if they do not belong together, or do not follow their reference; the message says what to do.
+    Raises InputError if they do not belong together, or do not follow their reference; the message says what to do.
     """
     _check_asked(options.asked)
     training, heldout, notes = _divided(logs, options.holdout)
@@ -187,7 +188,7 @@ def _check_asked(effects: Sequence[str]) -> None:
 
     for effect in effects:
         if effect not in EFFECTS:
-            raise ValueError(f"{effect!r} is no effect of the catalogue; it has: {', '.join(EFFECTS)}")
+            raise InputError(f"{effect!r} is no effect of the catalogue; it has: {', '.join(EFFECTS)}")
 
 
 def _divided(logs: Sequence[Path], holdout: Path | None) -> tuple[list[Path], Path | None, list[str]]:
@@ -196,7 +197,7 @@ def _divided(logs: Sequence[Path], holdout: Path | None) -> tuple[list[Path], Pa
         return (list(logs), None, []) if len(logs) == 1 else (list(logs[:-1]), logs[-1], [])
     kept = [log for log in logs if not _same_file(log, holdout)]
     if not kept:
-        raise ValueError(
+        raise InputError(
             f"{holdout} is held out, and there is no other log to trace. Name more logs, or leave --holdout out: one"
             " log is judged by folds within it."
         )

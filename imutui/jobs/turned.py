@@ -5,6 +5,7 @@ What it leaves out: the method (`filters.multiposition`), and reading the logs (
 
 from collections.abc import Callable, Sequence
 
+from filters.errors import InputError
 from filters.tracing.result import Trace
 from imutui.jobs.runs import LoggedRun
 
@@ -14,12 +15,12 @@ KIND = "turned"
 def is_turned(reads: Sequence[LoggedRun]) -> bool:
     """Whether logs are of a unit turned by hand.
 
-    Raises ValueError if some are and some are not.
+    Raises InputError if some are and some are not.
     """
     turned = [read for read in reads if read.info.reference == KIND]
     others = [read for read in reads if read.info.reference != KIND]
     if turned and others:
-        raise ValueError(
+        raise InputError(
             f"{turned[0].path} was turned by hand (reference turned) and {others[0].path} was not (reference"
             f" {others[0].info.reference}): their errors are of different kinds. Trace them apart; effects of the one"
             " can be given to the filter on the other (-o FILE, imutui replay --effects FILE)."

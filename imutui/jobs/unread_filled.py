@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.motion import alignment
 from filters.motion import reference as references
 from imutui.logbook import unread_channels
@@ -34,19 +35,19 @@ def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
 
     `force`: m/s², shape (3,), NaN for an axis that was not read.
     `gravity`: m/s².
-    Raises ValueError if it can't be: two axes are missing, or one that does not point down and feels too much of
+    Raises InputError if it can't be: two axes are missing, or one that does not point down and feels too much of
       gravity to be flat.
     """
     lacking = np.flatnonzero(np.isnan(force))
     if not lacking.size:
         return force
     if lacking.size > 1:
-        raise ValueError("with one accelerometer or none the level can't be read from gravity")
+        raise InputError("with one accelerometer or none the level can't be read from gravity")
     (axis,) = lacking.tolist()
     rest = float(np.sqrt(max(0.0, gravity**2 - np.nansum(force**2))))
     if axis != 2 and rest > _FLAT * gravity:
         name = "xyz"[axis]
-        raise ValueError(
+        raise InputError(
             f"without the accelerometer along the table's {name} it can't be told which way the unit is tilted"
         )
     made = force.copy()
@@ -62,7 +63,7 @@ def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo
     `gyro`, `accel`: as the log has them, body axes, NaN where a channel was not read, shape (N, 3).
     `info`: with the reference in force.
     `path`: the log, for messages.
-    Raises ValueError if the reference does not say what the channels would have read.
+    Raises InputError if the reference does not say what the channels would have read.
     """
     lacks = unread_channels.unread(gyro, accel)
     if not lacks.any():
@@ -76,10 +77,10 @@ def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo
         try:
             force = level_force(accel[early].mean(axis=0), site.gravity)
             still = alignment.level_by_gravity(site, force, 0.0)
-        except ValueError as error:
-            raise ValueError(f"{path} has no readings of {told}: {error}. If it is level: --reference level") from error
+        except InputError as error:
+            raise InputError(f"{path} has no readings of {told}: {error}. If it is level: --reference level") from error
     else:
-        raise ValueError(
+        raise InputError(
             f"{path} has no readings of {told}, and the reference ({info.reference}) lets the unit move: what it would"
             " have read there is not known. Replay a part at rest with --reference level or gravity, or trace it:"
             " `imutui trace` leaves these channels out."

@@ -22,6 +22,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import IO, Any, NamedTuple
 
+from filters.errors import InputError
+from imutui import defects
+
 WAITING = "waiting"
 RUNNING = "running"
 DONE = "done"
@@ -29,8 +32,7 @@ FAILED = "failed"
 CANCELLED = "cancelled"
 _GRACE_S = 5.0
 _EVERY_S = 0.1
-_SENTENCES = ("UnreadableLogError", "ImportDataError", "ConfigError", "ValueError", "DivergenceError", "RecoveryError")
-"""Errors whose text is a sentence for the user."""
+_DEFECT = "Defect"
 
 
 class Progress(NamedTuple):
@@ -43,14 +45,12 @@ class Progress(NamedTuple):
 class Failure(NamedTuple):
     """Why a job gave no result."""
 
-    kind: str  # name of the error's class
+    kind: str  # name of the error's class; "Defect" for one that no input can cause
     text: str  # what it says
 
     def sentence(self) -> str:
-        """For the screen: the text where it was written for users, else with the error's name before it."""
-        if self.kind in _SENTENCES and self.text:
-            return self.text
-        return f"{self.kind}: {self.text}" if self.text else self.kind
+        """For the screen."""
+        return self.text or self.kind
 
 
 class Worker:
@@ -145,7 +145,7 @@ class Worker:
         except EOFError:
             pass  # it ended without a word; the exit code says how
         except Exception as error:  # noqa: BLE001 - what cannot be pickled either way is the job's failure, in words
-            outcome = "failed", Failure(type(error).__name__, str(error))
+            outcome = "failed", Failure(_DEFECT, defects.told(error))
             self._process.kill()
         self._process.stdin.close()
         code = self._process.wait()
@@ -201,8 +201,10 @@ def _done(job: bytes, out: IO[bytes]) -> tuple[str, Any]:
         function, args = pickle.loads(job)
         result = function(*args, _Teller(out))
         pickle.dumps(result)  # or else half an answer would be on its way
-    except Exception as error:  # noqa: BLE001 - whatever it is, the other side says it
+    except (InputError, OSError, MemoryError) as error:
         return "failed", (type(error).__name__, _words(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other side says it
+        return "failed", (_DEFECT, defects.told(error))
     return "done", result
 
 

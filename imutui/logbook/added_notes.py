@@ -10,7 +10,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from imutui import outside_file, toml_text
+from filters.errors import InputError
+from imutui import outside_file, toml_text, toml_values
 from imutui.logbook import atomic_file
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, in_line, one_line, quoted
 
@@ -38,24 +39,24 @@ def path_of(log: Path) -> Path:
 def read(log: Path) -> tuple[AddedNote, ...]:
     """Additions to a log, oldest first; none if there is no such file.
 
-    Raises ValueError if the file beside it cannot be used; the message names it.
+    Raises InputError if the file beside it cannot be used; the message names it.
     Raises OSError if it cannot be read.
     """
     path = path_of(log)
     if not path.is_file():
         return ()
     try:
-        entries = toml_text.parse(outside_file.read(path, _LIMIT)).get("added", [])
+        entries = toml_values.tables_of(toml_text.parse(outside_file.read(path, _LIMIT)), "added")
         return tuple(_entry(entry) for entry in entries[-_MOST:])
-    except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} cannot be used: {error}") from error
+    except InputError as error:
+        raise InputError(f"{path} cannot be used: {error}") from error
 
 
-def _entry(entry: dict[str, object]) -> AddedNote:
+def _entry(entry: toml_values.Table) -> AddedNote:
     said = {key: entry.get(key) for key in ("utc", "by", "note", "operator")}
     wrong = next((key for key, value in said.items() if value is not None and not isinstance(value, str)), None)
     if wrong is not None:
-        raise ValueError(f"`{wrong}` is no text")
+        raise InputError(f"`{wrong}` is no text")
     note, operator = said["note"], said["operator"]
     return AddedNote(
         in_line(str(said["utc"] or ""))[:NAME_LIMIT],
@@ -69,7 +70,7 @@ def read_or_none(log: Path) -> tuple[AddedNote, ...]:
     """Additions to a log; none where there are none that can be read."""
     try:
         return read(log)
-    except (ValueError, OSError):
+    except (InputError, OSError):
         return ()
 
 
@@ -78,7 +79,7 @@ def add(log: Path, note: str | None = None, operator: str | None = None) -> Path
 
     `log`: the log, which is not touched.
     `note`, `operator`: what is said; None leaves what stood before.
-    Raises ValueError if the file beside the log is there and cannot be used.
+    Raises InputError if the file beside the log is there and cannot be used.
     Raises OSError if the disk does not take it; what was there is there still.
     """
     utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

@@ -6,6 +6,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
+from filters.errors import InputError
 from imutui.logbook import quality_summary, summary, unread_channels
 from imutui.logbook.mcap_format import parse
 from imutui.logbook.message_runs import HeadRun
@@ -113,7 +114,7 @@ def _take_belonging(known: Audit, opcode: int, body: bytes) -> None:
             info = SessionInfo.from_strings(known.session)
             info.axes(), info.settings()
             known.info = info
-        except ValueError as error:
+        except InputError as error:
             known.session_trouble = str(error)
 
 

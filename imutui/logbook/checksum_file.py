@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.logbook import atomic_file
 
 SUFFIX = ".sha256"
@@ -30,7 +31,7 @@ def write(log: Path, sha256: str, mode: int) -> Path:
 def read(log: Path) -> str | None:
     """Sum that stands beside a log, whatever name is in it; None if there is none.
 
-    Raises ValueError if the file beside it is no sum.
+    Raises InputError if the file beside it is no sum.
     Raises OSError if it cannot be read.
     """
     path = path_of(log)
@@ -40,7 +41,7 @@ def read(log: Path) -> str | None:
         text = stream.read(_MOST_BYTES).decode("utf-8", errors="replace")
     found = _LINE.match(text.lstrip())
     if found is None:
-        raise ValueError(f"{path} holds no SHA-256")
+        raise InputError(f"{path} holds no SHA-256")
     return found[1].lower()
 
 
@@ -48,7 +49,7 @@ def read_or_none(log: Path) -> str | None:
     """Sum that stands beside a log; None if there is none, or none that can be read."""
     try:
         return read(log)
-    except (ValueError, OSError):
+    except (InputError, OSError):
         return None
 
 

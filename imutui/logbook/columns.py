@@ -1,6 +1,7 @@
 """Samples, temperatures, packets and table angles as columns that grow, from batches of messages or one by one."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from mcap.records import Message
@@ -98,7 +99,7 @@ class Columns:
         m = schemas.decode(schemas.TYPES[schemas.IMU], message.data)
         w, f = m.angular_velocity, m.linear_acceleration
         row = self._imu.room(1)
-        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        row[0, 0] = _stamp(m.header, message)
         unknown = (m.angular_velocity_covariance[0], m.linear_acceleration_covariance[0])
         row[0, 1:] = np.array([w.x, w.y, w.z, f.x, f.y, f.z, *unknown]).view(np.uint64)
         self._imu.keep(1)
@@ -107,7 +108,7 @@ class Columns:
         """One Temperature message of any layout."""
         m = schemas.decode(schemas.TYPES[schemas.TEMPERATURE], message.data)
         row = self._temperature.room(1)
-        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        row[0, 0] = _stamp(m.header, message)
         row[0, 1] = np.float64(m.temperature).view(np.uint64)
         self._temperature.keep(1)
 
@@ -123,7 +124,7 @@ class Columns:
         """One TableReference of any layout."""
         m = schemas.decode(schemas.TYPES[schemas.REFERENCE], message.data)
         row = self._table.room(1)
-        row[0, 0] = np.int64(schemas.stamp_ns(m.header) or message.publish_time).view(np.uint64)
+        row[0, 0] = _stamp(m.header, message)
         row[0, 1:] = np.concatenate([m.angles_deg, m.rates_dps]).astype(np.float64).view(np.uint64)
         self._table.keep(1)
 
@@ -156,3 +157,11 @@ class Columns:
     def packets(self) -> np.ndarray:
         """Records of `schemas.RAW_DTYPE`, shape (K,)."""
         return self._raw.columns(0, message_layout.S1_SIZE).view(schemas.RAW_DTYPE)[:, 0]
+
+
+def _stamp(header: Any, message: Message) -> np.uint64:
+    """Stamp of a message as its column keeps it: the message's own, else when it was published; int64, ns."""
+    stamp = schemas.stamp_ns(header) or message.publish_time
+    if stamp >= 2**63:
+        raise schemas.UndecodableError(f"its publish_time, {stamp}, is none")
+    return np.int64(stamp).view(np.uint64)

@@ -37,6 +37,7 @@ import numpy as np
 
 from filters.effects import plain_names
 from filters.effects.records import Included, State
+from filters.errors import InputError
 from filters.imu import CHANNELS
 from imutui import outside_file, plain_text, toml_text
 from imutui.logbook.session_info import SessionInfo
@@ -83,7 +84,7 @@ def build(document: EffectsDocument, info: SessionInfo) -> "Effects":
     """Effects of one run, in body axes and SI, from an effects file.
 
     `info`: axis map, g unit, rate and site of the samples, and what the effects of the file before remembered.
-    Raises ValueError if an effect is none that there is, or lacks a parameter; the message names it.
+    Raises InputError if an effect is none that there is, or lacks a parameter; the message names it.
     """
     # what is read and written here needs no filter
     from filters.effects.runtime import CausalEffects
@@ -101,7 +102,7 @@ def maker(content: bytes, info: SessionInfo) -> "MakeEffects | None":
 
     `content`: of the file; `NONE` for no effects.
     `info`: of the samples.
-    Raises ValueError if the content is no effects file, or one of its effects cannot be; the message says what and
+    Raises InputError if the content is no effects file, or one of its effects cannot be; the message says what and
       where.
     """
     if content == NONE:
@@ -125,42 +126,42 @@ def digest(content: bytes) -> str:
 def from_file(path: Path) -> bytes:
     """Content of an effects file, looked at once.
 
-    Raises ValueError if it cannot be read, or is none.
+    Raises InputError if it cannot be read, or is none.
     """
     try:
         content = outside_file.read(path, toml_text.LIMIT)
         parse(content)
     except OSError as error:
-        raise ValueError(f"--effects {path}: {error.strerror or error}. `imutui trace -o` writes such files") from error
-    except ValueError as error:
-        raise ValueError(f"--effects {path}: {error}") from error
+        raise InputError(f"--effects {path}: {error.strerror or error}. `imutui trace -o` writes such files") from error
+    except InputError as error:
+        raise InputError(f"--effects {path}: {error}") from error
     return content
 
 
 def parse(content: bytes) -> EffectsDocument:
     """Read an effects file.
 
-    Raises ValueError if it is none; the message names the place.
+    Raises InputError if it is none; the message names the place.
     """
     try:
         document = toml_text.parse(content)
-    except ValueError as error:
-        raise ValueError(f"an effects file is TOML, and this is not: {error}") from error
+    except InputError as error:
+        raise InputError(f"an effects file is TOML, and this is not: {error}") from error
     version = document.get("version")
     if version != VERSION:
         said = "has no `version`" if version is None else f"has `version` {version}"
-        raise ValueError(f"the file {said}; this imutui reads version {VERSION}")
+        raise InputError(f"the file {said}; this imutui reads version {VERSION}")
     _only(document, _TOP, "the file")
     tables = document.get("effect", [])
     if not isinstance(tables, list):
-        raise ValueError("`effect` is one table; effects are a list, [[effect]]")
+        raise InputError("`effect` is one table; effects are a list, [[effect]]")
     effects = tuple(_effect(table, f"effect {k + 1}") for k, table in enumerate(tables))
     p = sum(len(entry.states) for entry in effects)
     if max(len(effects), p) > MOST:
-        raise ValueError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
+        raise InputError(f"it has {len(effects)} effects with {p} states; the most of each is {MOST}")
     units = document.get("units", [])
     if not isinstance(units, list) or not all(isinstance(unit, str) for unit in units):
-        raise ValueError(f"`units` is {units!r}, not a list of texts")
+        raise InputError(f"`units` is {units!r}, not a list of texts")
     correlation = _correlation(document.get("correlation"), p)
     return EffectsDocument(str(document.get("source", "")), effects, correlation, tuple(units))
 
@@ -173,7 +174,7 @@ def unit_of(info: SessionInfo) -> str:
 def of_other_unit(content: bytes, info: SessionInfo) -> str:
     """What to say where the effects of a file are of another unit than a log; empty if not, or if one says nothing.
 
-    Raises ValueError if the content is no effects file.
+    Raises InputError if the content is no effects file.
     """
     units = parse(content).units if content != NONE else ()
     own = unit_of(info)
@@ -185,41 +186,41 @@ def of_other_unit(content: bytes, info: SessionInfo) -> str:
 
 def _effect(table: Any, where: str) -> Included:
     if not isinstance(table, dict):
-        raise ValueError(f"{where} is not a table")
+        raise InputError(f"{where} is not a table")
     _only(table, _EFFECT, where)
     name, channels, kind = table.get("effect"), table.get("channels"), table.get("include_as")
     if not isinstance(name, str) or not name:
-        raise ValueError(f"{where} has no name: `effect` is {name!r}")
+        raise InputError(f"{where} has no name: `effect` is {name!r}")
     where = f'{where} ("{name}")'
     if not isinstance(channels, list) or not channels or not all(c in CHANNELS for c in channels):
-        raise ValueError(f"{where}: `channels` is {channels!r}, not a list of {', '.join(CHANNELS)}")
+        raise InputError(f"{where}: `channels` is {channels!r}, not a list of {', '.join(CHANNELS)}")
     if kind not in _KINDS:
-        raise ValueError(f"{where}: `include_as` is {kind!r}, not one of {', '.join(_KINDS)}")
+        raise InputError(f"{where}: `include_as` is {kind!r}, not one of {', '.join(_KINDS)}")
     parameters, states = table.get("parameters", {}), table.get("state", [])
     if not isinstance(parameters, dict):
-        raise ValueError(f"{where}: `parameters` is not a table")
+        raise InputError(f"{where}: `parameters` is not a table")
     if not isinstance(states, list):
-        raise ValueError(f"{where}: `state` is one table; states are a list, [[effect.state]]")
+        raise InputError(f"{where}: `state` is one table; states are a list, [[effect.state]]")
     entries = tuple(_state(state, f"{where}, state {k + 1}") for k, state in enumerate(states))
     return Included(name, tuple(channels), kind, parameters, entries)
 
 
 def _state(table: Any, where: str) -> State:
     if not isinstance(table, dict):
-        raise ValueError(f"{where} is not a table")
+        raise InputError(f"{where} is not a table")
     _only(table, _STATE, where)
     for key in ("name", "unit"):
         if not isinstance(table.get(key), str):
-            raise ValueError(f"{where}: `{key}` is {table.get(key)!r}, not a text")
+            raise InputError(f"{where}: `{key}` is {table.get(key)!r}, not a text")
     defaults = {"tau_s": math.inf, "q": 0.0}
     mean, sd, tau, q = (_number(table.get(key, defaults.get(key)), key, where) for key in ("mean", "sd", "tau_s", "q"))
     if not math.isfinite(mean):
-        raise ValueError(f"{where}: `mean` is {mean}")
+        raise InputError(f"{where}: `mean` is {mean}")
     for key, value in (("sd", sd), ("q", q)):
         if not 0.0 <= value < math.inf:
-            raise ValueError(f"{where}: `{key}` is {value}, not zero or a positive number")
+            raise InputError(f"{where}: `{key}` is {value}, not zero or a positive number")
     if not tau > 0.0:
-        raise ValueError(f"{where}: `tau_s` is {tau}, not positive")
+        raise InputError(f"{where}: `tau_s` is {tau}, not positive")
     return State(table["name"], table["unit"], mean, sd, tau, q)
 
 
@@ -227,7 +228,7 @@ def _number(value: Any, key: str, where: str) -> float:
     # a time without end is infinite; what else must be finite is seen by whoever asks
     infinite = isinstance(value, float) and not math.isfinite(value)
     if not infinite and not toml_text.is_number(value):
-        raise ValueError(f"{where}: `{key}` is {value!r}, not a number")
+        raise InputError(f"{where}: `{key}` is {value!r}, not a number")
     return float(value)
 
 
@@ -237,20 +238,20 @@ def _correlation(rows: Any, p: int) -> np.ndarray:
     try:
         matrix = np.array(rows, dtype=np.float64).reshape(-1, p)
     except (ValueError, TypeError, OverflowError) as error:
-        raise ValueError(f"`correlation` is not a table of {p} by {p} numbers") from error
+        raise InputError(f"`correlation` is not a table of {p} by {p} numbers") from error
     if matrix.shape != (p, p):
-        raise ValueError(f"`correlation` has {len(rows)} rows, not {p}: one a state")
+        raise InputError(f"`correlation` has {len(rows)} rows, not {p}: one a state")
     if not np.allclose(np.diag(matrix), 1.0) or not np.allclose(matrix, matrix.T):
-        raise ValueError("`correlation` is not symmetric with ones on its diagonal")
+        raise InputError("`correlation` is not symmetric with ones on its diagonal")
     if p and not np.linalg.eigvalsh(matrix)[0] > -1e-9:
-        raise ValueError("`correlation` is that of no random numbers: it has a negative eigenvalue")
+        raise InputError("`correlation` is that of no random numbers: it has a negative eigenvalue")
     return matrix
 
 
 def _only(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
     unknown = sorted(set(table) - set(keys))
     if unknown:
-        raise ValueError(f"{where} has `{unknown[0]}`; it may have: {', '.join(keys)}")
+        raise InputError(f"{where} has `{unknown[0]}`; it may have: {', '.join(keys)}")
 
 
 # ---------------------------------------------------------------------------------------------------------- writing

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from filters import attitude
+from filters.errors import InputError
 from filters.motion.kinematics import attitudes
 from filters.motion.profile import Profile
 from filters.motion.reference import KINDS, Trajectory
@@ -31,7 +32,7 @@ def from_file(path: Path) -> ReferenceFile:
         motion = reference_file.parse(str(path), content)
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. --reference names a CSV or TOML file.") from error
-    except ValueError as error:
+    except InputError as error:
         raise ImportDataError(str(error)) from error
     kind = "profile" if isinstance(motion, Profile) else "trajectory"
     if path.suffix.lower() == ".toml":
@@ -43,7 +44,7 @@ def from_text(text: str) -> ReferenceFile | None:
     """Reference from what --reference says: a file, or the name of a ready-made profile; None for a word of its own.
 
     Raises ImportDataError if the file cannot be used.
-    Raises ValueError if it is none of them; the message lists the names.
+    Raises InputError if it is none of them; the message lists the names.
     """
     path = Path(text)
     if path.suffix.lower() in (".csv", ".toml"):
@@ -52,7 +53,7 @@ def from_text(text: str) -> ReferenceFile | None:
     if named is not None:
         return ReferenceFile("profile", "reference.toml", "application/toml", named.text.encode())
     if text not in KINDS:
-        raise ValueError(
+        raise InputError(
             f'--reference is "{text}": no word for a reference (level, gravity, turned), no .toml or .csv file, and no'
             f" ready-made profile. Those are {named_profiles.listed()}."
         )
@@ -62,8 +63,8 @@ def from_text(text: str) -> ReferenceFile | None:
 def _content(path: Path) -> bytes:
     try:
         return outside_file.read(path, outside_file.TEXT_LIMIT)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def from_arrays(t: Array, known: Mapping[str, Array], mount: Array, site: Site | None = None) -> ReferenceFile | None:

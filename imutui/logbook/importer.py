@@ -11,12 +11,14 @@ import zipfile
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 import imutui
+from filters.errors import InputError
 from imutui.logbook import arrival_stamps, parquet, power_on, schemas, unread_channels
 from imutui.logbook.arrival_stamps import Instants
 from imutui.logbook.log_stream import MODE
@@ -24,6 +26,8 @@ from imutui.logbook.reference_file import ReferenceFile
 from imutui.logbook.session_info import SessionInfo
 from imutui.logbook.writer import LogWriter
 from imutui.plain_text import in_line
+
+T = TypeVar("T")
 
 _REQUIRED = {"t": 1, "gyro": 3, "accel": 3}
 _OPTIONAL = {"temp": 1}
@@ -48,7 +52,7 @@ _WITH_ATTACHMENT = ("profile", "trajectory")
 _MOVING = (*_WITH_ATTACHMENT, "turned")
 
 
-class ImportDataError(Exception):
+class ImportDataError(InputError):
     """The recording cannot be imported as it is; the message says what, where, and what to do next."""
 
 
@@ -265,21 +269,39 @@ def _read_npz(path: Path) -> dict[str, Any]:
             " with numpy.savez(t=…, gyro=…, accel=…) in s, deg/s and g, or as a .csv file."
         )
     try:
-        archive = np.load(path, allow_pickle=False)
+        archive = _parsed(lambda: np.load(path, allow_pickle=False))
         if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError("a single array")
+            raise InputError("a single array")
         with archive, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Python 2 wrote such heads, and they are read
             _check_sizes(archive)
             return {name: _member(archive, name) for name in archive.files}
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ or CSV file.") from error
-    except Exception as error:  # unpacking and parsing of foreign bytes raise many kinds
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+    except InputError as error:
         raise ImportDataError(
-            f"{path} cannot be read as NPZ ({why}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
+            f"{path} cannot be read as NPZ ({error}). Save it with numpy.savez(t=…, gyro=…, accel=…), or name a .csv"
             " file."
         ) from error
+
+
+def _parsed(parse: Callable[[], T], where: str = "") -> T:
+    """What numpy makes of foreign bytes, whose unpacking and parsing raise many kinds: InputError for all of them."""
+    try:
+        return parse()
+    except OSError:
+        raise
+    except Exception as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{where}{why}") from error
+
+
+def _head(archive: Any, told: zipfile.ZipInfo) -> tuple[tuple[int, ...], Any]:
+    """Shape and type of an array of the archive, as its head has them."""
+    with archive.zip.open(told) as stream:
+        version = np.lib.format.read_magic(stream)
+        shape, _, dtype = _HEADS[version](stream)
+    return shape, dtype
 
 
 def _check_sizes(archive: Any) -> None:
@@ -287,30 +309,22 @@ def _check_sizes(archive: Any) -> None:
     total = 0
     for name in (name for name in _KNOWN if name in archive.files):
         told = archive.zip.getinfo(f"{name}.npy" if f"{name}.npy" in archive.zip.namelist() else name)
-        with archive.zip.open(told) as stream:
-            try:
-                version = np.lib.format.read_magic(stream)
-                shape, _, dtype = _HEADS[version](stream)
-            except ValueError as error:
-                raise ValueError(f"`{name}`: {error}") from error
+        shape, dtype = _parsed(partial(_head, archive, told), f"`{name}`: ")
         size = math.prod(shape) * dtype.itemsize
         if dtype.hasobject:
-            raise ValueError(f"`{name}` holds Python's objects, which are not read")
+            raise InputError(f"`{name}` holds Python's objects, which are not read")
         if not 0 <= size <= told.file_size:
-            raise ValueError(f"`{name}` says that its shape is {shape}, which is more than the file holds")
+            raise InputError(f"`{name}` says that its shape is {shape}, which is more than the file holds")
         total += size
     if total > LIMIT:
-        raise ValueError(f"its arrays take {total:,} bytes; the most is {LIMIT:,}: split the recording")
+        raise InputError(f"its arrays take {total:,} bytes; the most is {LIMIT:,}: split the recording")
 
 
 def _member(archive: Any, name: str) -> Any:
     """An array of the archive; what nobody needs may be anything, and is only named."""
     if name not in _KNOWN:
         return np.empty(0)
-    try:
-        return np.asarray(archive[name])
-    except ValueError as error:
-        raise ValueError(f"`{name}`: {error}") from error
+    return _parsed(lambda: np.asarray(archive[name]), f"`{name}`: ")
 
 
 def _read_csv(path: Path) -> dict[str, Any]:
@@ -335,7 +349,7 @@ def _read_parquet(path: Path) -> dict[str, Any]:
         return _vectors(parquet.read(path, lambda name: name.partition("_")[0] in _STEMS, LIMIT))
     except OSError as error:
         raise ImportDataError(f"{path}: {error.strerror or error}. Name an NPZ, CSV or Parquet file.") from error
-    except ValueError as error:
+    except InputError as error:
         raise ImportDataError(f"{path} cannot be read as Parquet ({error}). Name another file.") from error
 
 

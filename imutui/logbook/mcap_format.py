@@ -12,7 +12,7 @@ from typing import TypeVar, cast
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
 
@@ -60,7 +60,7 @@ class ChecksumError(McapError):
     """Bytes are not those that were written."""
 
 
-MALFORMED = (McapError, EndOfFile, struct.error, UnicodeDecodeError, ValueError, IndexError, OverflowError)
+MALFORMED = (McapError, struct.error)
 """What the reading of damaged bytes raises."""
 
 
@@ -68,9 +68,12 @@ def parse(kind: type[Record], content: bytes) -> Record:
     """Record of a kind from its content.
 
     Raises EndOfFile, struct.error if the content ends too early.
-    Raises UnicodeDecodeError if a text is none.
+    Raises McapError if a text is none, or a number is one that cannot be.
     """
-    return cast("Record", kind.read(ReadDataStream(BytesIO(content))))  # type: ignore[attr-defined]
+    try:
+        return cast("Record", kind.read(ReadDataStream(BytesIO(content))))  # type: ignore[attr-defined]
+    except (ValueError, IndexError, OverflowError) as error:
+        raise McapError(str(error)) from error
 
 
 def prefixed(text: str) -> bytes:
@@ -102,12 +105,15 @@ def chunk_of(content: bytes) -> Chunk:
         start, end, size, checksum, name = _CHUNK.unpack_from(content)
         at = _CHUNK.size + name
         (length,) = _SIZE.unpack_from(content, at)
+        compression = content[_CHUNK.size : at].decode()
     except struct.error as error:
         raise McapError("a chunk record ends before its content") from error
+    except UnicodeDecodeError as error:
+        raise McapError(str(error)) from error
     data = content[at + _SIZE.size : at + _SIZE.size + length]
     if len(data) < length:
         raise McapError("a chunk record ends before its content")
-    return Chunk(content[_CHUNK.size : at].decode(), data, end, start, checksum, size)
+    return Chunk(compression, data, end, start, checksum, size)
 
 
 def chunk_times(content: bytes) -> tuple[int, int]:

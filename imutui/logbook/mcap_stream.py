@@ -49,7 +49,7 @@ def records(stream: IO[bytes], walk: Walk) -> Iterator[McapRecord | Batch]:
     `walk`: how records are found in bytes.
     Raises EndOfFile, struct.error if the file ends before its footer.
     Raises ChecksumError if a chunk's or the data section's checksum is wrong.
-    Raises McapError, ValueError if a record is not what it must be.
+    Raises McapError if a record is not what it must be.
     """
     head = stream.read(len(MAGIC))
     if len(head) < len(MAGIC):

@@ -147,7 +147,7 @@ class _Work:
                     self._columns.table(message)
                 case _:
                     self._rare(channel.topic, message.data)
-        except schemas.UNDECODABLE as error:
+        except schemas.UndecodableError as error:
             self.audit.undecodable_count += 1
             if len(self.audit.undecodable) < _SHOWN:
                 reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__

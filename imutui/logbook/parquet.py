@@ -10,6 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from filters.errors import InputError
+
 Kind = Literal["double", "int64", "uint64", "bool", "string"]
 
 EXTRA = "parquet"
@@ -66,7 +68,7 @@ def read(path: Path, wanted: Callable[[str], bool], limit: int) -> dict[str, np.
 
     `wanted`: whether a column of this name is.
     `limit`: most bytes that the columns may take.
-    Raises ValueError if it is no Parquet file, or larger.
+    Raises InputError if it is no Parquet file, or larger.
     Raises OSError if it cannot be read.
     """
     import pyarrow as pa
@@ -76,9 +78,9 @@ def read(path: Path, wanted: Callable[[str], bool], limit: int) -> dict[str, np.
         with parquet.ParquetFile(path) as file:
             names = [name for name in file.schema_arrow.names if wanted(name)]
             if file.metadata.num_rows * len(names) * 8 > limit:
-                raise ValueError(f"its columns take more than {limit:,} bytes: split the recording")
+                raise InputError(f"its columns take more than {limit:,} bytes: split the recording")
             columns = file.read(columns=names)
             known = {name: columns[name].to_numpy() for name in names}
             return dict.fromkeys(file.schema_arrow.names, np.empty(0)) | known
     except pa.ArrowException as error:
-        raise ValueError(str(error).splitlines()[0]) from error
+        raise InputError(str(error).splitlines()[0]) from error

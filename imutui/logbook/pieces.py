@@ -107,7 +107,7 @@ def parts(path: Path, rows: int = ROWS, *, raw: bool = False) -> Iterator[Log]:
     for record in reader.records(path, log, walk):
         try:
             content.take(record)
-        except schemas.UNDECODABLE as error:
+        except schemas.UndecodableError as error:
             log.damage = f"a message cannot be decoded ({error})"
             break
         if content.rows >= rows:

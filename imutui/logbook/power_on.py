@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo, parse_signs
 
@@ -75,10 +76,10 @@ def preceding(path: Path) -> Preceding:
 def check_same_unit(before: Preceding, info: SessionInfo) -> None:
     """Refuse what cannot be the same unit, mounted as it was, read in the same units.
 
-    Raises ValueError: the message names both values and the cure.
+    Raises InputError: the message names both values and the cure.
     """
     for what, cure, one, two in _differences(before.info, info):
-        raise ValueError(
+        raise InputError(
             f"{before.path} has {what} {one}, and this recording is imported with {two}: within one power-on that"
             f" cannot change. {cure}, or leave --continues out if it is another power-on."
         )
@@ -111,11 +112,11 @@ def continuing(before: Preceding, info: SessionInfo, t: np.ndarray) -> tuple[Ses
     Returns with the power-on and the log that it continues.
     Returns UTC of its first sample, ns.
     Returns where it was placed, in words.
-    Raises ValueError if its time is years after the log's.
+    Raises InputError if its time is years after the log's.
     """
     gap = float(t[0]) - before.last_s
     if gap > _LONGEST_S:
-        raise ValueError(
+        raise InputError(
             f"`t` begins {gap:.3g} s after {before.path} ends, more than ten years: the two do not count on one clock."
             " Subtract what it begins with, so that it is placed right after the log's end."
         )

@@ -16,6 +16,7 @@ import numpy as np
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
 
+from filters.errors import InputError
 from imutui.logbook import mcap_stream, record_walk, schemas, unread_channels
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import MAGIC, ChecksumError
@@ -29,7 +30,7 @@ _LONGEST_NS = 320_000_000_000_000_000
 _LARGEST = 1e6
 
 
-class UnreadableLogError(Exception):
+class UnreadableLogError(InputError):
     """The file is no log that imutui can use; the message says what, where, and what to do next."""
 
 
@@ -125,7 +126,7 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     for record in records(path, log, walk):
         try:
             content.take(record)
-        except schemas.UNDECODABLE as error:
+        except schemas.UndecodableError as error:
             log.damage = f"a message cannot be decoded ({error})"
             break
     content.close()
@@ -232,7 +233,7 @@ class Content:
         try:
             self.log.info = SessionInfo.from_strings(with_strings)
             self.log.info.axes(), self.log.info.settings()
-        except ValueError as error:
+        except InputError as error:
             raise UnreadableLogError(f"{self.log.path}: {error}. The metadata was changed by hand?") from error
         self._assign()
 
@@ -252,7 +253,7 @@ class Content:
         for row in others.tolist():
             try:
                 self._message(batch.message(row), OTHER)
-            except schemas.UNDECODABLE as error:
+            except schemas.UndecodableError as error:
                 # the samples before it count, those after it don't
                 batch, failure = replace(batch, table=batch.table[:row]), error
                 counts, _ = self._tally(batch.table, self._roles)
@@ -308,7 +309,7 @@ class Content:
                 if values is None:
                     raise UndecodableError("its diagnostics have no status")
                 log.diagnostics = values
-        except schemas.UNDECODABLE as error:
+        except schemas.UndecodableError as error:
             log.damage = log.damage or f"a message cannot be decoded ({error})"
 
 
@@ -340,10 +341,8 @@ def records(path: Path, log: Log, walk: Walk) -> Iterator[McapRecord | Batch]:
             log.damage = "the file ends in the middle: the recorder was killed, or the file was cut"
         except ChecksumError:
             log.damage = "a checksum is wrong: bytes were changed after recording"
-        except (McapError, ValueError, OSError) as error:
+        except (McapError, OSError) as error:
             log.damage = f"a record cannot be read ({error})"
-        except Exception as error:  # noqa: BLE001 - decompression and parsing of foreign bytes raise many kinds
-            log.damage = f"a record cannot be read ({type(error).__name__})"
 
 
 def opened(path: Path) -> IO[bytes]:

@@ -202,7 +202,7 @@ class _Copy:
         try:
             message = schemas.decode(typename, data)
             same = schemas.encode_as(typename, message) == data
-        except Exception:  # noqa: BLE001 - parsing of foreign bytes raises many kinds; they then are no such message
+        except schemas.UndecodableError:
             return
         if same:
             definition = schemas.definition(typename).encode()

@@ -36,6 +36,7 @@ from typing import Any, TypedDict, cast
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.motion import profile
 from filters.motion.profile import ACCEL, SLEW, Profile
 from filters.motion.reference import Trajectory
@@ -85,7 +86,7 @@ class ReferenceFile:
     content: bytes  # as the file has it
 
     def motion(self) -> Profile | Trajectory:
-        """What it says; raises ValueError if that cannot be."""
+        """What it says; raises InputError if that cannot be."""
         return parse(self.name, self.content)
 
 
@@ -94,54 +95,59 @@ def parse(name: str, content: bytes) -> Profile | Trajectory:
 
     `name`: of the file, for its suffix and for messages.
     `content`: UTF-8 text.
-    Raises ValueError if it is neither; the message names file, line or key.
+    Raises InputError if it is neither; the message names file, line or key.
     """
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{name} is not a text file ({error})") from error
+    text = text_of(content, name)
     if name.lower().endswith(".toml"):
         try:
             return from_document(cast("ProfileDocument", toml_text.parse(content)))
-        except ValueError as error:
-            raise ValueError(f"{name} is no table profile: {error}") from error
+        except InputError as error:
+            raise InputError(f"{name} is no table profile: {error}") from error
     first = next(csv.reader([text.splitlines()[0] if text else ""]), [])
     if tuple(cell.strip() for cell in first) == PROFILE_COLUMNS:
         return parse_angles(text, name)
     return trajectory_file.parse(text, name)
 
 
+def text_of(content: bytes, name: str) -> str:
+    """Text of a file's bytes, which are to be UTF-8; raises InputError if they are not."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name} is not a text file ({error})") from error
+
+
 def parse_angles(text: str, name: str) -> Profile:
     """Profile of a CSV text `t, outer, middle, inner` (s, deg).
 
-    Raises ValueError if a row does not read as four numbers, or time does not increase; the message names the row.
+    Raises InputError if a row does not read as four numbers, or time does not increase; the message names the row.
     """
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(c.strip() for c in row)]
     except csv.Error as error:
-        raise ValueError(f"{name} is not a CSV file: {error}") from error
+        raise InputError(f"{name} is not a CSV file: {error}") from error
     if not rows or tuple(rows[0]) != PROFILE_COLUMNS:
         found = ", ".join(rows[0]) if rows else "nothing"
-        raise ValueError(f'{name} begins with "{found}"; its heading is {", ".join(PROFILE_COLUMNS)} (s, deg).')
+        raise InputError(f'{name} begins with "{found}"; its heading is {", ".join(PROFILE_COLUMNS)} (s, deg).')
     values = np.empty((len(rows) - 1, 4))
     for n, row in enumerate(rows[1:]):
         try:
             values[n] = [float(cell) for cell in row]
         except ValueError as error:
-            raise ValueError(f'{name}, row {n + 2}: "{", ".join(row)}" is not four numbers') from error
+            raise InputError(f'{name}, row {n + 2}: "{", ".join(row)}" is not four numbers') from error
     # NaN has words of its own further on
     large = (np.abs(values) > _LARGEST).any(axis=1)
     if large.any():
-        raise ValueError(f"{name}, row {int(np.argmax(large)) + 2}: a number beyond {_LARGEST:g}")
+        raise InputError(f"{name}, row {int(np.argmax(large)) + 2}: a number beyond {_LARGEST:g}")
     near = np.abs(np.diff(values[:, 0])) < _NEAREST_S
     if near.any():
-        raise ValueError(f"{name}, row {int(np.argmax(near)) + 3}: time does not increase by a microsecond at least")
+        raise InputError(f"{name}, row {int(np.argmax(near)) + 3}: time does not increase by a microsecond at least")
     values[np.abs(values) < _SMALLEST] = 0.0  # what is left of a zero by other programs' arithmetic
     t, outer, middle, inner = values.T
     try:
         return profile.from_samples(t, np.deg2rad(outer), np.deg2rad(middle), np.deg2rad(inner))
-    except ValueError as error:
-        raise ValueError(f"{name}: {error} (rows counted from 0, after the heading)") from error
+    except InputError as error:
+        raise InputError(f"{name}: {error} (rows counted from 0, after the heading)") from error
 
 
 # -------------------------------------------------------------------------------------- a profile as a TOML document
@@ -151,18 +157,18 @@ def from_document(document: ProfileDocument) -> Profile:
     """Profile from the content of a TOML file; the module shows one.
 
     `document`: as `tomllib` gives it; nothing in it is taken for granted.
-    Raises ValueError if a key is missing, unknown, or has a value that does not fit; the message names it.
+    Raises InputError if a key is missing, unknown, or has a value that does not fit; the message names it.
     """
     _known(document, ("align", "sign", "offset_sd_s", "slew_dps", "accel_dps2", "segment"), "")
     tables = document.get("segment")
     if not isinstance(tables, list) or not tables:
-        raise ValueError("`segment` is missing: a profile has at least one [[segment]]")
+        raise InputError("`segment` is missing: a profile has at least one [[segment]]")
     sign = document.get("sign", [1, 1, 1])
     if not isinstance(sign, list) or len(sign) != 3 or any(s not in (-1, 1) for s in sign):
-        raise ValueError(f"`sign` is {sign}, not three of -1 and 1")
+        raise InputError(f"`sign` is {sign}, not three of -1 and 1")
     offset_sd = _number(document, "offset_sd_s", "") if "offset_sd_s" in document else None
     if offset_sd is not None and offset_sd < 0.0:
-        raise ValueError(f"`offset_sd_s` is {offset_sd:g}, not 0 or more")
+        raise InputError(f"`offset_sd_s` is {offset_sd:g}, not 0 or more")
     align = document.get("align", "none")
     limits = [
         math.radians(_number(document, key, "", positive=True)) if key in document else default
@@ -183,7 +189,7 @@ def to_toml(profile: Profile, about: Sequence[str] = ()) -> str:
 
     `profile`: without sampled angles, which belong into a CSV file.
     `about`: lines of a comment at the top.
-    Raises ValueError if a segment is sampled.
+    Raises InputError if a segment is sampled.
     """
     head = [*(f"# {one_line(line, NOTE_LIMIT)}" for line in about)]
     head += [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
@@ -203,7 +209,7 @@ def _segment_text(segment: Segment) -> str:
             lines = ['kind = "sine"', f'axis = "{segment.axis}"', f"amplitude_deg = {_degrees(segment.amplitude)!r}"]
             lines.append(f"hz = {float(segment.hz)!r}")
         case Sampled():
-            raise ValueError("`profile` has sampled angles: they belong into a CSV file")
+            raise InputError("`profile` has sampled angles: they belong into a CSV file")
     return "\n".join(["[[segment]]", *lines, f"seconds = {float(segment.seconds)!r}"])
 
 
@@ -222,21 +228,21 @@ _KEYS = {
 def _segment(table: Any, where: str) -> Segment:
     kind = table.get("kind") if isinstance(table, dict) else table
     if not isinstance(kind, str) or kind not in _KEYS:
-        raise ValueError(f"{where}`kind` is {kind!r}, not one of: {', '.join(_KEYS)}")
+        raise InputError(f"{where}`kind` is {kind!r}, not one of: {', '.join(_KEYS)}")
     _known(table, ("kind", *_KEYS[kind]), where)
     seconds = _number(table, "seconds", where, positive=True)
     if kind == "dwell":
         angles = table.get("angles_deg")
         if not isinstance(angles, list) or len(angles) != 3 or not all(is_number(a) for a in angles):
-            raise ValueError(f"{where}`angles_deg` is {angles}, not three angles: [outer, middle, inner]")
+            raise InputError(f"{where}`angles_deg` is {angles}, not three angles: [outer, middle, inner]")
         return Dwell((math.radians(angles[0]), math.radians(angles[1]), math.radians(angles[2])), seconds)
     axis = table.get("axis")
     if axis not in AXES:
-        raise ValueError(f"{where}`axis` is {axis!r}, not one of: {', '.join(AXES)}")
+        raise InputError(f"{where}`axis` is {axis!r}, not one of: {', '.join(AXES)}")
     if kind == "rate":
         rate_dps = _number(table, "rate_dps", where)
         if rate_dps == 0.0:
-            raise ValueError(f"{where}`rate_dps` is 0; a dwell rests")
+            raise InputError(f"{where}`rate_dps` is 0; a dwell rests")
         return Rate(axis, math.radians(rate_dps), seconds)
     amplitude = math.radians(_number(table, "amplitude_deg", where, positive=True))
     return Sine(axis, amplitude, _number(table, "hz", where, positive=True), seconds)
@@ -245,13 +251,13 @@ def _segment(table: Any, where: str) -> Segment:
 def _known(table: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
     for key in table:
         if key not in keys:
-            raise ValueError(f"{where}`{key}` is unknown; known here: {', '.join(keys)}")
+            raise InputError(f"{where}`{key}` is unknown; known here: {', '.join(keys)}")
 
 
 def _number(table: Mapping[str, Any], key: str, where: str, *, positive: bool = False) -> float:
     if key not in table:
-        raise ValueError(f"{where}`{key}` is missing")
+        raise InputError(f"{where}`{key}` is missing")
     value = table[key]
     if not is_number(value) or (positive and not value > 0):
-        raise ValueError(f"{where}`{key}` is {value!r}, not a {'positive' if positive else 'finite'} number")
+        raise InputError(f"{where}`{key}` is {value!r}, not a {'positive' if positive else 'finite'} number")
     return float(value)

@@ -113,17 +113,8 @@ class UndecodableError(Exception):
     """Bytes are no message of the type that their topic has."""
 
 
-UNDECODABLE = (
-    UndecodableError,
-    struct.error,
-    ValueError,
-    IndexError,
-    KeyError,
-    TypeError,
-    OverflowError,
-    MemoryError,
-)
-"""How bytes that are no such message fail, whichever way the decoder meets them first."""
+_MALFORMED = (struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError)
+"""How bytes that are no such message fail in a decoder, whichever way it meets them first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,11 +158,13 @@ def encode_raw(packet: RawPacket) -> bytes:
 
 
 def decode_raw(data: bytes) -> RawPacket:
-    """Raw packet from CDR bytes."""
+    """Raw packet from CDR bytes; raises UndecodableError if they are none."""
     has_details = len(data) == _S1.size
-    sequence, host, a, b, c, d, e, f, temperature, ticks, mode, flags, *rest = (_S1 if has_details else _RAW).unpack(
-        data
-    )
+    layout = _S1 if has_details else _RAW
+    try:
+        sequence, host, a, b, c, d, e, f, temperature, ticks, mode, flags, *rest = layout.unpack(data)
+    except struct.error as error:
+        raise UndecodableError(str(error)) from error
     details = ((rest[0], rest[1], rest[2]), rest[3], rest[4]) if has_details else None
     return RawPacket(sequence, host, (a, b, c, d, e, f), temperature, ticks, mode, flags, details)
 
@@ -199,15 +192,15 @@ def encode_as(typename: str, message: Any) -> bytes:
 def decode(typename: str, data: bytes) -> Any:
     """Message from CDR bytes.
 
-    Raises UndecodableError, or struct.error, ValueError, IndexError, … as the decoder meets them first if the bytes are
-      no such message.
+    Raises UndecodableError if the bytes are no such message.
     """
     from rosbags.serde import SerdeError
 
+    types = typestore()
     try:
-        return typestore().deserialize_cdr(data, typename)
-    except SerdeError as error:
-        raise UndecodableError(str(error)) from error
+        return types.deserialize_cdr(data, typename)
+    except (SerdeError, *_MALFORMED) as error:
+        raise UndecodableError(str(error) or type(error).__name__) from error
 
 
 def decoder_of(typename: str, definition: str) -> Callable[[bytes], Any]:
@@ -222,14 +215,14 @@ def decoder_of(typename: str, definition: str) -> Callable[[bytes], Any]:
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(get_types_from_msg(definition, typename))
-    except (TypesysError, *UNDECODABLE) as error:
+    except (TypesysError, *_MALFORMED) as error:
         raise UndecodableError(f"the definition of {typename} cannot be read: {error}") from error
 
     def decode_foreign(data: bytes) -> Any:
         try:
             return store.deserialize_cdr(data, typename)
-        except SerdeError as error:
-            raise UndecodableError(str(error)) from error
+        except (SerdeError, *_MALFORMED) as error:
+            raise UndecodableError(str(error) or type(error).__name__) from error
 
     return decode_foreign
 
@@ -246,7 +239,7 @@ def decode_event(data: bytes) -> LogEvent:
             text, at = _text(data, at)
             texts.append(text)
         whole = data[:4] == _CDR_HEADER and len(data) == _aligned(at) + 4
-    except (struct.error, ValueError):
+    except (struct.error, UndecodableError):
         whole = False
     if not whole:
         m = decode(TYPES[EVENTS], data)
@@ -262,7 +255,7 @@ def decode_diagnostics(data: bytes) -> dict[str, str] | None:
     try:
         values, at = _values(data)
         whole = data[:4] == _CDR_HEADER and len(data) == at
-    except (struct.error, ValueError):
+    except (struct.error, UndecodableError):
         whole = False
     if whole:
         return values
@@ -271,11 +264,11 @@ def decode_diagnostics(data: bytes) -> dict[str, str] | None:
 
 
 def _values(data: bytes) -> tuple[dict[str, str], int]:
-    """Values of an array's only status, and where it ends; raises ValueError if it has another number of them."""
+    """Values of an array's only status, and where it ends; raises UndecodableError if it has another number of them."""
     _, at = _text(data, _CDR_STAMP)
     statuses, _ = _STATUS.unpack_from(data, at := _aligned(at))
     if statuses != 1:
-        raise ValueError("not one status")
+        raise UndecodableError("not one status")
     at += _STATUS.size
     for _ in range(3):
         _, at = _text(data, at)
@@ -298,8 +291,11 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     (size,) = _UINT32.unpack_from(data, at := _aligned(at))
     first, last = at + _UINT32.size, at + _UINT32.size + size
     if size < 1 or last > len(data) or data[last - 1] != 0:
-        raise ValueError("no string")
-    return data[first : last - 1].decode(), last
+        raise UndecodableError("no string")
+    try:
+        return data[first : last - 1].decode(), last
+    except UnicodeDecodeError as error:
+        raise UndecodableError("no text") from error
 
 
 def make(typename: str, **fields: Any) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 
 from filters import specification
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap, Noise, parse_mount
 from filters.kalman.settings import Settings
 from filters.state import PAPER_SITE, Site
@@ -139,7 +140,7 @@ class SessionInfo:
         the effects of a file.
         """
         if self.noise not in NOISES:
-            raise ValueError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
+            raise InputError(f'`noise` is "{self.noise}", not one of: {", ".join(NOISES)}')
         return Settings(
             1.0 / self.rate_hz,
             spec=specification.of_model(self.instrument),
@@ -170,7 +171,7 @@ class SessionInfo:
     def from_strings(cls, strings: dict[str, str]) -> "SessionInfo":
         """Fields from MCAP metadata.
 
-        Raises ValueError if a number does not read as one; the message names the field.
+        Raises InputError if a number does not read as one; the message names the field.
         """
         values: dict[str, Any] = {}
         for f in fields(cls):
@@ -179,10 +180,10 @@ class SessionInfo:
                 try:
                     values[f.name] = convert(strings[f.name])
                 except ValueError as error:
-                    raise ValueError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
+                    raise InputError(f'metadata field `{f.name}` is "{strings[f.name]}", not a number') from error
                 low, high = _WITHIN.get(f.name, _NUMBERS)
                 if convert is not str and not low <= values[f.name] <= high:
-                    raise ValueError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
+                    raise InputError(f"metadata field `{f.name}` is {strings[f.name]}, not within {low:g} to {high:g}")
         return replace(cls(), **values)
 
     def identity(self) -> IdentityEntry:
@@ -233,11 +234,11 @@ _WITHIN = {
 def parse_signs(text: str) -> np.ndarray:
     """Three signs such as "-1,1,1", or one for all.
 
-    Raises ValueError if `text` does not read so.
+    Raises InputError if `text` does not read so.
     """
     parts = [part.strip() for part in text.split(",")]
     if len(parts) == 1:
         parts = parts * 3
     if len(parts) != 3 or any(part not in ("1", "+1", "-1") for part in parts):
-        raise ValueError(f'`gyro_sign` is "{text}", not one or three of -1 and 1 such as "-1,1,1"')
+        raise InputError(f'`gyro_sign` is "{text}", not one or three of -1 and 1 such as "-1,1,1"')
     return np.array([float(part) for part in parts])

@@ -273,7 +273,7 @@ def _take_description(content: bytes, channel: int | None, found: Summary) -> bo
     told: dict[str, str] = {}
     for number, data in _messages(content):
         if channel is not None and number == channel:
-            with contextlib.suppress(*schemas.UNDECODABLE):
+            with contextlib.suppress(schemas.UndecodableError):
                 told |= schemas.decode_diagnostics(data) or {}
     found.session |= {key: told[key] for key in schemas.DESCRIPTION if found.session and key in told}
     return bool(told)

@@ -8,6 +8,7 @@ import io
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.motion.reference import Trajectory
 
 COLUMNS = ("t", "lat", "lon", "h", "vn", "ve", "vd", "roll", "pitch", "yaw")
@@ -20,32 +21,28 @@ _NUMBERS = (-1e9, 1e9)
 _LIMITS = {"lat": (-90.0, 90.0), "lon": (-180.0, 360.0), "pitch": (-90.0, 90.0)}
 
 
-class TrajectoryError(ValueError):
-    """The text is no trajectory; the message names file, line and column."""
-
-
 def parse(text: str, name: str) -> Trajectory:
     """Trajectory from CSV text.
 
     `text`: first row names the columns, in any order; roll, pitch, yaw may be absent.
     `name`: of the file, for messages.
-    Raises TrajectoryError if a column is missing, unknown or named twice, a cell is no number or outside its range, or
-      time does not increase.
+    Raises InputError if a column is missing, unknown or named twice, a cell is no number or outside its range, or time
+      does not increase.
     """
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text.lstrip("\ufeff"))), 1) if row]
     except csv.Error as error:
-        raise TrajectoryError(f"{name} is not CSV text ({error}).") from error
+        raise InputError(f"{name} is not CSV text ({error}).") from error
     if not rows:
-        raise TrajectoryError(f"{name} is empty. Its first row must name the columns: {', '.join(COLUMNS)}.")
+        raise InputError(f"{name} is empty. Its first row must name the columns: {', '.join(COLUMNS)}.")
     names = [cell.strip() for cell in rows[0][1]]
     _check_names(names, rows[0][0], name)
     lines = [number for number, _ in rows[1:]]
     for number, row in rows[1:]:
         if len(row) != len(names):
-            raise TrajectoryError(f"{name}, line {number}: {len(row)} cells where the first row names {len(names)}.")
+            raise InputError(f"{name}, line {number}: {len(row)} cells where the first row names {len(names)}.")
     if not lines:
-        raise TrajectoryError(f"{name} has column names and no rows.")
+        raise InputError(f"{name} has column names and no rows.")
     columns = {column: _numbers([row[i] for _, row in rows[1:]], column, lines, name) for i, column in enumerate(names)}
     _check_time(columns["t"], lines, name)
     unknown = np.full(len(lines), np.nan)
@@ -72,12 +69,12 @@ def _check_names(names: list[str], line: int, name: str) -> None:
     wanted = ", ".join(COLUMNS)
     for column in names:
         if column not in COLUMNS:
-            raise TrajectoryError(f'{name}, line {line}: unknown column "{column}". Columns are: {wanted}.')
+            raise InputError(f'{name}, line {line}: unknown column "{column}". Columns are: {wanted}.')
         if names.count(column) > 1:
-            raise TrajectoryError(f"{name}, line {line}: column `{column}` is named twice.")
+            raise InputError(f"{name}, line {line}: column `{column}` is named twice.")
     missing = [column for column in _REQUIRED if column not in names]
     if missing:
-        raise TrajectoryError(
+        raise InputError(
             f"{name}, line {line}: no column `{missing[0]}`. Columns are: {wanted}; only roll, pitch, yaw may be"
             " absent, and cells may be empty."
         )
@@ -92,14 +89,12 @@ def _numbers(cells: list[str], column: str, lines: list[int], name: str) -> np.n
     bad = np.isinf(out) | (np.isnan(out) if column == "t" else False)
     if bad.any():
         row = int(np.argmax(bad))
-        raise TrajectoryError(f'{name}, line {lines[row]}, column `{column}`: "{cells[row]}" is not a number.')
+        raise InputError(f'{name}, line {lines[row]}, column `{column}`: "{cells[row]}" is not a number.')
     low, high = _LIMITS.get(column, _NUMBERS)
     outside = (out < low) | (out > high)
     if outside.any():
         row = int(np.argmax(outside))
-        raise TrajectoryError(
-            f"{name}, line {lines[row]}, column `{column}`: {out[row]:g} is outside {low:g} to {high:g}."
-        )
+        raise InputError(f"{name}, line {lines[row]}, column `{column}`: {out[row]:g} is outside {low:g} to {high:g}.")
     return out
 
 
@@ -107,13 +102,13 @@ def _number(cell: str, column: str, line: int, name: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise TrajectoryError(f'{name}, line {line}, column `{column}`: "{cell}" is not a number.') from None
+        raise InputError(f'{name}, line {line}, column `{column}`: "{cell}" is not a number.') from None
 
 
 def _check_time(t: np.ndarray, lines: list[int], name: str) -> None:
     bad = np.flatnonzero(~(np.diff(t) > 0.0))
     if bad.size:
         k = int(bad[0]) + 1
-        raise TrajectoryError(
+        raise InputError(
             f"{name}, line {lines[k]}, column `t`: time does not increase: {t[k - 1]:g} s, then {t[k]:g} s."
         )

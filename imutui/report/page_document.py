@@ -1,11 +1,11 @@
 """A page as JSON: what was reported, for programs. Blocks are those of the page, in order, each with its kind."""
 
-import json
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
+from filters.errors import InputError
 from imutui import outside_file
 from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Subheading, Table
 
@@ -83,7 +83,8 @@ def _block(block: Block, number: int, names: Callable[[int, Figure], str]) -> di
 def figures_of(path: Path) -> list[str]:
     """Names of the figures of the page that a folder has; none where its JSON is none of ours."""
     try:
-        files = json.loads(outside_file.read(path, _LIMIT))["files"]
-        return [name for name in files if isinstance(name, str) and _FIGURE.fullmatch(name)]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        document = outside_file.read_json(path, _LIMIT)
+    except (OSError, InputError):
         return []
+    files = document.get("files") if isinstance(document, dict) else None
+    return [name for name in files or () if isinstance(name, str) and _FIGURE.fullmatch(name)]

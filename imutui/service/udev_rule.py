@@ -7,6 +7,7 @@ import tempfile
 from importlib import resources
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.service import programs, rule_syntax
 from imutui.service.usb_adapter import UsbAdapter
 
@@ -25,7 +26,7 @@ def text(adapter: UsbAdapter | None = None, name: str = "") -> str:
 
     `adapter`: whose it is; None for all common ones, which keep the names that /dev/serial/by-id gives them.
     `name`: its port is called /dev/imutui-NAME.
-    Raises ValueError if the adapter's serial number or the name has letters that a rule cannot hold.
+    Raises InputError if the adapter's serial number or the name has letters that a rule cannot hold.
     """
     template = resources.files(__package__).joinpath(FILE).read_text()
     if adapter is None:
@@ -91,5 +92,5 @@ def _match(adapter: UsbAdapter, key: str, kernel: str) -> str:
 def _safe(value: str) -> str:
     """A value between a rule's quotes; what would be a pattern or end them is refused."""
     if not re.fullmatch(r"[A-Za-z0-9 ._:@+-]+", value):
-        raise ValueError(f'"{value}" cannot stand in a udev rule: letters, digits and . _ : @ + - only')
+        raise InputError(f'"{value}" cannot stand in a udev rule: letters, digits and . _ : @ + - only')
     return value

@@ -4,11 +4,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from filters.errors import InputError
+
 SYS = Path("/sys")
-
-
-class NoAdapterError(ValueError):
-    """A port belongs to no USB adapter; the message says what follows from that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +26,16 @@ def of_port(port: str, sys: Path = SYS) -> UsbAdapter:
 
     `port`: path of the device, or of a link to it.
     `sys`: where the kernel describes devices.
-    Raises NoAdapterError if there is no such port, or it is on no USB adapter.
+    Raises InputError if there is no such port, or it is on no USB adapter.
     """
     name = Path(os.path.realpath(port)).name
     device = sys / "class" / "tty" / name / "device"
     if not device.exists():
-        raise NoAdapterError(f"{port} is no serial port of this machine. `imutui devices` lists them.")
+        raise InputError(f"{port} is no serial port of this machine. `imutui devices` lists them.")
     parents = [device.resolve(), *device.resolve().parents]
     usb = next((folder for folder in parents if (folder / "idVendor").is_file()), None)
     if usb is None:
-        raise NoAdapterError(
+        raise InputError(
             f"{port} is on no USB adapter: its name does not change and it needs no rule, only membership of its group."
         )
     interface = next((found for folder in parents if (found := _text(folder / "bInterfaceNumber"))), "00")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import platformdirs
 
+from filters.errors import InputError
 from imutui.service import programs
 
 FILE = "imutui@.service"
@@ -91,5 +92,5 @@ def _quoted(word: str) -> str:
 
 def _one_line(value: str) -> str:
     if not value.isprintable():
-        raise ValueError(f"{value!r} cannot stand in a file of settings: it has to be one line of text")
+        raise InputError(f"{value!r} cannot stand in a file of settings: it has to be one line of text")
     return value

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
+from filters.errors import InputError
+from imutui import defects
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
@@ -74,10 +76,12 @@ def main() -> int:
         return _refuse(exit_codes.INSTRUMENT, f"ended by {error} before the first packet came: nothing was recorded.")
     except FileExistsError as error:
         return _refuse(exit_codes.USAGE, f"{error.filename} exists; --force replaces it, or choose another name.")
-    except ValueError as error:
+    except InputError as error:
         return _refuse(exit_codes.USAGE, str(error))
     except OSError as error:
         return _refuse(exit_codes.DISK, disk_message(None, error))
+    except Exception as error:  # noqa: BLE001 - whoever started this must hear of it, and nobody see a traceback
+        return _refuse(exit_codes.OWN_ERROR, defects.told(error))
 
 
 class EndedEarlyError(Exception):
@@ -154,7 +158,7 @@ def _acquire(plan: Plan, port: Port, stream: LiveStream | None, turner: TableTur
 
 
 def carry_out(engine: Engine, request: Request) -> Reply:
-    """Do what a viewer asks; raises ValueError with what is wrong with it, or what stands against it."""
+    """Do what a viewer asks; raises InputError with what is wrong with it, or what stands against it."""
     match request["ask"]:
         case "snapshot":
             since = request_fields.whole(request, "since", 0)
@@ -206,7 +210,7 @@ def carry_out(engine: Engine, request: Request) -> Reply:
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
             limit = request_fields.seconds(request, "timeout_s")
             return _ending(engine) if engine.lifecycle.ended.wait(limit) else {"runs": True}
-    raise ValueError(f'no such request: "{str(request["ask"])[:NAME_LIMIT]}"')
+    raise InputError(f'no such request: "{str(request["ask"])[:NAME_LIMIT]}"')
 
 
 def _ending(engine: Engine) -> Reply:

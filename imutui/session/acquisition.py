@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from filters import specification
+from filters.errors import InputError
 from filters.motion.profile import Profile
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.clock import Clock, Stamp
@@ -50,7 +51,7 @@ class Acquisition:
     `lifecycle`: where it stands.
     `stream`: gets what is recorded, for other viewers.
     `turner`: turns the table under a virtual unit.
-    Raises ValueError if the filter could not run with what is asked; the message names it.
+    Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
     def __init__(
@@ -174,7 +175,7 @@ class Acquisition:
             said = zeroing.unanswered(event.argument, self._instrument.zeroing_patience_s(event.argument))
             self.event("acquisition", said, WARNING)
             if pending is not None:
-                pending.set_exception(ValueError(said))
+                pending.set_exception(InputError(said))
             return
         said = zeroing.in_words(event.argument, event.seconds, before)
         self.event("acquisition", said)
@@ -264,7 +265,7 @@ class Acquisition:
     def abandon_zeroing(self, message: str) -> None:
         """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
         if self._zeroing is not None:
-            self._zeroing.set_exception(ValueError(message))
+            self._zeroing.set_exception(InputError(message))
 
     def disk_message(self, error: OSError) -> str:
         """Words for a disk that does not take what is written."""
@@ -312,7 +313,7 @@ class Acquisition:
         return pipeline.history.piece(pipeline.first_stamp_ns or 0, wish)
 
     def channel_statistics(self, channel: int) -> StatisticsSnapshot:
-        """Allan deviation, spectrum and histogram of a channel; ValueError if there is no such channel."""
+        """Allan deviation, spectrum and histogram of a channel; InputError if there is no such channel."""
         return self._statistics.snapshot(channel, self._since_start_s())
 
     def begin_statistics(self) -> None:
@@ -325,10 +326,10 @@ class Acquisition:
     def mark(self, text: str) -> None:
         """Write the operator's mark; while guided a remark, since a mark would begin the profile's next dwell.
 
-        Raises ValueError if nothing is being recorded.
+        Raises InputError if nothing is being recorded.
         """
         if self._recorder.recording is None:
-            raise ValueError(
+            raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
         self.event("mark" if self._guide is None else "remark", text)
@@ -336,11 +337,11 @@ class Acquisition:
     def record(self, wish: RecordingWish) -> str:
         """Begin a recording; returns its path. What is wished but the note stays for later ones.
 
-        Raises ValueError if something is being recorded, the unit is zeroing, or the disk does not take it.
+        Raises InputError if something is being recorded, the unit is zeroing, or the disk does not take it.
         """
         self._refuse_while_zeroing()
         if self._recorder.recording is not None:
-            raise ValueError(f"already recording to {self._recorder.recording.writer.path}")
+            raise InputError(f"already recording to {self._recorder.recording.writer.path}")
         self._recorder.record(wish)
         self._guide = None
         self._line.begin_recording()
@@ -354,24 +355,24 @@ class Acquisition:
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
 
-        Raises ValueError if nothing is being recorded, or the file is lost.
+        Raises InputError if nothing is being recorded, or the file is lost.
         Raises OSError if the disk does not take the end.
         """
         recording = self._recorder.recording
         result = self._end_recording()
         if recording is not None and recording.vanished is not None and not result["finished"]:
-            raise ValueError(recording.vanished.words)
+            raise InputError(recording.vanished.words)
         return result
 
     def configure(self, changes: FilterChanges) -> None:
         """Take another reference or other effects; the filter begins anew with them.
 
-        Raises ValueError if something is being recorded, the unit is zeroing, or the filter could not run with them.
+        Raises InputError if something is being recorded, the unit is zeroing, or the filter could not run with them.
         """
         self._refuse_while_zeroing()
         recorder = self._recorder
         if recorder.recording is not None:
-            raise ValueError("finish the recording first: r. A file has one reference and one set of effects")
+            raise InputError("finish the recording first: r. A file has one reference and one set of effects")
         # refuses, before anything is changed, what the filter could not run with
         recorder.configure(reconfigured(recorder.plan, recorder.info, changes))
         self._guide = None
@@ -386,15 +387,15 @@ class Acquisition:
     def begin_zeroing(self, argument: int) -> "Future[str]":
         """Have the unit zero its rate sensors; returns what will say what came of it.
 
-        Raises ValueError if something is being recorded, it is zeroing already, or the acquisition is ending.
+        Raises InputError if something is being recorded, it is zeroing already, or the acquisition is ending.
         """
         self._refuse_while_zeroing()
         if self._recorder.recording is not None:
-            raise ValueError("finish the recording first: r. Zeroing would put a step into the file")
+            raise InputError("finish the recording first: r. Zeroing would put a step into the file")
         if self._lifecycle.state != "running":
-            raise ValueError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
+            raise InputError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
         if self._line.is_away:
-            raise ValueError("the unit is away; zero its rate sensors when it is back")
+            raise InputError("the unit is away; zero its rate sensors when it is back")
         self._zeroing = Future()
         self.event("acquisition", f"zeroing the rate sensors (argument {argument}); packets pause")
         self._reader.zero(argument)
@@ -410,7 +411,7 @@ class Acquisition:
     def guide(self, do: str, wish: RecordingWish) -> None:
         """Guide the operator through the profile: begin, next, cancel, resume; a recording that begins is as wished.
 
-        Raises ValueError if that cannot be done now; the message says what next.
+        Raises InputError if that cannot be done now; the message says what next.
         """
         recorder = self._recorder
         recording = recorder.recording is not None
@@ -422,7 +423,7 @@ class Acquisition:
             self.event("acquisition", f"guide through {recorder.plan.reference_file[0]} begins")
             return
         if self._guide is None:
-            raise ValueError("no guide is under way; begin one first")
+            raise InputError("no guide is under way; begin one first")
         now = time.monotonic_ns()
         if do == "next" and self._turner is not None and self._guide.awaits(now):
             self._turner.turn(self._guide.profile, self._guide.profile.segments[self._guide.segment], now)
@@ -441,7 +442,7 @@ class Acquisition:
 
     def _refuse_while_zeroing(self) -> None:
         if self._zeroing is not None:
-            raise ValueError("the unit is zeroing its rate sensors; wait until it is done")
+            raise InputError("the unit is zeroing its rate sensors; wait until it is done")
 
     def _end_recording(self) -> "ResultDocument":
         """Finish the recording; the acquisition goes on without one."""

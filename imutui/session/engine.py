@@ -8,18 +8,19 @@ import contextlib
 import queue
 import threading
 import time
-import traceback
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from filters.errors import InputError
+from imutui import defects
 from imutui.instrument.clock import Clock
 from imutui.instrument.host import Host, InstrumentError
 from imutui.instrument.identity import Identity
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.transmitter import transfer_s
-from imutui.session import exit_codes, ipc, live_filter
+from imutui.session import exit_codes, live_filter
 from imutui.session.acquisition import Acquisition
 from imutui.session.event_log import ERROR
 from imutui.session.lifecycle import Lifecycle
@@ -65,7 +66,7 @@ class Engine:
     `stream`: gets what is recorded; whoever made it closes it after the end.
     `turner`: turns the table under the unit, if it is a virtual one of the acquisition's own.
     `lifecycle`: where it stands.
-    Raises ValueError if the filter could not run with what is asked.
+    Raises InputError if the filter could not run with what is asked.
     """
 
     def __init__(
@@ -159,7 +160,7 @@ class Engine:
         """Have the unit zero its rate sensors and wait for it; returns what came of it. Not through `call`: it waits.
 
         `argument`: length of the average, 0 to 255, in a unit that documents dispute; 0 erases the stored zero.
-        Raises ValueError if it cannot be done now, or the unit did not answer in time; the message says what next.
+        Raises InputError if it cannot be done now, or the unit did not answer in time; the message says what next.
         """
         self._instrument.check_zeroing(argument)
         return self.call(lambda acquisition: acquisition.begin_zeroing(argument)).result()
@@ -185,12 +186,8 @@ class Engine:
         except OSError as error:
             self._fail_for_disk(error)
         except Exception as error:  # noqa: BLE001 - whoever follows must hear of it, and not take it for a good end
-            traceback.print_exc()
-            self._fail(
-                exit_codes.OWN_ERROR,
-                f"an error of imutui's own: {type(error).__name__}: {error}. {ipc.log_path(self._plan.name)}"
-                " has the details; please report them. What was recorded is on the disk up to the last flush.",
-            )
+            ended = "What was recorded is on the disk up to the last flush."
+            self._fail(exit_codes.OWN_ERROR, f"{defects.told(error)} {ended}")
         try:
             if self.lifecycle.exit_code != exit_codes.DISK:
                 self._acquisition.look_back()
@@ -260,7 +257,7 @@ class Engine:
                 if isinstance(item, QueuedCall) and item.late:
                     self._carry_out(item)
                 elif isinstance(item, QueuedCall):
-                    item.future.set_exception(ValueError(self.lifecycle.error or "the acquisition has ended"))
+                    item.future.set_exception(InputError(self.lifecycle.error or "the acquisition has ended"))
 
     def _fail(self, exit_code: int, message: str) -> None:
         self.lifecycle.fail(exit_code, message)

@@ -15,13 +15,14 @@ import socketserver
 import struct
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
 import platformdirs
 
+from filters.errors import InputError
+from imutui import defects
 from imutui.plain_text import NOTE_LIMIT, one_line
 from imutui.session.requests import Refusal, Reply, Request
 from imutui.session.snapshot import NO_SERIES
@@ -191,7 +192,7 @@ def _connect(connection: socket.socket, address: str, timeout: float) -> None:
 
 
 class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
-    """Answers requests with what `answer` returns; a ValueError it raises becomes the reply's error.
+    """Answers requests with what `answer` returns; an InputError it raises becomes the reply's error.
 
     Every request gets a reply, whatever it is: one that is no request is refused in words. Only this user and root are
     heard, at most `MAX_VIEWERS` at a time; beyond them are `RESERVED` places for requests that are soon over, where
@@ -250,7 +251,7 @@ class Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     def _answer_briefly(self, request: Request) -> Reply:
         looks = request["ask"] == "snapshot" and request.get("since") == NO_SERIES
         if not looks and request["ask"] not in _SOON_OVER:
-            raise ValueError(_FULL)
+            raise InputError(_FULL)
         return self.answer(request)
 
     def left(self, connection: socket.socket) -> None:
@@ -315,30 +316,28 @@ def reply_to(line: bytes, answer: Callable[[Request], Reply]) -> Reply | Refusal
     """
     try:
         reply = answer(_request(line))
-    except (ValueError, KeyError, TypeError, OverflowError, OSError) as error:
+    except (InputError, OSError) as error:
         return {"ok": False, "error": one_line(str(error), NOTE_LIMIT)}
     except Exception as error:  # noqa: BLE001 - a viewer that waits must hear something, and the others go on
-        traceback.print_exc()
-        return {
-            "ok": False,
-            "error": one_line(f"an error of imutui's own: {type(error).__name__}: {error}", NOTE_LIMIT),
-        }
+        return {"ok": False, "error": one_line(defects.told(error), NOTE_LIMIT)}
     reply["ok"] = True
     return reply
 
 
 def _request(line: bytes) -> Request:
-    """Request of a line; raises ValueError if it is none."""
+    """Request of a line; raises InputError if it is none."""
     if len(line) > MAX_REQUEST:
-        raise ValueError(f"the request is longer than {MAX_REQUEST} bytes")
+        raise InputError(f"the request is longer than {MAX_REQUEST} bytes")
     try:
         request = json.loads(line, parse_float=_finite, parse_constant=_finite)
     except RecursionError as error:
-        raise ValueError("the request is nested too deeply") from error
+        raise InputError("the request is nested too deeply") from error
     except UnicodeDecodeError as error:
-        raise ValueError("the request is no text in UTF-8") from error
+        raise InputError("the request is no text in UTF-8") from error
+    except ValueError as error:
+        raise InputError(str(error)) from error
     if not isinstance(request, dict) or "ask" not in request:
-        raise ValueError('a request is a JSON object with the field "ask"')
+        raise InputError('a request is a JSON object with the field "ask"')
     whole: Any = request
     return cast("Request", whole)
 
@@ -346,7 +345,7 @@ def _request(line: bytes) -> Request:
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"{text[:20]} is no number that a request may have")
+        raise InputError(f"{text[:20]} is no number that a request may have")
     return number
 
 

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.kalman import layout
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
+from imutui import defects
 from imutui.estimate_history import EstimateHistory
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
@@ -87,7 +89,7 @@ class LiveFilter:
     `seconds`: time that it took so far.
     `waiting`: samples that wait for it.
     `preparation`: of the step that it runs.
-    Raises ValueError if the settings cannot be.
+    Raises InputError if the settings cannot be.
     """
 
     def __init__(
@@ -153,7 +155,6 @@ class LiveFilter:
 
     def _use(self, *, last: bool) -> Iterator[tuple[int, bytes]]:
         from filters.kalman import runner
-        from filters.kalman.spkf import DivergenceError
 
         waiting, self._waiting, self.waiting = self._waiting, [], 0
         t = np.array([sample[0] for sample in waiting])
@@ -165,8 +166,10 @@ class LiveFilter:
             estimator = self._begun()
             for rows in runner.rows(estimator, t, gyro, accel, temperature, last=last):
                 yield from self._messages(estimator, rows)
-        except (DivergenceError, ValueError) as error:
+        except InputError as error:
             self.failure = f"the filter stopped, recording goes on: {error}"
+        except Exception as error:  # noqa: BLE001 - no defect of the filter may cost the recording
+            self.failure = f"the filter stopped, recording goes on: {defects.told(error)}"
         self.seconds += time.perf_counter() - started
 
     def _begun(self) -> "Estimator":

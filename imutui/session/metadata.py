@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import imutui
+from filters.errors import InputError
 from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
@@ -118,12 +119,12 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup
 
     `plan`, `info`: as they are.
     `changes`: a reference that needs no file lays the present one aside, and a file says itself which reference it is.
-    Raises ValueError if something is not known, or the filter could not run with it.
+    Raises InputError if something is not known, or the filter could not run with it.
     """
     known = FilterChanges.__annotations__
     unknown = sorted(set(changes) - known.keys())
     if unknown:
-        raise ValueError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(known)}")
+        raise InputError(f"`{unknown[0]}` cannot be changed while connected; these can: {', '.join(known)}")
     if "reference_file" in changes or changes.get("reference") in _WITHOUT_FILE:
         name, text = (str(part) for part in changes.get("reference_file", ("", "")))
         kind = _kind(name, text) if name else str(changes.get("reference", "level"))
@@ -133,7 +134,7 @@ def reconfigured(plan: Plan, info: SessionInfo, changes: FilterChanges) -> Setup
     if "effects" in changes:
         plan = replace(plan, effects=str(changes["effects"]))
         if plan.effects and plan.filter != "spkf":
-            raise ValueError(
+            raise InputError(
                 f'effects join the filter "spkf" only, and this acquisition runs "{plan.filter}". Connect again with'
                 " the filter spkf, or replay the recording with --effects"
             )
@@ -171,9 +172,9 @@ def effects_of(plan: Plan, info: SessionInfo) -> MakeEffects | None:
 
 
 def check_live(info: SessionInfo, motion: Profile | Trajectory | None, effects: MakeEffects | None = None) -> None:
-    """Refuse, before the instrument is touched, what a filter cannot do live; raises ValueError with the reason."""
+    """Refuse, before the instrument is touched, what a filter cannot do live; raises InputError with the reason."""
     if info.noise == FROM_LOG:
-        raise ValueError(
+        raise InputError(
             '`noise` is "log": it is measured on a whole log, so it cannot be used live. Record, then replay with'
             " --set filter.noise=log."
         )

@@ -8,6 +8,7 @@ by which the filter joins the profile to the log ("segment 3", counted from 1; s
 
 import math
 
+from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from imutui.logbook import reference_file
@@ -38,7 +39,7 @@ class Guide:
     def do(self, what: str, now_ns: int, *, recording: bool) -> str | None:
         """Carry out the operator's "next", "cancel" or "resume"; returns the mark to write, if there is one.
 
-        Raises ValueError if it cannot be done now, or is none of them.
+        Raises InputError if it cannot be done now, or is none of them.
         """
         match what:
             case "next":
@@ -46,11 +47,11 @@ class Guide:
             case "cancel":
                 return self.cancel(now_ns)
             case "resume" if not recording:
-                raise ValueError("the recording that the guide belongs to is finished; begin again")
+                raise InputError("the recording that the guide belongs to is finished; begin again")
             case "resume":
                 self.resume()
                 return None
-        raise ValueError(f'`do` is "{what}", not one of: begin, next, cancel, resume')
+        raise InputError(f'`do` is "{what}", not one of: begin, next, cancel, resume')
 
     @property
     def under_way(self) -> bool:
@@ -66,11 +67,11 @@ class Guide:
         """Take it that the operator has arrived, and hold.
 
         Returns the mark to write.
-        Raises ValueError if nobody is on the way.
+        Raises InputError if nobody is on the way.
         """
         self.advance(now_ns)
         if self.state == HOLD:
-            raise ValueError(
+            raise InputError(
                 f"segment {self.segment + 1} is under way for another {self._left_s(now_ns):.0f} s; wait, or cancel"
             )
         self._refuse_unless_under_way()
@@ -89,7 +90,7 @@ class Guide:
 
         Returns the mark to write: that the segment under way has ended before its time. Without it the table would be
           taken to rest there still.
-        Raises ValueError if there is nothing to cancel.
+        Raises InputError if there is nothing to cancel.
         """
         self.advance(now_ns)
         self._refuse_unless_under_way()
@@ -103,10 +104,10 @@ class Guide:
     def resume(self) -> None:
         """Go on after a cancellation, with the first segment that has not been done.
 
-        Raises ValueError if it was not cancelled.
+        Raises InputError if it was not cancelled.
         """
         if self.state != CANCELLED:
-            raise ValueError(f"the guide is not cancelled but in state {self.state}; there is nothing to resume")
+            raise InputError(f"the guide is not cancelled but in state {self.state}; there is nothing to resume")
         self.state = GO
         self._go_on()
 
@@ -124,7 +125,7 @@ class Guide:
     def _refuse_unless_under_way(self) -> None:
         if not self.under_way:
             next_step = "resume it" if self.state == CANCELLED else "begin again in a new recording"
-            raise ValueError(f"the guide is {self.state}; {next_step}")
+            raise InputError(f"the guide is {self.state}; {next_step}")
 
     def _left_s(self, now_ns: int) -> float:
         return max(0.0, (self._until_ns - now_ns) / 1e9)
@@ -159,16 +160,16 @@ def begin_guide(motion: object, filter_name: str, present: Guide | None, *, reco
 
     `motion`: what its reference needs, if anything.
     `recording`: whether something is being recorded, which then began before this guide.
-    Raises ValueError if there is nothing to be guided through, or not now; the message says what next.
+    Raises InputError if there is nothing to be guided through, or not now; the message says what next.
     """
     if not isinstance(motion, Profile):
-        raise ValueError("there is no profile to be guided through: load one as the reference first")
+        raise InputError("there is no profile to be guided through: load one as the reference first")
     if present is not None and present.under_way:
-        raise ValueError("the guide is under way; cancel it first")
+        raise InputError("the guide is under way; cancel it first")
     if present is not None and recording:
-        raise ValueError("this recording has been guided already; finish it first: r. Then begin again")
+        raise InputError("this recording has been guided already; finish it first: r. Then begin again")
     if filter_name != "none" and motion.align != "marks":
-        raise ValueError(
+        raise InputError(
             f'the profile has align = "{motion.align}", so the filter would follow its clock and not you; write'
             ' align = "marks" into its file, and load it again'
         )

@@ -5,6 +5,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
@@ -64,21 +65,21 @@ def _not_given(rate_hz: float, *instruments: Instrument) -> str:
 
 
 def _clean(record: "RecordingWish | Plan") -> None:
-    """Make what is typed one line of bounded length each; raises ValueError for what is no text."""
+    """Make what is typed one line of bounded length each; raises InputError for what is no text."""
     for name, limit in _TEXTS.items():
         text = getattr(record, name)
         if text is None and isinstance(record, RecordingWish):
             continue
         if not isinstance(text, str):
-            raise ValueError(f"`{name}` is no text")
+            raise InputError(f"`{name}` is no text")
         object.__setattr__(record, name, one_line(text, limit))
 
 
 def check_rotation(minutes: float, mb: float) -> None:
-    """Refuse limits of a file that make no sense; raises ValueError."""
+    """Refuse limits of a file that make no sense; raises InputError."""
     for name, value, unit in (("rotate_minutes", minutes, "minutes"), ("rotate_mb", mb, "MB")):
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
-            raise ValueError(f"`{name}` is {value}, not a number of {unit}, or 0 for never")
+            raise InputError(f"`{name}` is {value}, not a number of {unit}, or 0 for never")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,25 +142,25 @@ class Plan:
 
     def __post_init__(self) -> None:
         if self.instrument and self.instrument not in INSTRUMENTS:
-            raise ValueError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
+            raise InputError(f'`instrument` is "{self.instrument}", not one of: {", ".join(INSTRUMENTS)}')
         possible = [INSTRUMENTS[self.instrument]] if self.instrument else list(INSTRUMENTS.values())
         most = max(each.most_rate_hz for each in possible) if "rate_hz" in self.explicit else MAX_RATE_HZ
         if not MIN_RATE_HZ <= self.rate_hz <= most:
-            raise ValueError(_not_given(self.rate_hz, *possible))
+            raise InputError(_not_given(self.rate_hz, *possible))
         if self.sampling not in SAMPLINGS:
-            raise ValueError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
+            raise InputError(f'`sampling` is "{self.sampling}", not one of: {", ".join(SAMPLINGS)}')
         if not self.baud > 0:
-            raise ValueError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
+            raise InputError(f"`baud` is {self.baud}, no line speed; the unit starts at {POWER_UP_BAUD}")
         if self.duration_s is not None and not 0.0 < self.duration_s <= _LONGEST_S:
-            raise ValueError(f"`duration` is {self.duration_s:g} s; it must be positive and at most ten years")
+            raise InputError(f"`duration` is {self.duration_s:g} s; it must be positive and at most ten years")
         _clean(self)
         check_rotation(self.rotate_minutes, self.rotate_mb)
         if not 0 <= self.foxglove_port <= _LAST_PORT:
-            raise ValueError(
+            raise InputError(
                 f"`foxglove.port` is {self.foxglove_port}; a TCP port is 1 to {_LAST_PORT}, and 0 streams nothing"
             )
         if not self.name or "/" in self.name or self.name.startswith(".") or len(self.name) > 64:
-            raise ValueError(
+            raise InputError(
                 f'`name` is "{self.name}"; it becomes a file name, so no slash, no leading dot, at most 64 letters'
             )
 
@@ -170,13 +171,13 @@ class Plan:
     def of_instrument(self, name: str) -> "Plan":
         """The plan for an instrument: what nobody chose is as that one has it.
 
-        Raises ValueError if it can't be asked of it.
+        Raises InputError if it can't be asked of it.
         """
         instrument = INSTRUMENTS[name]
         if name == DEFAULT:
             return replace(self, instrument=name)
         if self.rate_hz > instrument.most_rate_hz and "rate_hz" in self.explicit:
-            raise ValueError(_not_given(self.rate_hz, instrument))
+            raise InputError(_not_given(self.rate_hz, instrument))
         chosen = set(self.explicit)
         return replace(
             self,
@@ -213,7 +214,7 @@ class Plan:
 
     @classmethod
     def loads(cls, text: str) -> "Plan":
-        """Plan of the JSON text that `dumps` gives; raises ValueError as the constructor does."""
+        """Plan of the JSON text that `dumps` gives; raises InputError as the constructor does."""
         fields = json.loads(text)
         fields["virtual"] = tuple(fields["virtual"])
         fields["explicit"] = tuple(fields["explicit"])

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from filters.errors import InputError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.session_info import SessionInfo
 from imutui.plain_text import NOTE_LIMIT, one_line
@@ -48,7 +49,7 @@ class Recorder:
     `event_clock`: when what is told happened.
     `stream`: as given.
     `begins_with_packet`: whether the next packet begins the plan's recording.
-    Raises ValueError if the filter could not run with what is asked; the message names it.
+    Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
     def __init__(
@@ -127,7 +128,7 @@ class Recorder:
     def record(self, wish: RecordingWish) -> None:
         """Begin a recording as wished. What is wished stays for later ones, but not the note: it is of one recording.
 
-        Raises ValueError if the disk does not take it.
+        Raises InputError if the disk does not take it.
         """
         said = {key: value for key, value in asdict(wish).items() if value is not None}
         note = said.pop("note", self.plan.note)
@@ -139,15 +140,15 @@ class Recorder:
             self.begin(note, None)
         except OSError as error:  # nothing has been recorded yet, so nothing is lost but this wish
             self.plan, self.info = before
-            raise ValueError(disk_message(None, error)) from error
+            raise InputError(disk_message(None, error)) from error
 
     def describe(self, note: str | None, operator: str | None) -> None:
         """Change note and operator of the file that is being written; None leaves one as it is. Raises OSError.
 
-        Raises ValueError if nothing is being recorded.
+        Raises InputError if nothing is being recorded.
         """
         if self.recording is None:
-            raise ValueError("nothing is being recorded, so there is no file to describe; start recording first")
+            raise InputError("nothing is being recorded, so there is no file to describe; start recording first")
         before = self.recording.info
         self.recording.describe(note, operator)
         now = self.recording.info
@@ -253,11 +254,11 @@ class Recorder:
     def end_recording(self) -> "ResultDocument":
         """Finish the recording; the run of samples, its filter included, goes on without a file.
 
-        Raises ValueError if nothing is being recorded.
+        Raises InputError if nothing is being recorded.
         Raises OSError if the disk does not take the end.
         """
         if self.recording is None:
-            raise ValueError("nothing is being recorded")
+            raise InputError("nothing is being recorded")
         result = self._finish_file(self.recording)
         if result["finished"]:
             self.event("acquisition", f"finished {result['log']}")

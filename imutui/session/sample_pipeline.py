@@ -77,7 +77,7 @@ class SamplePipeline:
     `filter`: none if nothing is filtered.
     `started_ns`, `flushed_ns`: when the first packet was sampled, and when all was last seen onto the disk, monotonic.
     `first_stamp_ns`: sampling instant of the first sample, UTC.
-    Raises ValueError if the filter's settings cannot be.
+    Raises InputError if the filter's settings cannot be.
     """
 
     def __init__(

@@ -11,6 +11,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.motion.profile import Profile
 from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 
@@ -34,10 +35,10 @@ class TableTurner:
     def turn(self, profile: Profile, segment: Segment, now_ns: int) -> None:
         """Have the table go to a dwell, or begin another motion; sampled ones are not done.
 
-        Raises ValueError if it turns still.
+        Raises InputError if it turns still.
         """
         if self._rests_ns is not None:
-            raise ValueError(f"the virtual unit turns for another {self.left_s(now_ns):.0f} s; it marks by itself")
+            raise InputError(f"the virtual unit turns for another {self.left_s(now_ns):.0f} s; it marks by itself")
         if isinstance(segment, Sampled):
             return
         line = json.dumps(

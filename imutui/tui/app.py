@@ -18,6 +18,7 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 
+from imutui import defects
 from imutui.plain_text import visible
 from imutui.session.client import Client
 from imutui.session.plan import VIRTUAL_PORT, Plan
@@ -320,9 +321,10 @@ def run(
     app = ImutuiApp(client, plan=plan, logs=logs, defaults=defaults, appearance=appearance)
     code = app.run()
     app.finish()
+    told = [] if app.unforeseen is None else [f"imutui: {defects.told(app.unforeseen)} The acquisition goes on."]
     if app.terminal_is_gone:
         # what an interpreter does at its end takes longer than all of the above, and nobody waits for it
         os._exit(app.return_code or 0 if code is None else code)
-    for line in app.farewell:
+    for line in (*app.farewell, *told):
         print(visible(line), file=sys.stderr)
     return app.return_code or 0 if code is None else code

@@ -8,6 +8,7 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
+from filters.errors import InputError
 from imutui.session import client as session
 from imutui.session.client import Client, EndReport
 from imutui.session.plan import VIRTUAL_PORT, Plan, demo
@@ -76,7 +77,7 @@ class Connector:
         explicit = tuple(dict.fromkeys((*self.defaults.explicit, *typed)))
         try:
             plan = replace(self.defaults, explicit=explicit, **changes).asking()
-        except ValueError as error:
+        except InputError as error:
             self._context.connect_page.ready(str(error))
             return
         self.start(plan)

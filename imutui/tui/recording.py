@@ -5,6 +5,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
+from filters.errors import InputError
 from imutui.session.client import Client
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import RecordingSnapshot
@@ -51,7 +52,7 @@ class RecordingControl:
             return
         try:
             wish = self._wish() or RecordingWish()
-        except ValueError as error:  # the form asks what cannot be
+        except InputError as error:  # the form asks what cannot be
             context.say(f"not recorded: {error}", "bad")
             return
         if self._note(wish):
@@ -87,7 +88,7 @@ class RecordingControl:
     async def _recorded(self, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
         try:
             await self._context.guarded(steps)
-        except ValueError as error:  # the form asks what cannot be
+        except InputError as error:  # the form asks what cannot be
             self._context.say(f"not recorded: {error}", "bad")
         finally:
             self._under_way = False
@@ -122,7 +123,7 @@ class RecordingControl:
         self._context.say("recording; the line in bold above says what to do", "good")
 
     def _wish(self) -> RecordingWish | None:
-        """What the form asks of the recording; ValueError if it cannot be."""
+        """What the form asks of the recording; InputError if it cannot be."""
         page = self._context.record_page
         return page.wish() if page is not None else None
 

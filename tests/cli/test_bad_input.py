@@ -42,7 +42,7 @@ class Outcome:
         """Its error, one paragraph on stderr and nothing on stdout, after checking the exit code."""
         assert self.code == code, self
         assert self.stdout == ""
-        assert "imutui's own" not in self.stderr
+        assert "a defect of imutui" not in self.stderr
         *before, last = self.stderr.splitlines()
         assert all(line.startswith(("imutui: not imported", "imutui: warning")) for line in before), self.stderr
         assert last.startswith("imutui: ")
@@ -525,7 +525,7 @@ def test_a_foreign_message_that_cannot_be_decoded_ends_the_replay_there(run: Run
     foreign(home / "theirs.mcap", cut=40)
     outcome = run("replay", "theirs.mcap", "--json")
     assert outcome.code == 1
-    assert "imutui's own" not in outcome.stderr
+    assert "a defect of imutui" not in outcome.stderr
     assert json.loads(outcome.stdout)["samples"] == 30
     assert json.loads(outcome.stdout)["damage"]
 

@@ -10,8 +10,9 @@ from helpers.paths import SAMPLE
 from helpers.processes import command_line, started
 from rosbags.highlevel import AnyReader
 
+from filters.errors import InputError
 from imutui import config
-from imutui.config import ALLOWED, ConfigError
+from imutui.config import ALLOWED
 from imutui.logbook import schemas
 
 
@@ -132,7 +133,7 @@ def test_configuration_is_shown_in_columns_with_sources_and_places(home: Path, m
 def test_a_setting_that_is_one_of_a_few_is_held_to_them(tmp_path: Path, key: str) -> None:
     """The error names key, source and what there is; each of those is taken."""
     name = "IMUTUI_" + key.upper().replace(".", "_")
-    with pytest.raises(ConfigError, match=f"{name}: `{key}` is .*not one of: .*{ALLOWED[key][0]}") as error:
+    with pytest.raises(InputError, match=f"{name}: `{key}` is .*not one of: .*{ALLOWED[key][0]}") as error:
         config.load({name: "7" if isinstance(ALLOWED[key][0], int) else "nonsense"}, tmp_path)
     assert all(str(value) in str(error.value) for value in ALLOWED[key])
     for value in ALLOWED[key]:
@@ -149,7 +150,7 @@ def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
         ("[screen]\nfps = -1", "0 or more"),
     ):
         (tmp_path / "imutui.toml").write_text(text)
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(InputError, match=said):
             config.load({}, tmp_path)
     (tmp_path / "imutui.toml").write_text("[acquisition]\ntable = 3\nbaud = 38400.0")
     loaded = config.load({}, tmp_path)

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from helpers.commands import imutui
 
+from filters.errors import InputError
 from imutui.service import rule_syntax, udev_rule, usb_adapter, user_unit
-from imutui.service.usb_adapter import NoAdapterError, UsbAdapter
+from imutui.service.usb_adapter import UsbAdapter
 
 FTDI = UsbAdapter("0403", "6001", "A50285BI", "00", "1-1.2")
 
@@ -163,7 +164,7 @@ def test_the_adapter_of_a_port_is_what_the_kernel_says(tmp_path: Path) -> None:
     (tmp_path / "imutui-table").symlink_to("/dev/ttyUSB0")
     assert usb_adapter.of_port(str(tmp_path / "imutui-table"), tmp_path) == FTDI
     (tmp_path / "class/tty/ttyS0/device").mkdir(parents=True)
-    with pytest.raises(NoAdapterError, match="needs no rule"):
+    with pytest.raises(InputError, match="needs no rule"):
         usb_adapter.of_port("/dev/ttyS0", tmp_path)
 
 

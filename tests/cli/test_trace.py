@@ -82,7 +82,7 @@ def run(home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
         with pytest.raises(SystemExit) as ended:
             cli.main()
         out, err = capsys.readouterr()
-        assert "imutui's own" not in err, err
+        assert "a defect of imutui" not in err, err
         return Outcome(int(ended.value.code or 0), out, err)
 
     return call

@@ -10,6 +10,9 @@ import pytest
 from helpers import many_logs
 from helpers.many_logs import here, rows_of
 
+from filters.errors import InputError
+from imutui import defects
+from imutui.jobs import replay
 from imutui.jobs.campaign import cluster, log_list, one_log, results_folder
 from imutui.jobs.campaign.collect import collect
 from imutui.jobs.campaign.log_list import LogList, Shard
@@ -214,3 +217,25 @@ def test_a_worker_with_other_versions_is_told_by_name(there: dict[str, str | Non
         return
     with pytest.raises(cluster.ClusterError, match=f"the worker tcp://there:1 {told}"):
         cluster._check_versions(Client())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [InputError, ValueError])
+def test_a_row_says_whether_its_log_or_imutui_is_at_fault(
+    few: Path, monkeypatch: pytest.MonkeyPatch, kind: type
+) -> None:
+    """A campaign goes on over both; what a million rows say of a defect leads to one report, with the first log."""
+
+    def replayed(path: Path, *_: object) -> None:
+        raise kind(f"{path.name} is bent")
+
+    monkeypatch.setattr(replay, "replayed", replayed)
+    monkeypatch.setattr(defects, "_reports", {})
+    monkeypatch.setattr("tempfile.tempdir", str(few))
+    ran()
+    said = [row["error"] for row in rows_of(Path("results")) if row["log"] != "bad.mcap"]
+    assert len(said) == 2
+    assert all("is bent" in error for error in said)
+    assert all(error.startswith("a defect of imutui, ") == (kind is ValueError) for error in said)
+    reports = {error.partition("Attach ")[2].partition(",")[0] for error in said}
+    assert len(reports) == 1
+    assert kind is InputError or "log: " in Path(*reports).read_text()

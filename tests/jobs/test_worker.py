@@ -55,12 +55,25 @@ def test_progress_that_nobody_reads_holds_up_no_job() -> None:
 def test_an_error_comes_as_words() -> None:
     """Class and text, no traceback; a sentence for users stands alone."""
     refused = ended(started(jobs.wrong)).failure
-    assert refused == ("ValueError", "`x` is 3; it must be positive")
+    assert refused == ("InputError", "`x` is 3; it must be positive")
     assert refused is not None
     assert refused.sentence() == refused.text
     absent = ended(started(jobs.missing, Path("/nowhere/at all"))).failure
     assert absent == ("FileNotFoundError", "/nowhere/at all: No such file or directory")
     assert ended(started(jobs.unpicklable)).state == "failed"
+
+
+def test_a_defect_comes_as_one_with_its_report() -> None:
+    """The screen says what it is, and the traceback of the other process lies where it says."""
+    failure = ended(started(jobs.broken)).failure
+    assert failure is not None
+    assert failure.kind == "Defect"
+    assert failure.sentence().startswith(
+        "a defect of imutui, and not of what it was given: ValueError: zero-size array"
+    )
+    report = Path(failure.text.split("Attach ")[1].split(",")[0])
+    assert "in broken" in report.read_text()
+    report.unlink()
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from filters.errors import InputError
 from imutui.logbook import trajectory_file
-from imutui.logbook.trajectory_file import Trajectory, TrajectoryError
+from imutui.logbook.trajectory_file import Trajectory
 
 HEADER = "t,lat,lon,h,vn,ve,vd,roll,pitch,yaw\n"
 
@@ -66,6 +67,6 @@ BAD = {
 @pytest.mark.parametrize("text", BAD)
 def test_a_text_that_is_no_trajectory_is_named_with_line_and_column(text: str) -> None:
     """The error says file, line, column and what stands there."""
-    with pytest.raises(TrajectoryError) as caught:
+    with pytest.raises(InputError) as caught:
         trajectory_file.parse(text, "path.csv")
     assert all(word in str(caught.value) for word in ("path.csv", *BAD[text])), caught.value

@@ -1,6 +1,9 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from filters.errors import InputError
 from filters.kalman import runner
 from filters.kalman.runner import Estimator
 from filters.motion import reference
@@ -104,3 +107,23 @@ def test_what_a_filter_cannot_do_live_is_refused_with_the_reason(fields: dict[st
     session = SessionInfo(noise=plan.noise, reference=plan.reference)
     with pytest.raises(ValueError, match=words):
         metadata.check_live(session, metadata.motion_of(plan))
+
+
+@pytest.mark.parametrize("kind", [InputError, ValueError])
+def test_a_filter_that_stops_says_whether_that_is_a_defect(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kind: type
+) -> None:
+    """Either way nothing is raised, since recording goes on; but a fault of ours is told as one."""
+
+    def rows(*_: object, **__: object) -> None:
+        raise kind("time must increase")
+
+    prepared()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(runner, "rows", rows)
+    live = LiveFilter(SessionInfo(rate_hz=20.0))
+    gyro, accel = samples(1)
+    assert list(live.sample(FIRST_NS, gyro[0], accel[0])) == []
+    assert live.failure is not None
+    assert live.failure.startswith("the filter stopped, recording goes on: ")
+    assert ("a defect of imutui" in live.failure) == (kind is ValueError)

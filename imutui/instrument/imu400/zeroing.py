@@ -8,6 +8,7 @@ each unit of it.
 import time
 from collections.abc import Callable
 
+from filters.errors import InputError
 from filters.imu import LOOP_HZ
 from imutui.instrument.imu400 import handshake
 from imutui.instrument.imu400.crossbow import Decoder, RatesZeroed, ZeroRateSensors, encode
@@ -26,10 +27,10 @@ def patience_s(argument: int) -> float:
 def check(argument: int) -> None:
     """Refuse what cannot be sent.
 
-    Raises ValueError with the argument and what it may be.
+    Raises InputError with the argument and what it may be.
     """
     if not 0 <= argument <= MAX_ARGUMENT:
-        raise ValueError(
+        raise InputError(
             f"`argument` is {argument}; it travels as one byte, 0 to {MAX_ARGUMENT}; 0 erases the stored zero"
         )
 

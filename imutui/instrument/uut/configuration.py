@@ -10,6 +10,7 @@ from imutui.instrument.uut.fields import (
     Field,
     Orientation,
     fits_line,
+    orientation_of,
 )
 from imutui.instrument.uut.frame_search import FIXED_LENGTHS
 from imutui.instrument.uut.messages import Memory
@@ -79,18 +80,10 @@ class Configuration:
             case Field.PACKET_TYPE:
                 return value.to_bytes(2, "big") in self._options.packet_types
             case Field.ORIENTATION:
-                return _is_orientation(value)
+                return orientation_of(value) is not None
         return True
 
     def _go_together(self, kept: dict[int, int]) -> bool:
         rate_hz = self._rates.get(kept[Field.RATE_DIVIDER], 0)
         payload_bytes = FIXED_LENGTHS[kept[Field.PACKET_TYPE].to_bytes(2, "big")]
         return fits_line(rate_hz, payload_bytes, BAUD_OF_CODE[kept[Field.BAUD]])
-
-
-def _is_orientation(value: int) -> bool:
-    try:
-        Orientation.of_field(value)
-    except ValueError:
-        return False
-    return True

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from filters.errors import InputError
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.instrument.uut.frames import OVERHEAD_BYTES
 
@@ -71,7 +72,7 @@ _BITS_PER_AXIS = 3
 class Orientation:
     """How the axes of the packets lie in the case: a rotation by quarter turns.
 
-    Raises ValueError if that is no rotation.
+    Raises InputError if that is no rotation.
     """
 
     axes: tuple[int, int, int] = (0, 1, 2)  # which axis of the case, 0 to 2, the X, Y and Z of the packets are
@@ -79,27 +80,27 @@ class Orientation:
 
     def __post_init__(self) -> None:
         if sorted(self.axes) != [0, 1, 2] or not set(self.signs) <= {-1, 1}:
-            raise ValueError(f"`axes` and `signs` must be those of a rotation, not {self.axes} and {self.signs}")
+            raise InputError(f"`axes` and `signs` must be those of a rotation, not {self.axes} and {self.signs}")
         is_cyclic = self.axes in _cyclic((0, 1, 2))
         if math.prod(self.signs) != (1 if is_cyclic else -1):
-            raise ValueError(f"`axes` {self.axes} with `signs` {self.signs} make a left-handed frame")
+            raise InputError(f"`axes` {self.axes} with `signs` {self.signs} make a left-handed frame")
 
     @classmethod
     def of_field(cls, value: int) -> "Orientation":
         """Orientation that the field's value says.
 
         `value`: 16 bits.
-        Raises ValueError if it is none of the 24 that a unit takes.
+        Raises InputError if it is none of the 24 that a unit takes.
         """
         codes = [value >> _BITS_PER_AXIS * k + 1 & 0b11 for k in range(3)]
         if value >> 3 * _BITS_PER_AXIS or 3 in codes:
-            raise ValueError(f"`value` must be one of the 24 orientations, not {value:#06x}")
+            raise InputError(f"`value` must be one of the 24 orientations, not {value:#06x}")
         x, y, z = (_AXES[k][code] for k, code in enumerate(codes))
         sx, sy, sz = (-1 if value >> _BITS_PER_AXIS * k & 1 else 1 for k in range(3))
         try:
             return cls((x, y, z), (sx, sy, sz))
-        except ValueError as error:
-            raise ValueError(f"`value` must be one of the 24 orientations, not {value:#06x}") from error
+        except InputError as error:
+            raise InputError(f"`value` must be one of the 24 orientations, not {value:#06x}") from error
 
     @property
     def field(self) -> int:
@@ -155,7 +156,7 @@ def orientation_of(value: int) -> Orientation | None:
     """Orientation that the field's value says; None if it is none of the 24."""
     try:
         return Orientation.of_field(value)
-    except ValueError:
+    except InputError:
         return None
 
 

@@ -1,5 +1,6 @@
 """The IMU381 and its relatives as a member of the registry."""
 
+from filters.errors import InputError
 from imutui.instrument import names
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER
@@ -13,9 +14,9 @@ from imutui.instrument.uut.scaling import COUNT_LIMITS, Scaling
 def check_zeroing(argument: int) -> None:
     """Refuse to zero the rate sensors.
 
-    Raises ValueError: always.
+    Raises InputError: always.
     """
-    raise ValueError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
+    raise InputError("an IMU381 has no command that zeroes its rate sensors; take their biases from the filter")
 
 
 def _scaling(rate_range_dps: float, accel_range_g: float) -> Scaling:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from filters.errors import InputError
 from imutui.instrument.discarded import Discarded
 from imutui.instrument.reading import Source
 from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN, Meaning
@@ -100,14 +101,14 @@ class RecordedStream:
     `raw`: the stream.
     `divider`: divider of its rate, by the steps of its counter, which stands still at 1 Hz; that of 100 Hz where it
       does not count time.
-    Raises ValueError if there is no packet in it, or of several types.
+    Raises InputError if there is no packet in it, or of several types.
     """
 
     def __init__(self, raw: bytes) -> None:
         self._packets = _packets_of(raw)
         kinds = {type(made.packet) for made in self._packets}
         if len(kinds) != 1:
-            raise ValueError(f"a stream has packets S0, S1 or S2 of one type, and this has {len(kinds)} types of them")
+            raise InputError(f"a stream has packets S0, S1 or S2 of one type, and this has {len(kinds)} types of them")
         self.divider = _divider_of([made.packet for made in self._packets])
         self._next = 0
 

@@ -14,6 +14,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
+from filters.errors import InputError
 from imutui.jobs.campaign import one_log
 from imutui.jobs.campaign.one_log import Task
 from imutui.jobs.campaign.rows import Row
@@ -72,7 +73,7 @@ class Cluster:
 
 def _connected(address: str) -> "Client":
     if _ADDRESS.fullmatch(address) is None:
-        raise ValueError(f'--cluster is "{address}", not an address such as tcp://host:8786')
+        raise InputError(f'--cluster is "{address}", not an address such as tcp://host:8786')
     from distributed import Client
 
     # it writes of what is told here, in words for its developers; its import has given its loggers their levels

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypedDict
 
+from filters.errors import InputError
 from imutui.jobs.campaign import log_list, results_folder
 from imutui.jobs.campaign.results_folder import Part, ResultsFolder
 from imutui.jobs.campaign.rows import TIMINGS, VERSION, HeadFields, Row, is_fine
@@ -36,7 +37,7 @@ def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     `results`: folder to make; it must have no results.
     `mode`: permissions of what is written.
     Raises UnreadableLogError if one of the parts has no results.
-    Raises ValueError if they are of different settings.
+    Raises InputError if they are of different settings.
     Raises OSError if the disk does not take the results.
     """
     parts = [results_folder.read(path) for path in paths]
@@ -91,7 +92,7 @@ def _check_settings(first: Part, other: Part) -> None:
         return
     a, b = dict(first.head["settings"]), dict(other.head["settings"])
     key = next((key for key in a if a[key] != b.get(key)), "settings")
-    raise ValueError(
+    raise InputError(
         f"{first.folder} and {other.folder} are results of different settings, {key} {json.dumps(a.get(key))} and"
         f" {json.dumps(b.get(key))}: rows of both do not belong into one table. Run the campaign of one of them again"
         " with the other's settings."

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from filters.errors import InputError
 from imutui.logbook.reader import UnreadableLogError
 
 SUFFIX = ".mcap"
@@ -56,11 +57,11 @@ class Shard:
 def parse_shard(text: str) -> Shard:
     """Shard of "i/n", i from 1 to n.
 
-    Raises ValueError if the text does not read so.
+    Raises InputError if the text does not read so.
     """
     found = _SHARD.fullmatch(text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise ValueError(f'--shard is "{text}", not i/n with i from 1 to n, such as 1/4, 2/4, 3/4 and 4/4')
+        raise InputError(f'--shard is "{text}", not i/n with i from 1 to n, such as 1/4, 2/4, 3/4 and 4/4')
     return Shard(int(found[1]), int(found[2]))
 
 

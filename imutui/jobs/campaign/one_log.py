@@ -17,7 +17,8 @@ from typing import cast
 import numpy as np
 
 import imutui
-from filters.kalman.spkf import DivergenceError
+from filters.errors import InputError
+from imutui import defects
 from imutui.jobs import replay
 from imutui.jobs.campaign.rows import (
     ConvergedField,
@@ -33,11 +34,8 @@ from imutui.jobs.campaign.settings import CampaignSettings
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.replay import Replayed
 from imutui.logbook import power_on, reader, record_walk
-from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.results import ResultDocument
 from imutui.verdict import sources
-
-_OF_THE_LOG = (UnreadableLogError, ValueError, DivergenceError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,7 @@ def row_of(task: Task) -> Row | None:
     started = time.perf_counter()
     try:
         row = _made(task)
-    except _OF_THE_LOG as error:
+    except InputError as error:
         row = error_row(task, str(error), retry=False)
     except MemoryError:
         row = error_row(task, f"memory ran out on {socket.gethostname()}", retry=True)
@@ -94,7 +92,8 @@ def row_of(task: Task) -> Row | None:
         words = f"{task.path}: {error.strerror or error} on {socket.gethostname()}"
         row = error_row(task, words, retry=True)
     except Exception as error:  # noqa: BLE001 - one log must never end a campaign of a million
-        row = error_row(task, f"an error of imutui's own: {type(error).__name__}: {error}", retry=False)
+        error.add_note(f"log: {task.path}")
+        row = error_row(task, defects.told(error), retry=False)
     if row is not None:
         row["wall_s"] = time.perf_counter() - started
     return row
@@ -112,7 +111,7 @@ def _made(task: Task) -> Row | None:
         if task.settings.trace:
             row["findings"], row["trace_error"] = _traced(path, task.settings)
         json.dumps(row, allow_nan=False)
-    except _OF_THE_LOG as error:
+    except InputError as error:
         row = error_row(task, str(error), retry=False)
         row["log_sha256"] = reader.sha256(path)
     row["log_bytes"], row["log_mtime_ns"] = known.st_size, known.st_mtime_ns
@@ -249,7 +248,7 @@ def _traced(path: Path, settings: CampaignSettings) -> tuple[list[FindingField] 
     overrides = {key: value for key, value in (options.overrides or {}).items() if key == "reference"}
     try:
         found = trace([path], TraceOptions(reference=options.reference, overrides=overrides))
-    except _OF_THE_LOG as error:
+    except InputError as error:
         return None, str(error)
     return [
         {

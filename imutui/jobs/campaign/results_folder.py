@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, NamedTuple, Self, cast
 
+from filters.errors import InputError
 from imutui.jobs import document_shape
 from imutui.jobs.campaign import rows, table
 from imutui.jobs.campaign.rows import HeadFields, Row
@@ -83,7 +84,7 @@ class ResultsFolder:
     `mode`: permissions of its files.
     `known`: what is known of each log's row, by the row's `log`.
     `broken`: how many lines could not be read; their logs are computed again.
-    Raises ValueError if another run holds it, or it has results of another root.
+    Raises InputError if another run holds it, or it has results of another root.
     Raises UnreadableLogError if a `results.json` is there that is none.
     Raises OSError if the disk does not take it.
     """
@@ -201,7 +202,7 @@ class ResultsFolder:
 
     def _check_root(self, head: HeadFields) -> None:
         if head["root"] != self._head["root"]:
-            raise ValueError(
+            raise InputError(
                 f"{self.folder} has results of the logs below {head['root']}, and these lie below {self._head['root']}:"
                 " name another folder with -o"
             )
@@ -235,7 +236,7 @@ def has_results(folder: Path) -> bool:
 
 
 def remove_results(folder: Path) -> None:
-    """Remove what a campaign has written to a folder; raises ValueError if one is writing to it."""
+    """Remove what a campaign has written to a folder; raises InputError if one is writing to it."""
     with contextlib.closing(_locked(folder)):
         for name in (JOURNAL, DOCUMENT, TABLE):
             (folder / name).unlink(missing_ok=True)
@@ -273,10 +274,10 @@ def _of_document(path: Path) -> Part:
     from imutui import outside_file
 
     try:
-        content = json.loads(outside_file.read(path, LONGEST_DOCUMENT))
+        content = outside_file.read_json(path, LONGEST_DOCUMENT)
     except OSError as error:
         raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
-    except (ValueError, RecursionError) as error:
+    except InputError as error:
         raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
     told = document_shape.problem(content, rows.ResultsDocument, "results")
     if told:
@@ -348,8 +349,8 @@ def _locked(folder: Path) -> IO[bytes]:
     except OSError as error:
         if error.errno != errno.EACCES:
             raise
-        raise ValueError(f"{folder} is being written by somebody else, or may not be. Name another with -o") from error
+        raise InputError(f"{folder} is being written by somebody else, or may not be. Name another with -o") from error
     if not file_lock.take(stream):
         stream.close()
-        raise ValueError(f"another campaign is writing to {folder}: wait for its end, or name another folder with -o")
+        raise InputError(f"another campaign is writing to {folder}: wait for its end, or name another folder with -o")
     return stream

@@ -1,9 +1,9 @@
 """Rows of a campaign in a file, as far as a summary needs them: read within bounds, and looked at."""
 
-import json
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict, cast
 
+from filters.errors import InputError
 from imutui import outside_file
 from imutui.jobs import document_shape
 from imutui.jobs.campaign.rows import ConvergedField, FindingField, NoiseField, Row, TemperatureField
@@ -57,10 +57,10 @@ def read(results: Path) -> list[Row]:
     """
     path = path_of(results)
     try:
-        content = json.loads(outside_file.read(path, LIMIT))
+        content = outside_file.read_json(path, LIMIT)
     except OSError as error:
         raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
-    except (ValueError, RecursionError) as error:
+    except InputError as error:
         raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
     rows = content.get("rows") if isinstance(content, dict) else None
     if not isinstance(rows, list):

@@ -100,7 +100,7 @@ def run(campaign: Campaign, way: Way, tell: Callable[[Standing], None] = lambda 
     `campaign`: what is asked for.
     `way`: `local.Processes` or `cluster.Cluster`.
     `tell`: told how far it is, after each log.
-    Raises ValueError if another run writes to the folder, or it has results of another root.
+    Raises InputError if another run writes to the folder, or it has results of another root.
     Raises UnreadableLogError if what is in the folder is no result of a campaign.
     Raises OSError if the disk does not take the results.
     """

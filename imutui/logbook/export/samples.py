@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY, AxisMap
 from filters.motion.reference import Trajectory
 from filters.types import Array
@@ -28,12 +29,12 @@ def table(known: Outline, start: float | None = None, end: float | None = None, 
     `known`: of the log.
     `start`, `end`: part to take, s since its first sample.
     `rows`: about so many in a block.
-    Raises ValueError if the log has no sample in that part.
+    Raises InputError if the log has no sample in that part.
     """
     path = known.log.path
     seconds = seconds_since(known.last_ns, known.first_ns)
     if (start or 0.0) > seconds or (end is not None and end < (start or 0.0)):
-        raise ValueError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
+        raise InputError(f"{path}: --start and --end leave no sample; the log lasts {seconds:.3f} s.")
     info = session_of(known.log)
     columns = [Column("t", "s"), Column("gyro", "deg/s", 3), Column("accel", "g", 3)]
     columns += [Column("temp", "degC")] if np.isfinite(known.first_temperature) else []
@@ -60,7 +61,7 @@ def _known_motion(known: Outline, info: SessionInfo) -> KnownMotion | None:
         return None
     try:
         motion = reference_file.parse(f"reference{found[0]}", found[1])
-    except ValueError as error:
+    except InputError as error:
         raise UnreadableLogError(f"{known.log.path}: its trajectory cannot be read: {error}") from error
     if not isinstance(motion, Trajectory):
         return None

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from mcap.records import Channel, Message, Schema
 
+from filters.errors import InputError
 from imutui.logbook import reader, record_walk, schemas
 from imutui.logbook.export.columns import Block, Column, Table
 from imutui.logbook.mcap_stream import Batch
@@ -84,7 +85,7 @@ def _find(path: Path, topic: str) -> _Topic:
             if record.topic == topic:
                 return _typed(path, record, known.get(record.schema_id))
     listed = ", ".join(sorted(seen)) or "none"
-    raise ValueError(f"{path} has no topic {topic}. It has: {listed}.")
+    raise InputError(f"{path} has no topic {topic}. It has: {listed}.")
 
 
 def _typed(path: Path, channel: Channel, schema: Schema | None) -> _Topic:
@@ -161,7 +162,7 @@ def _unit(found: _Topic, name: str) -> str:
 def _decoded(found: _Topic, message: Message) -> Any:
     try:
         return found.decode(message.data)
-    except schemas.UNDECODABLE as error:
+    except schemas.UndecodableError as error:
         raise UnreadableLogError(
             f"{found.path}: a message of {found.topic} at log_time {message.log_time} cannot be decoded ({error})."
             " `imutui check` looks at the file; `imutui recover` keeps what is whole."

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from textual.theme import BUILTIN_THEMES
 
+from filters.errors import InputError
 from imutui.tui.terminal.glyphs import GLYPHS
 
 SHORT_THEMES = {"dark": "textual-dark", "light": "textual-light"}
@@ -15,7 +16,7 @@ _PLOTS = ("auto", "scroll", "sweep", "numbers")
 class Appearance:
     """What the configuration says about the screen.
 
-    Raises ValueError if there is no such theme, or no such kind of signs or plots; the message lists those there are.
+    Raises InputError if there is no such theme, or no such kind of signs or plots; the message lists those there are.
     """
 
     theme: str = ""  # name of a theme, "dark" or "light"; empty leaves it to the terminal
@@ -28,7 +29,7 @@ class Appearance:
         _one_of("glyphs", self.glyphs, ("auto", *GLYPHS))
         _one_of("plot", self.plot, _PLOTS)
         if not 0.0 <= self.fps <= 60.0:
-            raise ValueError(f"`screen.fps` is {self.fps:g}; redraws per second, up to 60, or 0 for the usual 10")
+            raise InputError(f"`screen.fps` is {self.fps:g}; redraws per second, up to 60, or 0 for the usual 10")
 
     def theme_for(self, terminal: str) -> str:
         """The theme for a terminal of that TERM; empty for Textual's own."""
@@ -40,4 +41,4 @@ class Appearance:
 
 def _one_of(key: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
-        raise ValueError(f'`screen.{key}` is "{value}"; there are: {", ".join(name for name in known if name)}')
+        raise InputError(f'`screen.{key}` is "{value}"; there are: {", ".join(name for name in known if name)}')

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from textual.app import App
 from textual.dom import DOMNode
 from textual.screen import ModalScreen
 
+from imutui.tui.terminal.textual_private import WithoutTraceback
 from imutui.tui.widgets import too_small
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _LEAVING = ("quit", "detach", "suspend_process")
 
 
-class NothingUnseen(App[int]):
+class NothingUnseen(WithoutTraceback):
     """An application whose keys act only where there is room for a page, but for those that leave it."""
 
     async def run_action(

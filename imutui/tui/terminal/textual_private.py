@@ -12,12 +12,12 @@ from functools import cache
 from typing import IO, TYPE_CHECKING, Any
 
 from rich.color import ColorSystem
+from textual.app import App
 from textual.cache import LRUCache
 from textual.css.stylesheet import Stylesheet
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from textual.app import App
     from textual.driver import Driver
 
 try:
@@ -43,6 +43,19 @@ HIDDEN: set[str] = set()
 """Names that are taken as missing: tests put some here and look at what is then drawn."""
 
 
+class WithoutTraceback(App[int]):
+    """An application that ends at an unforeseen exception and shows nothing of it: whoever ran it says what it was."""
+
+    def _fatal_error(self) -> None:
+        self.bell()
+        self._close_messages_no_wait()
+
+    @property
+    def unforeseen(self) -> Exception | None:
+        """The exception that ended it."""
+        return getattr(self, "_exception", None)
+
+
 def _found(owner: object, name: str) -> bool:
     return name not in HIDDEN and hasattr(owner, name)
 
@@ -53,8 +66,6 @@ def _takes(function: Callable[..., object], *names: str) -> bool:
 
 def missing() -> list[str]:
     """Names that this Textual lacks, or has otherwise than they are used; looked up on classes."""
-    from textual.app import App
-
     lacking = []
     if "ChopsUpdate" in HIDDEN or not _takes(ChopsUpdate, "chops", "spans", "chop_ends"):
         lacking.append("ChopsUpdate")

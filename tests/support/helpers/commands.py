@@ -51,8 +51,8 @@ def imutui_process(*arguments: str, check: int | None = 0) -> Done:
 def _checked(done: Done, check: int | None) -> Done:
     if check is not None:
         assert done.returncode == check, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+        assert "a defect of imutui" not in done.stderr, done.stderr
     assert "Traceback" not in done.stderr
-    assert "an error of imutui's own" not in done.stderr
     return done
 
 

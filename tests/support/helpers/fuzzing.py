@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from filters.kalman.spkf import DivergenceError
+from filters.errors import InputError
 from helpers import traces
 from helpers.logs import recorded
 from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
-from imutui.config import ConfigError
 from imutui.instrument.imu400.crossbow import (
     AskSerialNumber,
     AskVersion,
@@ -273,7 +272,7 @@ def _take_scenario(data: bytes, folder: Path) -> None:
     scenario = load_scenario(path)
     try:
         Unit(scenario, 0, 20.0).record(20)
-    except ValueError as error:
+    except InputError as error:
         raise ScenarioError(str(error)) from error
 
 
@@ -452,7 +451,7 @@ def _take_request(data: bytes, folder: Path) -> None:
     for line in (*data.split(b"\n")[:20], _REQUESTS[0], _REQUESTS[-2]):
         reply = ipc.reply_to(line, lambda request: process.carry_out(engine, request))  # type: ignore[arg-type]
         json.dumps(reply)
-        if not reply["ok"] and "imutui's own" in reply["error"]:
+        if not reply["ok"] and "a defect of imutui" in reply["error"]:
             raise AssertionError(reply["error"])
     engine.acquisition.finish()
     if {path for path in folder.rglob("*") if not path.is_relative_to(logs)} != before:
@@ -482,17 +481,17 @@ TARGETS = {
     "info": Target(_log_seeds, spoilt_log, _take_info, 150, (UnreadableLogError,)),
     "check": Target(_log_seeds, spoilt_log, _take_check, 150, (UnreadableLogError,)),
     "recover": Target(_log_seeds, spoilt_log, _take_recover, 60, (UnreadableLogError,)),
-    "replay": Target(_still_log_seeds, spoilt_log, _take_replay, 40, (UnreadableLogError, ValueError, DivergenceError)),
+    "replay": Target(_still_log_seeds, spoilt_log, _take_replay, 40, (InputError,)),
     "npz": Target(_npz_seeds, _spoilt_npz, _take_import("recording.npz"), 150, (ImportDataError,)),
     "csv": Target(_csv_seeds, spoilt_text, _take_import("recording.csv"), 200, (ImportDataError,)),
     "scenario": Target(_given(_SCENARIO), spoilt_text, _take_scenario, 200, (ScenarioError,)),
     "profile": Target(_given(_PROFILE), spoilt_text, _take_profile("profile.toml"), 60),
     "angles": Target(_given(_ANGLES), spoilt_text, _take_profile("profile.csv"), 60),
     "trajectory": Target(_given(_TRAJECTORY), spoilt_text, _take_reference, 300, (ImportDataError,)),
-    "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (ValueError,)),
+    "effects": Target(_given(_EFFECTS), spoilt_text, _take_effects, 400, (InputError,)),
     "request": Target(_given(*_REQUESTS, *_SEQUENCES), spoilt_text, _take_request, 80),
     "result": Target(_result_seeds, spoilt_text, _take_result, 60, (UnreadableLogError,)),
-    "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (ConfigError,)),
+    "configuration": Target(_given(_CONFIGURATION), spoilt_text, _take_configuration, 400, (InputError,)),
 }
 """By the names that cases begin with."""
 

@@ -8,6 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from filters.errors import InputError
+
 Tell = Callable[[float, str], None]
 
 
@@ -33,7 +37,12 @@ def chatty(n: int, tell: Tell) -> int:
 
 def wrong(tell: Tell) -> None:
     """A refusal in words."""
-    raise ValueError("`x` is 3; it must be positive")
+    raise InputError("`x` is 3; it must be positive")
+
+
+def broken(tell: Tell) -> Any:
+    """A defect: numpy's own error."""
+    return np.empty(0).min()
 
 
 def missing(path: Path, tell: Tell) -> bytes:

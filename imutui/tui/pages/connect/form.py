@@ -13,6 +13,7 @@ from textual.content import Content
 from textual.widgets import Button, Input, Label, OptionList, Static
 from textual.widgets.option_list import Option
 
+from filters.errors import InputError
 from imutui.session import client as session
 from imutui.session import offers
 from imutui.session.offers import Offer
@@ -92,7 +93,7 @@ class ConnectForm(Vertical):
         try:
             text.parse_rate(self.query_one("#rate", Input).value, offer)
             said = Content.styled(text.rates(offer), "dim")
-        except ValueError as error:
+        except InputError as error:
             said = Content.styled(str(error), "bold $text-error")
         self.query_one("#rate-verdict", Static).update(said)
         self.query_one("#mode", Static).update(Content.styled(offer.mode_words, "dim"))
@@ -246,7 +247,7 @@ class ConnectForm(Vertical):
             return
         try:
             rate = text.parse_rate(self.query_one("#rate", Input).value, self._offered())
-        except ValueError as error:
+        except InputError as error:
             self.say_error(f"The rate is {error}.")
             self.query_one("#rate").focus()
             return

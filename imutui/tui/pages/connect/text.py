@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass
 
+from filters.errors import InputError
 from imutui.session import offers
 from imutui.session.offers import Offer
 from imutui.session.plan import VIRTUAL_PORT
@@ -53,14 +54,14 @@ class Choice:
 
 
 def parse_rate(entered: str, offer: Offer) -> float:
-    """Output rate in Hz; ValueError with what is wrong. A decimal comma is fine."""
+    """Output rate in Hz; InputError with what is wrong. A decimal comma is fine."""
     bounds = f"{offer.least_rate_hz:g} to {offer.most_rate_hz:g} Hz"
     try:
         rate = float(entered.strip().replace(",", "."))
     except ValueError:
-        raise ValueError(f"not a number; {bounds}") from None
+        raise InputError(f"not a number; {bounds}") from None
     if not offer.least_rate_hz <= rate <= offer.most_rate_hz:
-        raise ValueError(f"outside {bounds}")
+        raise InputError(f"outside {bounds}")
     return rate
 
 

@@ -31,11 +31,8 @@ def compared(kind: str, a: Any, b: Any, names: tuple[str, str]) -> str:
 
 def length(kind: str, document: Any) -> str:
     """How long the readings are that a result is of, to tell it from others of the same name: ", 162 s"."""
-    try:
-        seconds = document["duration_s"] if kind == "replay" else sum(run["seconds"] for run in document["runs"])
-        return f", {float(seconds):.0f} s"
-    except (KeyError, TypeError, ValueError):
-        return ""
+    seconds = document.get("duration_s") if kind == "replay" else sum(run["seconds"] for run in document["runs"])
+    return "" if seconds is None else f", {seconds:.0f} s"
 
 
 def _readings(kind: str, d: Any) -> set[str]:

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from filters.errors import InputError
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.describing import describe_recording
@@ -110,7 +111,7 @@ class FileActions:
     ) -> None:
         try:
             said, path = await in_thread(steps)
-        except ValueError as error:
+        except InputError as error:
             if again is None:
                 self._say(str(error), "bad")
             else:

@@ -10,6 +10,7 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Input, Label, Static
 
+from filters.errors import InputError
 from imutui.session.plan import RecordingWish
 from imutui.tui.connection.model import View
 from imutui.tui.pages.base import Page
@@ -106,7 +107,7 @@ class RecordPage(Page):
         self._touched.clear()
 
     def wish(self) -> RecordingWish:
-        """What was typed into the form; ValueError if it cannot be. The rest shows what the acquisition has anyway."""
+        """What was typed into the form; InputError if it cannot be. The rest shows what the acquisition has anyway."""
         return text.wish({name: self.query_one(f"#wish-{name}", Input).value for name in self._touched})
 
     def on_input_changed(self, event: Input.Changed) -> None:
@@ -115,7 +116,7 @@ class RecordPage(Page):
         try:
             self.wish()
             wrong = ""
-        except ValueError as error:
+        except InputError as error:
             wrong = str(error)
         self.query_one("#wish-wrong", Static).update(Content(wrong))
 

@@ -2,6 +2,7 @@
 
 from pathlib import PurePath
 
+from filters.errors import InputError
 from imutui.session import offers
 from imutui.session.plan import RecordingWish
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
@@ -144,7 +145,7 @@ def prefilled(now: Snapshot) -> dict[str, str]:
 def wish(entered: dict[str, str]) -> RecordingWish:
     """What is asked of the recording that begins; a field that is not among those entered stays as it is.
 
-    Raises ValueError if a number is none; the message names the field.
+    Raises InputError if a number is none; the message names the field.
     """
     texts = {name: said.strip() for name, said in entered.items()}
     minutes, megabytes = (_number(name, entered[name]) if name in entered else None for name in NUMBERS)
@@ -156,9 +157,9 @@ def _number(name: str, entered: str) -> float:
     try:
         value = float(entered.strip().replace(",", ".") or 0.0)
     except ValueError:
-        raise ValueError(f'"{FIELDS[name]}" is "{entered.strip()}", not a number; empty for never') from None
+        raise InputError(f'"{FIELDS[name]}" is "{entered.strip()}", not a number; empty for never') from None
     if not 0.0 <= value < 1e6:
-        raise ValueError(f'"{FIELDS[name]}" is {value:g}; it must be positive, or empty for never')
+        raise InputError(f'"{FIELDS[name]}" is {value:g}; it must be positive, or empty for never')
     return value
 
 

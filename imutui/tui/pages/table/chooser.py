@@ -10,6 +10,7 @@ from textual.content import Content
 from textual.message import Message
 from textual.widgets import Input, Label, Static
 
+from filters.errors import InputError
 from imutui.session.snapshot import Snapshot
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
@@ -174,7 +175,7 @@ class ProfileChooser(Vertical):
         except FileExistsError:
             self.post_message(Page.Say(f"{path} exists and is left as it is; s asks for another name", "bad"))
             return
-        except (OSError, ValueError) as error:
+        except (OSError, InputError) as error:
             said = error.strerror or error if isinstance(error, OSError) else error
             self.post_message(Page.Say(f"{path} is not written: {said}", "bad"))
             return

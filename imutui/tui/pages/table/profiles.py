@@ -36,7 +36,7 @@ def by_hand(offer: "Offer") -> "Offer":
 
 
 def save(offer: "Offer", path: Path) -> None:
-    """Write it to a new file; raises ValueError or OSError with the reason if that cannot be."""
+    """Write it to a new file; raises InputError or OSError with the reason if that cannot be."""
     from imutui.jobs import operator_steps
 
     operator_steps.save(offer, path)
