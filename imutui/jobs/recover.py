@@ -1,7 +1,7 @@
 """A finished, indexed log from an unfinished or damaged one; the source is never written to."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +10,11 @@ from filters.errors import InputError
 from imutui.jobs import damage_text
 from imutui.jobs.documents import RecoverDocument
 from imutui.jobs.quantities import plural
-from imutui.logbook import added_notes, atomic_file, checksum_file, reader, record_walk, schemas, summary
+from imutui.logbook import added_notes, atomic_file, checksum_file, pieces, reader, schemas, summary
 from imutui.logbook import recover as rebuilding
 from imutui.logbook.log_stream import MODE
-from imutui.logbook.reader import Log, UnreadableLogError
+from imutui.logbook.pieces import Outline
+from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.recover import NotAsWrittenError, RebuiltContent
 from imutui.logbook.scan import Scan, scan
 from imutui.logbook.session_info import METADATA
@@ -64,8 +65,9 @@ def recover(
                     " recovered from it; record again."
                 )
             progress(_WRITTEN, f"reading {output.name} back")
-            log, trouble = _samples(part, output)
-            _compare(path, log)
+            known, trouble = _samples(part, output)
+            if known is not None:
+                _compare(path, part, known)
     except OSError as error:
         # the part's own name says nothing to anybody
         error.filename = str(output) if str(error.filename or "").endswith(".part") else error.filename
@@ -75,7 +77,7 @@ def recover(
         checksum_file.write(output, made, mode)
         added_notes.copy(path, output)
     progress(1.0, "done")
-    return _document(found, output, kept, log, trouble, (digest, made))
+    return _document(found, output, kept, known, trouble, (digest, made))
 
 
 def _refuse(path: Path, output: Path) -> None:
@@ -85,44 +87,49 @@ def _refuse(path: Path, output: Path) -> None:
         raise InputError(f"{output} is the log itself: the rebuilt log goes into a file of its own")
 
 
-def _samples(path: Path, output: Path) -> tuple[Log | None, str]:
-    """The rebuilt file as a replay reads it, or None and why it can't."""
+def _samples(path: Path, output: Path) -> tuple[Outline | None, str]:
+    """What a replay finds in the rebuilt file, or None and why it can't."""
     try:
-        log = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
-        return log, f"a replay stops at {log.seconds()[-1]:.3f} s: {log.damage}" if log.damage else ""
+        known = pieces.outline(path, pieces.ROWS)
     except UnreadableLogError as error:
         return None, str(error).replace(str(path), str(output))
+    return known, f"a replay stops at {known.seconds:.3f} s: {known.log.damage}" if known.log.damage else ""
 
 
-def _compare(path: Path, log: Log | None) -> None:
+def _compare(path: Path, rebuilt: Path, known: Outline) -> None:
     """Raise unless all that a replay of the source reads stands in the rebuilt file as well.
 
     Where a replay refuses the rebuilt file for what it holds behind the damage, its bytes were compared; that is told.
     """
-    if log is None:
-        return
     try:
-        source = reader.read(path, walk=record_walk.for_reading(path.stat().st_size))
+        last_ns = pieces.outline(path, pieces.ROWS).last_ns
     except UnreadableLogError:
         return  # damaged at its beginning: there is nothing to compare
-    if (
-        log.damage
-    ):  # a message that nothing reads ends both, and in the source it may be of a topic that nothing declares
-        before = source.stamp_ns <= log.stamp_ns[-1]
-        source.stamp_ns, source.gyro, source.accel = source.stamp_ns[before], source.gyro[before], source.accel[before]
-    # more may be there: what a reader passes over because of what stands before it
-    at = np.minimum(np.searchsorted(log.stamp_ns, source.stamp_ns), log.stamp_ns.size - 1)
-    if not all(
-        np.array_equal(a, b[at], equal_nan=True)
-        for a, b in ((source.stamp_ns, log.stamp_ns), (source.gyro, log.gyro), (source.accel, log.accel))
-    ):
-        raise NotAsWrittenError(5, "the samples read back are not those of the source, so it was not kept", str(path))
+    if known.log.damage:
+        # a message that nothing reads ends both, and in the source it may be of a topic that nothing declares
+        last_ns = known.last_ns
+    made, held = _rows(rebuilt), np.empty((0, 7), np.int64)
+    for part in _rows(path):
+        rows = part[part[:, 0] <= last_ns]
+        # more may be there: what a reader passes over because of what stands before it
+        while rows.size and not (held.size and held[-1, 0] >= rows[-1, 0]) and (more := next(made, None)) is not None:
+            held = np.concatenate([held[np.searchsorted(held[:, 0], rows[0, 0]) :], more])
+        at = np.searchsorted(held[:, 0], rows[:, 0])
+        if rows.size and (at[-1] >= len(held) or not np.array_equal(rows, held[at])):
+            raise NotAsWrittenError(
+                5, "the samples read back are not those of the source, so it was not kept", str(path)
+            )
+
+
+def _rows(path: Path) -> Iterator[np.ndarray]:
+    """Stamps of a log's samples and the bits of their readings, int64, shape (N, 7), in parts."""
+    for part in pieces.parts(path, pieces.ROWS):
+        yield np.column_stack([part.stamp_ns, part.gyro.view(np.int64), part.accel.view(np.int64)])
 
 
 def _document(
-    found: Scan, output: Path, kept: RebuiltContent, log: Log | None, trouble: str, sha256: tuple[str, str]
+    found: Scan, output: Path, kept: RebuiltContent, known: Outline | None, trouble: str, sha256: tuple[str, str]
 ) -> RecoverDocument:
-    samples = 0 if log is None else log.stamp_ns.size
     lost = _lost(found, kept)
     state = summary.FINISHED if found.finished else summary.UNFINISHED if found.cut else summary.DAMAGED
     return {
@@ -131,8 +138,8 @@ def _document(
         "output": str(output.resolve()),
         "state": summary.DAMAGED if damage_text.lossy(found) else state,
         "messages": kept.messages,
-        "samples": samples,
-        "duration_s": float(log.seconds()[-1]) if log is not None else 0.0,
+        "samples": 0 if known is None else known.samples,
+        "duration_s": 0.0 if known is None else known.seconds,
         "topics": kept.topics,
         "chunks": kept.chunks,
         "metadata": kept.metadata,
@@ -140,15 +147,15 @@ def _document(
         "damages": damage_text.documents(found, _start(found)),
         "lost": {"messages": _missing(found, kept, None), "samples": _missing(found, kept, schemas.IMU)},
         "complete": not lost and not trouble,
-        "readable": log is not None,
-        "sentences": [*_ending(found), *lost, *([_told(log, trouble)] if trouble else [])],
+        "readable": known is not None,
+        "sentences": [*_ending(found), *lost, *([_told(known, trouble)] if trouble else [])],
         "log_sha256": sha256[0],
         "output_sha256": sha256[1],
     }
 
 
-def _told(log: Log | None, trouble: str) -> str:
-    return f"It can't be replayed: {trouble}" if log is None else f"It can be replayed in part: {trouble}."
+def _told(known: Outline | None, trouble: str) -> str:
+    return f"It can't be replayed: {trouble}" if known is None else f"It can be replayed in part: {trouble}."
 
 
 def _missing(found: Scan, kept: RebuiltContent, topic: str | None) -> int | None:

@@ -5,9 +5,9 @@
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
 `audit`, `message_runs` what is known of a whole log, `message_arrays`, `columns` all its messages as arrays,
 `mapped_file` a file that is walked without staying in memory, `record_walk` how messages are found in bytes
-(`plain_walk`, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory, `export` it as CSV, NPZ
-or Parquet, `parquet` the library of the last · `recover` a whole file made of what is left ·
-`importer` recordings made elsewhere,
+(`plain_walk`, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory,
+`sample_check` whether its samples can be used, `export` it as CSV, NPZ or Parquet, `parquet` the library of the last ·
+`recover` a whole file made of what is left · `importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what
 they lack · `polled_rate` whether polling kept what was asked · `power_on` logs that continue others ·
 `reference_file`, `trajectory_file`, `effects_file` other formats · `named_profiles` profiles that need no file ·

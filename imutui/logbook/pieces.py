@@ -8,6 +8,7 @@ import numpy as np
 
 from imutui.logbook import reader, record_walk, schemas
 from imutui.logbook.reader import Content, Log, UnreadableLogError
+from imutui.logbook.sample_check import SampleCheck
 
 ROWS = 2**17
 """Samples in a piece: a quarter of an hour at 133 Hz."""
@@ -51,24 +52,32 @@ class Outline:
     # channels that are NaN throughout, bool, shape (6,)
     lacks: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
 
+    @property
+    def seconds(self) -> float:
+        """Time from the first sample to the last."""
+        return float(reader.seconds_since(self.last_ns, self.first_ns))
+
 
 def outline(path: Path, rows: int = ROWS) -> Outline:
-    """Walk through a log once, and keep what is no sample.
+    """Walk through a log once, look at every sample, and keep what is none.
 
     Raises UnreadableLogError as `reader.read`.
     """
-    found = Outline(Log(path))
+    found, check = Outline(Log(path)), SampleCheck()
     for part in parts(path, rows):
         found.log = part
         if part.stamp_ns.size:
             found.first_ns = found.first_ns if found.samples else int(part.stamp_ns[0])
             found.last_ns = int(part.stamp_ns[-1])
             found.samples += part.stamp_ns.size
-            found.lacks &= np.isnan(np.hstack([part.gyro, part.accel])).all(axis=0)
+            check.take(part.stamp_ns, part.gyro, part.accel)
         if part.temperature_degc.size and np.isnan(found.first_temperature):
             found.first_temperature = float(part.temperature_degc[np.argmin(part.temperature_stamp_ns)])
         found.has_angles |= bool(np.isfinite(part.table.angles_deg).all(axis=1).any())
         found.has_rates |= bool(np.isfinite(part.table.rates_dps).all(axis=1).any())
+    if trouble := check.trouble(path):
+        raise UnreadableLogError(trouble)
+    found.lacks = check.lacks
     found.log = _emptied(found.log)
     return found
 
@@ -81,11 +90,7 @@ def pieces(known: Outline, rows: int = ROWS) -> Iterator[Piece]:
     Raises UnreadableLogError as `reader.read`.
     """
     waiting = _Waiting(known)
-    last_ns = None
     for part in parts(known.log.path, rows):
-        if part.stamp_ns.size:
-            _check(part, known, last_ns)
-            last_ns = int(part.stamp_ns[-1])
         waiting.take(part)
         if (piece := waiting.ready()) is not None:
             yield piece
@@ -119,21 +124,6 @@ def parts(path: Path, rows: int = ROWS, *, raw: bool = False) -> Iterator[Log]:
     if not (any_samples or log.stamp_ns.size):
         raise UnreadableLogError(reader.nothing(path, log, content))
     yield log
-
-
-def _check(part: Log, known: Outline, last_ns: int | None) -> None:
-    """As a log that is read at once is checked."""
-    lacks = known.lacks & ~part.unread
-    if lacks.any():  # cannot be: what lacks throughout lacks here
-        raise UnreadableLogError(f"{part.path} has changed while it was read. Try again.")
-    here = part.unread & ~known.lacks
-    if here.any():
-        raise UnreadableLogError(f"{part.path}: a channel has readings in one part of the log and none in another.")
-    reader.check_samples(part)
-    if last_ns is not None and int(part.stamp_ns[0]) <= last_ns:
-        raise UnreadableLogError(
-            f"{part.path}: time does not increase. Sort the samples by time and drop those that stand twice."
-        )
 
 
 def _emptied(log: Log) -> Log:
@@ -179,7 +169,7 @@ class _Waiting:
         self._held: list[tuple[np.ndarray, ...]] = []
         self._temperature = _Followed(np.array([known.first_temperature]))
         self._table = _Followed(np.full(6, np.nan))
-        self._newest = np.iinfo(np.int64).min
+        self._newest, self._last_ns = np.iinfo(np.int64).min, known.last_ns
 
     def take(self, part: Log) -> None:
         """More of the log."""
@@ -191,11 +181,11 @@ class _Waiting:
 
     def ready(self) -> Piece | None:
         """Those of which all is said."""
-        return self._until(self._newest - _LATE_NS)
+        return self._until(min(self._newest - _LATE_NS, self._last_ns))
 
     def rest(self) -> Piece | None:
-        """All that is left."""
-        return self._until(np.iinfo(np.int64).max)
+        """All that is left, without what was written to the file since it was outlined."""
+        return self._until(self._last_ns)
 
     def _until(self, end: int) -> Piece | None:
         if not self._held:

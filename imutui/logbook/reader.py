@@ -23,11 +23,9 @@ from imutui.logbook.mcap_format import MAGIC, ChecksumError
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.message_layout import CHANNEL, IGNORED, IMU, OTHER, RAW, TABLE, TEMPERATURE
 from imutui.logbook.record_walk import Walk
+from imutui.logbook.sample_check import SampleCheck
 from imutui.logbook.schemas import LogEvent, UndecodableError
 from imutui.logbook.session_info import METADATA, SessionInfo
-
-_LONGEST_NS = 320_000_000_000_000_000
-_LARGEST = 1e6
 
 
 class UnreadableLogError(InputError):
@@ -133,44 +131,11 @@ def read(path: Path, *, raw: bool = False, walk: Walk | None = None) -> Log:
     log.finished = log.finished and not log.damage
     if not log.stamp_ns.size:
         raise UnreadableLogError(nothing(path, log, content))
-    check_samples(log)
+    check = SampleCheck()
+    check.take(log.stamp_ns, log.gyro, log.accel)
+    if trouble := check.trouble(path):
+        raise UnreadableLogError(trouble)
     return log
-
-
-def check_samples(log: Log) -> None:
-    """Refuse stamps that are no times and readings that are no numbers; raises UnreadableLogError."""
-    first, last = int(log.stamp_ns.min()), int(log.stamp_ns.max())
-    if first < 0 or last - first > _LONGEST_NS:
-        raise UnreadableLogError(
-            f"{log.path}: the stamps of its samples are no times: they go from {first} to {last} ns since 1970, and no"
-            " recording is longer than ten years. `imutui check` looks at the file."
-        )
-    with np.errstate(invalid="ignore"):
-        beyond = (np.abs(log.gyro) > _LARGEST).any(axis=1) | (np.abs(log.accel) > _LARGEST).any(axis=1)
-    # infinity is told below, as what is no number at all
-    beyond &= ~(np.isinf(log.gyro).any(axis=1) | np.isinf(log.accel).any(axis=1))
-    if beyond.any():
-        raise UnreadableLogError(
-            f"{log.path}: sample {int(np.argmax(beyond))} (first is 0) is beyond anything that a unit reads: more than"
-            f" {_LARGEST:,.0f} rad/s or m/s². Remove such samples in the program that wrote the file."
-        )
-    finite = np.isfinite(log.gyro).all(axis=1) & np.isfinite(log.accel).all(axis=1)
-    if not finite.all():
-        lacks = log.unread
-        finite = (np.isfinite(np.hstack([log.gyro, log.accel])) | lacks).all(axis=1)
-        if lacks.all():
-            raise UnreadableLogError(f"{log.path} has no reading in any channel: all its samples are NaN.")
-    if not finite.all():
-        raise UnreadableLogError(
-            f"{log.path}: sample {int(np.argmin(finite))} (first is 0) is not a number. Remove such samples in"
-            " the program that wrote the file."
-        )
-    steps = np.diff(log.stamp_ns)
-    if steps.size and not (steps > 0).all():
-        raise UnreadableLogError(
-            f"{log.path}: time does not increase at sample {int(np.argmin(steps > 0)) + 1} (first is 0). Sort the"
-            " samples by time and drop those that stand twice."
-        )
 
 
 def sha256(path: Path) -> str:

@@ -5,7 +5,6 @@ so a rebuilt file gives the same estimates as the unfinished one did.
 """
 
 import hashlib
-import mmap
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,11 +15,10 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import mcap_format, mcap_stream, message_layout, record_walk, schemas
-from imutui.logbook import scan as scanning
+from imutui.logbook import chunk_index, mcap_format, mcap_stream, message_layout, record_walk, schemas
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.scan import RECOVERED, Piece, Scan
+from imutui.logbook.scan import RECOVERED, Scan
 from imutui.logbook.session_info import METADATA
 from imutui.plain_text import in_line
 
@@ -63,41 +61,32 @@ def rebuild(
     `progress`: told the share done, 0 to 1.
     Raises NotAsWrittenError if the file does not read back as it was written.
     """
-    with found.path.open("rb") as source, mmap.mmap(source.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        kept = _copied(found, data, part, note, progress)
+    attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
+    with found.path.open("rb") as source, part.open("wb") as stream:
+        copy = _Copy(found, _writer(stream, attachments=attached))
+        for number, piece in enumerate(found.pieces):
+            source.seek(piece.at)
+            copy.take(piece.opcode, source.read(piece.length))
+            progress(number / len(found.pieces))
+        kept = copy.finish(note)
     _read_back(part, kept)
     progress(1.0)
     return kept
 
 
-def _copied(
-    found: Scan,
-    data: mmap.mmap,
-    part: Path,
-    note: Callable[[RebuiltContent], dict[str, str]],
-    progress: Callable[[float], None],
-) -> RebuiltContent:
-    attached = any(piece.opcode == Opcode.ATTACHMENT for piece in found.pieces)
-    with part.open("wb") as stream:
-        copy = _Copy(found, data, _writer(stream, attachments=attached))
-        for number, piece in enumerate(found.pieces):
-            copy.take(piece)
-            progress(number / len(found.pieces))
-        return copy.finish(note)
-
-
 def _writer(stream: object, *, attachments: bool) -> Writer:
     # an index of no attachments is an error to a validator
     index = IndexType.ALL if attachments else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
-    return Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True, index_types=index)  # type: ignore[arg-type]
+    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True, index_types=index)  # type: ignore[arg-type]
+    chunk_index.keep_packed(writer)
+    return writer
 
 
 class _Copy:
-    """Records from a file's bytes into a writer, channels by their new numbers."""
+    """Records of a file into a writer, channels by their new numbers."""
 
-    def __init__(self, found: Scan, data: mmap.mmap, writer: Writer) -> None:
+    def __init__(self, found: Scan, writer: Writer) -> None:
         self.kept = RebuiltContent()
-        self._data = data
         self._writer = writer
         self._inflater = mcap_format.Inflater(found.size)
         self._schemas: dict[int, Schema] = dict(found.index.schemas) if found.index is not None else {}
@@ -112,26 +101,25 @@ class _Copy:
             profile=_PROFILE if found.profile is None else found.profile, library=f"imutui {imutui.__version__}"
         )
 
-    def take(self, piece: Piece) -> None:
+    def take(self, opcode: int, body: bytes) -> None:
         """Copy one whole record of the source, a chunk message by message."""
-        body = scanning.content(self._data, piece)
-        if piece.opcode == Opcode.CHUNK:
+        if opcode == Opcode.CHUNK:
             self.kept.chunks += 1
             inside = self._inflater.content(mcap_format.chunk_of(body))
-            for opcode, at, length in mcap_format.records(inside):
-                self._record(opcode, inside[at : at + length])
+            for kind, at, length in mcap_format.records(inside):
+                self._record(kind, inside[at : at + length])
             self._writer.flush()  # type: ignore[no-untyped-call]
-        elif piece.opcode == Opcode.METADATA:
+        elif opcode == Opcode.METADATA:
             record = parse(Metadata, body)
             self._own = self._own or record.name == METADATA
             self._writer.add_metadata(record.name, record.metadata)
             self.kept.metadata.append(record.name)
-        elif piece.opcode == Opcode.ATTACHMENT:
+        elif opcode == Opcode.ATTACHMENT:
             a = parse(Attachment, body)
             self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
             self.kept.attachments.append(a.name)
         else:
-            self._record(piece.opcode, body)
+            self._record(opcode, body)
 
     def _record(self, opcode: int, body: bytes) -> None:
         if opcode == Opcode.MESSAGE:

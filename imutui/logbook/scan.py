@@ -135,12 +135,12 @@ def _judge(found: Scan, data: mmap.mmap) -> None:
     """Say of each damage between which instants it lies, as the chunks around it tell."""
     if not found.damages:
         return
-    chunks = [piece for piece in found.pieces if piece.opcode == Opcode.CHUNK]
-    ends = [piece.at for piece in chunks]
+    pieces = np.frombuffer(found.pieces.numbers, np.uint64).reshape(-1, 5)
+    _, at, _, first_ns, last_ns = pieces[pieces[:, 0] == Opcode.CHUNK].T
     for number, damage in enumerate(found.damages):
-        k = bisect.bisect(ends, damage.offset)
-        after = chunks[k - 1].last_ns if k else None
-        before = chunks[k].first_ns if k < len(chunks) else None
+        k = int(np.searchsorted(at, damage.offset, side="right"))
+        after = int(last_ns[k - 1]) if k else None
+        before = int(first_ns[k]) if k < at.size else None
         found.damages[number] = replace(damage, after_ns=after, before_ns=before)
 
 

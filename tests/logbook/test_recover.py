@@ -3,12 +3,16 @@
 import contextlib
 import random
 import struct
+import time
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.logs import recorded
+from helpers.mutations import spoilt_log
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap.writer import Writer
@@ -16,8 +20,10 @@ from rosbags.highlevel import AnyReader
 
 from imutui.jobs.recover import recover
 from imutui.jobs.replay import ReplayOptions, replay
-from imutui.logbook import SessionInfo, added_notes, file_lock, reader, schemas, summary
+from imutui.logbook import SessionInfo, added_notes, columns, file_lock, mcap_stream, pieces, reader, schemas, summary
+from imutui.logbook import recover as rebuilding
 from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.recover import NotAsWrittenError
 from imutui.logbook.results import TIMINGS
 from imutui.logbook.scan import RECOVERED
 from imutui.logbook.writer import LogWriter
@@ -281,3 +287,85 @@ def test_what_is_no_log_or_is_in_use_is_refused_in_words(tmp_path: Path) -> None
         with pytest.raises(ValueError, match="being written"):
             recover(tmp_path / "a.mcap", out, True)
     assert (tmp_path / "a.mcap").read_bytes() == before
+
+
+def test_pieces_of_any_size_make_the_same_file_and_say_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logs cut anywhere, spoilt, with parts left out or doubled: the file to the byte, the report or the refusal."""
+    monkeypatch.setattr(time, "gmtime", lambda: time.struct_time((2026, 1, 1, 0, 0, 0, 3, 1, 0)))
+    whole, rng = pieces.ROWS, random.Random(11)
+    path, out = tmp_path / "a.mcap", tmp_path / "out.mcap"
+    readable = 0
+    for content in (written(tmp_path / "b.mcap"), recorded(tmp_path / "c.mcap").read_bytes()):
+        for k in range(12):
+            first, second = sorted(rng.randrange(len(content)) for _ in range(2))
+            kinds = spoilt_log(rng, content), content[:second], content[:first] + content[second:], content[:second]
+            made(path, kinds[k % 3] if k % 4 else kinds[3] + content[first:])
+            said = []
+            for rows in (whole, 7, 1):
+                monkeypatch.setattr(pieces, "ROWS", rows)
+                out.unlink(missing_ok=True)
+                try:
+                    said.append((recover(path, out), out.read_bytes()))
+                    readable += said[-1][0]["readable"]
+                except UnreadableLogError as error:
+                    said.append((str(error), b""))
+            assert said[1] == said[2] == said[0]
+    assert readable > 40
+
+
+@pytest.mark.parametrize("rows", [1, 10**6])
+@pytest.mark.parametrize("last", [True, False])
+def test_a_rebuilt_file_that_lacks_what_the_source_has_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int, last: bool
+) -> None:
+    """One reading that differs, or a last chunk that is missing, though the file reads well: the error, and no file."""
+    monkeypatch.setattr(pieces, "ROWS", rows)
+    data, other = written(tmp_path / "a.mcap"), written(tmp_path / "b.mcap", seconds=3)
+    (tmp_path / "b.mcap").unlink()
+    if not last:
+        log = LogWriter(tmp_path / "b.mcap", SessionInfo(rate_hz=5, kind="simulated"), "", START)
+        source = reader.read(tmp_path / "a.mcap")
+        for k, stamp in enumerate(source.stamp_ns.tolist()):
+            log.imu(stamp, stamp, source.gyro[k], source.accel[k] + (k == 13) * 1e-9)
+            log.flush()
+        log.finish({}, START)
+        other = (tmp_path / "b.mcap").read_bytes()
+    rebuild = rebuilding.rebuild
+
+    def badly(found: Any, part: Path, *rest: Any) -> Any:
+        kept = rebuild(found, part, *rest)
+        part.write_bytes(other)
+        return kept
+
+    monkeypatch.setattr(rebuilding, "rebuild", badly)
+    with pytest.raises(NotAsWrittenError, match="not those of the source"):
+        recover(tmp_path / "a.mcap", tmp_path / "out.mcap")
+    assert not list(tmp_path.glob("out*"))
+    assert (tmp_path / "a.mcap").read_bytes() == data
+
+
+def test_four_times_the_log_takes_no_more_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In pieces of 200 samples: it grows by less than half of what the samples that the longer log has more take."""
+    monkeypatch.setattr(pieces, "ROWS", 200)
+    # what is held of a file and of columns at a time, whatever is in them
+    monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
+    monkeypatch.setattr(columns, "_BLOCK", 200)
+    most = []
+    for count in (2000, 8000):
+        path = tmp_path / f"{count}.mcap"
+        log = LogWriter(path, SessionInfo(rate_hz=100, kind="simulated"), "", START)
+        for k, row in enumerate(np.random.default_rng(1).normal(size=(count, 6))):
+            log.imu(START + k * 10_000_000, START + k * 10_000_000, row[:3], row[3:])
+            if k % 50 == 49:
+                log.flush()
+        log.finish({}, START)
+        tracemalloc.start()
+        try:
+            document = recover(path, tmp_path / "out.mcap", True)
+            most.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+        assert document["samples"] == count
+    assert most[1] - most[0] < 0.5 * 6000 * 7 * 8

@@ -1,0 +1,56 @@
+"""What is wrong with samples is told alike, whether they come at once or one by one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imutui.logbook.sample_check import SampleCheck
+
+FAULTS = {
+    "no number": "is not a number",
+    "infinite": "is not a number",
+    "too large": "beyond anything",
+    "back": "time does not increase",
+    "twice": "time does not increase",
+    "no time": "are no times",
+    "nothing read": "no reading in any channel",
+    "": "",
+}
+
+
+def spoil(fault: str, rng: np.random.Generator, stamps: np.ndarray, readings: np.ndarray) -> None:
+    row, channel = rng.integers(1, stamps.size), rng.choice([0, 1, 2, 3, 5])
+    match fault:
+        case "no number" | "infinite" | "too large":
+            readings[row, channel] = {"no number": np.nan, "infinite": np.inf, "too large": -2e6}[fault]
+        case "back" | "twice":
+            stamps[row] = stamps[row - 1] - (fault == "back")
+        case "no time":
+            stamps[row] = rng.choice([-1, 2**62])
+        case "nothing read":
+            readings[:] = np.nan
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_told_with_its_sample_however_the_samples_come(fault: str) -> None:
+    """Alone or with another one, in logs that lack a channel or none: the same sentence, the sample's number in it."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        stamps, readings = 10**18 + 10**7 * np.arange(60), rng.normal(size=(60, 6))
+        readings[:, 4] = np.nan if seed % 3 else 0.0
+        spoil(fault, rng, stamps, readings)
+        alone = seed % 2 == 0
+        if not alone:
+            spoil(rng.choice(list(FAULTS)), rng, stamps, readings)
+        said = []
+        for size in (60, 7, 1):
+            check = SampleCheck()
+            for first in range(0, 60, size):
+                rows = slice(first, first + size)
+                check.take(stamps[rows], readings[rows, :3], readings[rows, 3:])
+            said.append((check.trouble(Path("a.mcap")), check.lacks.tolist()))
+        assert said[1] == said[2] == said[0]
+        if alone:
+            assert FAULTS[fault] in said[0][0]
+            assert bool(said[0][0]) == bool(fault)
