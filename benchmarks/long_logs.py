@@ -1,10 +1,10 @@
-"""Memory and time of replay, export, check and info on logs of an hour to a day at 133 Hz; a week is computed.
+"""Memory and time of replay, export, check, info and recover on logs of an hour to a day; a week is computed.
 
     python benchmarks/long_logs.py [--hours 1 6 24] [--keep DIR]
     python benchmarks/long_logs.py --hours 1 --commands check info --against CHECKOUT [--rounds 5]
 
-Simulated. Each command is a process of its own; memory is the most that it ever had resident, time that of its
-processor. A command whose memory is flat has the same figure in every row; "a week" goes on with the last two rows'
+Simulated, at 133 Hz. Each command is a process of its own; memory is the most that it ever had resident, time that of
+its processor. A command whose memory is flat has the same figure in every row; "a week" goes on with the last two rows'
 slope. The second measures another version in turn with this one, and says the ratio of their least times.
 """
 
@@ -30,11 +30,13 @@ WEEK_H = 168.0
 HERE = Path(__file__).resolve().parents[1]
 COMMANDS = {
     "replay": ("replay", "{log}", "--json"),
+    "replay, its noise": ("replay", "{log}", "--json", "--set", "filter.noise=log"),
     "export csv": ("export", "{log}", "-o", "{out}.csv", "--force"),
     "export npz": ("export", "{log}", "-o", "{out}.npz", "--force"),
     "export parquet": ("export", "{log}", "-o", "{out}.parquet", "--force"),
     "check": ("check", "{log}"),
     "info": ("info", "{log}"),
+    "recover": ("recover", "{log}", "-o", "{out}.mcap", "--force"),
 }
 
 
@@ -83,7 +85,7 @@ def compare(name: str, log: Path, folder: Path, other: Path, rounds: int) -> Non
     costs = [[measured(COMMANDS[name], log, folder, checkout) for checkout in (other, HERE)] for _ in range(rounds)]
     before, now = (min(costs, key=lambda cost: cost.cpu_s) for costs in zip(*costs, strict=True))
     print(
-        f"{log.name}: {name:<14} {before.cpu_s:.2f} s, {before.memory_mb:.0f} MB before;"
+        f"{log.name}: {name:<17} {before.cpu_s:.2f} s, {before.memory_mb:.0f} MB before;"
         f" {now.cpu_s:.2f} s, {now.memory_mb:.0f} MB now; time now over before {now.cpu_s / before.cpu_s:.2f}",
         flush=True,
     )
@@ -122,12 +124,12 @@ def main() -> None:
                     continue
                 cost = measured(COMMANDS[name], log, folder)
                 costs[name].append(cost)
-                print(f"{hours:5g} h  {name:<14} {cost.memory_mb:7.0f} MB  {cost.cpu_s:7.1f} s", flush=True)
+                print(f"{hours:5g} h  {name:<17} {cost.memory_mb:7.0f} MB  {cost.cpu_s:7.1f} s", flush=True)
     for name, found in costs.items():
         if len(found) > 1:
             memory = _week(options.hours, [cost.memory_mb for cost in found])
             cpu = _week(options.hours, [cost.cpu_s for cost in found])
-            print(f"a week, computed: {name:<14} {memory:7.0f} MB  {cpu:7.0f} s")
+            print(f"a week, computed: {name:<17} {memory:7.0f} MB  {cpu:7.0f} s")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Allan deviation, and the noise levels read from it: white noise and random walk of each channel.
+"""Allan deviation, of all samples at once or of a stream of any length, and the noise levels read from it.
 
 Input are equally spaced samples of a still sensor, without gaps and without NaN: stretches between gaps are to be cut
 out by the caller. Leaves out ramps (warm-up), which come out as random walk, and any name for what a bump means.
@@ -10,6 +10,7 @@ analysis", NIST SP 1065, 2008 (overlapping estimator, section 5.2.4; degrees of 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ SETTLED = 0.03
 five of its time constants (6.4 ms) the Allan variance is not yet that of white noise."""
 
 MIN_TAUS = 5
+_AT_ONCE = 2**14
 _ROUNDS = 10
 # correlation of the variance's overlapping estimates at m and 2^j m, white noise; negligible beyond
 _CORRELATION_SCALE = 32
@@ -38,6 +40,15 @@ class NoiseLevels:
     white_sd: Array  # standard deviation of `white`, from the degrees of freedom of each averaging time
     instability: Array  # B, unit: the flat part of the Allan deviation. B² of AVAR.
     drift: Array  # random walk of the rate K, unit/√s; 0 where none shows. K² τ/3 of AVAR.
+
+
+@dataclass(frozen=True, slots=True)
+class AllanTable:
+    """Allan deviations of several channels."""
+
+    factors: NDArray[np.int64]  # samples in each mean
+    deviation: Array  # in the samples' unit
+    dof: Array  # equivalent degrees of freedom of each deviation's square
 
 
 def deviation(x: Array, period: float, factors: NDArray[np.int_] | None = None) -> tuple[Array, Array]:
@@ -111,13 +122,114 @@ def noise_of(x: Array, period: float) -> NoiseLevels:
     if not period > 0.0:
         raise ValueError(f"`period` is {period} s, not positive")
     x = x[:, None] if x.ndim == 1 else x
+    factors = _settled(x.shape[0], period)
+    return _levels(factors, deviation(x, period, factors)[1], x.shape[0], period)
+
+
+class RunningAllan:
+    """Allan deviation of a stream of samples in bounded memory; no difference is taken across an interruption.
+
+    Overlapping up to `overlap` samples in a mean, and beyond that at a stride of the mean's length over `overlap`:
+    already at 8 this costs next to no degrees of freedom, and at thousands it is the same number to many digits.
+
+    `channels`: values of a sample.
+    `overlap`: a power of two.
+    """
+
+    def __init__(self, channels: int, overlap: int = 8) -> None:
+        self._channels, self._overlap = channels, overlap
+        self._levels: list[_Level] = []
+        self._first: NDArray[Any] | None = None
+
+    def add(self, samples: NDArray[Any]) -> None:
+        """Take the next samples, (n, k): sums of whole numbers stay exact for ever."""
+        if self._first is None and len(samples):
+            self._first = samples[0].copy()
+        for at in range(0, len(samples), _AT_ONCE):
+            # differences know no constant, and without it sums and their rounding stay small
+            block, number = samples[at : at + _AT_ONCE] - self._first, 0
+            while len(block):
+                if number == len(self._levels):
+                    factors = [self._overlap] if number else octaves(1, self._overlap).tolist()
+                    self._levels.append(_Level(self._channels, factors))
+                block = self._levels[number].add(block)
+                number += 1
+
+    def interrupt(self) -> None:
+        """Take note that the next samples do not follow those before."""
+        for level in self._levels:
+            level.interrupt()
+
+    def table(self) -> AllanTable:
+        """Deviations for averaging times of an octave each, up to a third of what there is."""
+        factors, deviations, dof = [], [], []
+        for number, level in enumerate(self._levels):
+            for m, squares, count in zip(level.factors, level.squares, level.counts.tolist(), strict=True):
+                factor, differences = m << number, count << number
+                if differences >= factor:
+                    factors.append(factor)
+                    deviations.append(np.sqrt(squares / (2.0 * count)) / factor)
+                    # as of one stretch that has as many differences; several stretches have a little more
+                    dof.append(degrees_of_freedom(differences + 2 * factor - 1, np.array([factor]))[0])
+        shape = (len(factors), self._channels)
+        return AllanTable(np.array(factors, np.int64), np.reshape(np.array(deviations, float), shape), np.array(dof))
+
+    def noise(self, period: float) -> NoiseLevels:
+        """Levels of samples that were never interrupted, as `noise_of`.
+
+        `period`: sample period, s.
+        Raises ValueError if they are too few for five averaging times.
+        """
+        count = int(self._levels[0].counts[0]) + 1 if self._levels else 0
+        factors, table = _settled(count, period), self.table()
+        return _levels(factors, table.deviation[np.isin(table.factors, factors)], count, period)
+
+
+class _Level:
+    """Sums over spans of one length: squares of their second differences, and the sums of pairs for the next level."""
+
+    def __init__(self, channels: int, factors: list[int]) -> None:
+        self.factors = factors
+        self.squares: Array = np.zeros((len(factors), channels))
+        self.counts = np.zeros(len(factors), np.int64)
+        self._nothing: NDArray[Any] = np.zeros((0, channels), np.int64)
+        self._before = self._odd = self._nothing
+
+    def interrupt(self) -> None:
+        """Forget what the next sums would be compared with."""
+        self._before = self._odd = self._nothing
+
+    def add(self, sums: NDArray[Any]) -> NDArray[Any]:
+        """Take the next sums, (n, k); returns sums of pairs."""
+        old, every = len(self._before), np.concatenate([self._before, sums])
+        total = np.concatenate([np.zeros_like(every[:1]), np.cumsum(every, axis=0)])
+        for i, m in enumerate(self.factors):
+            # only differences that end with a sum that is new
+            part = total[max(old + 1 - 2 * m, 0) :]
+            if len(part) > 2 * m:
+                second = (part[2 * m :] - 2 * part[m:-m] + part[: -2 * m]).astype(float)
+                self.squares[i] += np.einsum("ij,ij->j", second, second)
+                self.counts[i] += len(second)
+        self._before = every[-(2 * max(self.factors) - 1) :]
+        pairs = np.concatenate([self._odd, sums])
+        even = len(pairs) - len(pairs) % 2
+        self._odd = pairs[even:]
+        return np.asarray(pairs[:even:2] + pairs[1:even:2])
+
+
+def _settled(count: int, period: float) -> NDArray[np.int_]:
+    """Averaging factors that noise is read from, of so many samples."""
     first = int(2 ** np.ceil(np.log2(max(SETTLED / period, 1.0)) - 1e-9))
-    factors = octaves(first, x.shape[0] // 4)
+    factors = octaves(first, count // 4)
     if factors.size < MIN_TAUS:
         needed = 4 * first * 2 ** (MIN_TAUS - 1)
-        raise InputError(f"`x` has {x.shape[0]} samples: noise takes {needed} ({needed * period:.3g} s) at this period")
-    tau, adev = deviation(x, period, factors)
-    dof = degrees_of_freedom(x.shape[0], factors)
+        raise InputError(f"`x` has {count} samples: noise takes {needed} ({needed * period:.3g} s) at this period")
+    return factors
+
+
+def _levels(factors: NDArray[np.int_], adev: Array, count: int, period: float) -> NoiseLevels:
+    dof = degrees_of_freedom(count, factors)
+    tau = np.asarray(factors * period, float)
     levels = np.array([_fit(tau, column**2, dof) for column in adev.T])
     return NoiseLevels(*levels.T)
 

@@ -128,7 +128,7 @@ def replayed(
     log_sha256 = reader.sha256(path)
     read_s = time.perf_counter() - started
 
-    info, settings = prepare(log, fed.first, options)
+    info, settings = prepare(log, fed.first, options, parts=fed.parts)
     course = ReplayCourse(info, fed.seconds) if options.course else None
     points = ReplayPoints(info, fed.seconds) if options.points else None
     wanted = [taker.every for taker in (course, points) if taker is not None]
@@ -143,7 +143,7 @@ def replayed(
     temperature = replay_input.Temperatures()
     started = time.perf_counter()
     try:
-        for rows in run(estimator, temperature.seen(fed.parts), fed.seconds, options.speed, progress):
+        for rows in run(estimator, temperature.seen(fed.parts()), fed.seconds, options.speed, progress):
             for taker in (course, points):
                 if taker is not None:
                     taker.take(rows, estimator)
@@ -181,9 +181,9 @@ def replayed(
 
 
 def _fed(path: Path, options: ReplayOptions) -> Feed:
-    """Samples of a log: those of a long one in pieces, unless something has to be looked for in all of them first."""
+    """Samples of a log: those of a long one in pieces, unless something has to be looked for in all of them at once."""
     known = replay_input.outline_of_long(path)
-    if known is None or not known.log.own or known.lacks.any() or _needs_all(known.log, options):
+    if known is None or not known.log.own or known.lacks.any() or _is_aligned(known.log, options):
         fed = replay_input.whole(path, options.start, options.end)
         part = fed.first
         filled = unread_filled.filled(part.t, part.gyro, part.accel, session_of(fed.log, options), path)
@@ -191,11 +191,10 @@ def _fed(path: Path, options: ReplayOptions) -> Feed:
     return replay_input.in_pieces(known, options.start, options.end)
 
 
-def _needs_all(log: Log, options: ReplayOptions) -> bool:
-    """Whether noise is measured on the log, or a profile's place in time is found in it."""
-    info = session_of(log, options)
-    motion = motion_of(log, info, options, 0.0)
-    return info.noise == FROM_LOG or (isinstance(motion, Profile) and motion.align == "gyro")
+def _is_aligned(log: Log, options: ReplayOptions) -> bool:
+    """Whether a profile's place in time is found in the samples."""
+    motion = motion_of(log, session_of(log, options), options, 0.0)
+    return isinstance(motion, Profile) and motion.align == "gyro"
 
 
 def _nothing_used(info: SessionInfo) -> str:
@@ -208,11 +207,15 @@ def _nothing_used(info: SessionInfo) -> str:
 
 
 def prepare(
-    log: Log, part: Part, options: ReplayOptions, advice: str = ". --effects none leaves effects out"
+    log: Log,
+    part: Part,
+    options: ReplayOptions,
+    advice: str = ". --effects none leaves effects out",
+    parts: Callable[[], Iterable[Part]] | None = None,
 ) -> tuple[SessionInfo, Settings]:
     """Session and settings of a replay: the log's own, what is overridden, and what is measured on the samples.
 
-    `advice` follows the reason why effects cannot be.
+    `part` is the first of `parts`, or all of them; `advice` follows the reason why effects cannot be.
     """
     info = session_of(log, options)
     if options.start:
@@ -222,7 +225,7 @@ def prepare(
     offset, offset_sd = -part.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
-    noise = log_noise.measured(info, part) if info.noise == FROM_LOG else None
+    noise = log_noise.measured(info, parts or (lambda: [part])) if info.noise == FROM_LOG else None
     try:
         content = effects_of(log, options)
         _refuse_twice(log.info, content)

@@ -1,8 +1,7 @@
 """Samples of a log on their way to a filter: all at once, or in pieces where the log is long."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -38,19 +37,19 @@ class Feed:
 
     log: Log  # what else it holds; without samples where they come in pieces
     first: Part  # the first samples; all of them where they come at once
-    parts: Iterator[Part]  # all samples in order, once; times count from the first one
+    parts: Callable[[], Iterator[Part]]  # gives all samples in order, anew by each call; times count from the first one
     seconds: float  # how long they are
 
     def with_part(self, part: Part) -> "Feed":
         """Another part instead of the only one."""
-        return replace(self, first=part, parts=iter([part]))
+        return replace(self, first=part, parts=lambda: iter([part]))
 
 
 def whole(path: Path, start: float | None, end: float | None) -> Feed:
     """All samples of a log in one part; see `select`."""
     log = reader.read(path)
     part = select(log, start, end)
-    return Feed(log, part, iter([part]), float(part.t[-1]))
+    return Feed(log, part, lambda: iter([part]), float(part.t[-1]))
 
 
 def outline_of_long(path: Path) -> Outline | None:
@@ -59,7 +58,7 @@ def outline_of_long(path: Path) -> Outline | None:
         long = path.stat().st_size > WHOLE_BYTES
     except OSError:
         return None  # whoever opens it says why not
-    return pieces.outline(path) if long else None
+    return pieces.outline(path, pieces.ROWS) if long else None
 
 
 def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
@@ -69,15 +68,22 @@ def in_pieces(known: Outline, start: float | None, end: float | None) -> Feed:
     Raises InputError if no sample is left.
     """
     begin_ns = known.first_ns
-    chosen = (_chosen(piece, begin_ns, start, end) for piece in pieces.pieces(known, pieces.ROWS))
-    found = (piece for piece in chosen if piece.stamp_ns.size)
-    first = next(found, None)
+
+    def found() -> Iterator[Piece]:
+        chosen = (_chosen(piece, begin_ns, start, end) for piece in pieces.pieces(known, pieces.ROWS))
+        return (piece for piece in chosen if piece.stamp_ns.size)
+
+    first = next(found(), None)
     if first is None:
         raise InputError(_nothing_left(known.log.path, float(seconds_since(known.last_ns, begin_ns))))
     first_ns = int(first.stamp_ns[0])
-    parts = (_part(piece, first_ns, begin_ns) for piece in chain([first], found))
     last_ns = known.last_ns if end is None else min(known.last_ns, begin_ns + round(end * 1e9))
-    return Feed(known.log, _part(first, first_ns, begin_ns), parts, float(seconds_since(last_ns, first_ns)))
+    return Feed(
+        known.log,
+        _part(first, first_ns, begin_ns),
+        lambda: (_part(piece, first_ns, begin_ns) for piece in found()),
+        float(seconds_since(last_ns, first_ns)),
+    )
 
 
 def _chosen(piece: Piece, begin_ns: int, start: float | None, end: float | None) -> Piece:

@@ -9,11 +9,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from filters.allan import RunningAllan
 from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.specification import IMU400CD_200, ImuSpec
 from imutui.instrument.host import DataPacket
 from imutui.instrument.instrument import Scaling
-from imutui.session.running_allan import RunningAllan
 from imutui.session.running_spectrum import RunningSpectrum
 from imutui.session.snapshot import AllanSnapshot, HistogramSnapshot, SpectrumSnapshot, StatisticsSnapshot
 

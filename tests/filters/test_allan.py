@@ -154,3 +154,27 @@ def test_bad_arguments_are_errors_in_words() -> None:
         allan.noise_of(np.ones(60), 0.05)
     with pytest.raises(ValueError, match="`period` is -1"):
         allan.noise_of(x, -1.0)
+
+
+def test_noise_of_a_stream_is_that_of_all_samples_at_once() -> None:
+    """To the last digits while all differences are taken; by thousandths of its standard deviation beyond."""
+    x = drifting(5, 30000, 0.05, 1.0, 0.02) + np.array([9.8, 0.0, -1000.0])
+    whole = allan.noise_of(x, 0.05)
+    for overlap, rtol, sd in ((8192, 1e-9, 1e-9), (512, 1e-2, 2e-3)):
+        running = allan.RunningAllan(3, overlap)
+        for block in np.split(x, np.sort(np.random.default_rng(overlap).integers(0, 30000, 40))):
+            running.add(block)
+        found = running.noise(0.05)
+        assert np.all(np.abs(found.white - whole.white) < sd * whole.white_sd)
+        assert np.allclose([found.drift, found.white_sd], [whole.drift, whole.white_sd], rtol=rtol)
+
+
+def test_noise_of_a_short_or_stuck_stream_is_told_as_of_all_at_once() -> None:
+    """Too few samples, or none, and a channel of one value."""
+    running = allan.RunningAllan(1)
+    for count in (0, 60):
+        running.add(np.ones((count, 1)))
+        with pytest.raises(ValueError, match=f"has {count} samples: noise takes 64"):
+            running.noise(0.05)
+    running.add(np.full((40, 1), 1.0))
+    assert running.noise(0.05).white.tolist() == [0.0]

@@ -1,5 +1,6 @@
 """A long log is replayed in pieces: the same to the last bit as one that is read at once, whatever the pieces."""
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,16 +10,16 @@ import pytest
 from helpers.paths import SAMPLE
 
 from filters import simulation
-from imutui.jobs import replay_input
+from imutui.jobs import log_noise, replay_input
 from imutui.jobs.replay import ReplayOptions, replayed
-from imutui.logbook import SessionInfo, pieces, reader, schemas
+from imutui.logbook import SessionInfo, columns, mcap_stream, pieces, reader, schemas
 from imutui.logbook.writer import LogWriter
 
 TIMINGS = ("filter_s", "read_s", "steps_per_s", "times_real_time")
 
 
-def still(path: Path, seconds: float = 60.0, reference: str = "level") -> Path:
-    """A simulated log with a pause of 3 s, samples that are no readings, and temperatures."""
+def still(path: Path, seconds: float = 60.0, reference: str = "level", *, bursts: bool = False) -> Path:
+    """A simulated log with a pause of 3 s, samples that are no readings, and temperatures; or one stamped in bursts."""
     samples, _ = simulation.simulate(rate_hz=20.0, seconds=seconds, seed=4)
     info = SessionInfo(rate_hz=20.0, reference=reference, kind="simulated")
     log = LogWriter(path, info, "", 0)
@@ -26,7 +27,7 @@ def still(path: Path, seconds: float = 60.0, reference: str = "level") -> Path:
     for k, t in enumerate(samples.t.tolist()):
         if 20.0 < t < 23.0:
             continue
-        stamp = base + round(t * 1e9)
+        stamp = base + round((t - 0.0499 * (k % 4) if bursts else t) * 1e9)
         log.imu(stamp, stamp, samples.gyro[k], samples.accel[k], valid=k % 97 != 5)
         if k % 7 == 0:
             log.encoded(schemas.TEMPERATURE, schemas.encode_temperature(stamp, 20.0 + t / 10.0), stamp, stamp)
@@ -101,13 +102,47 @@ def _estimates(path: Path) -> list[Any]:
         return [message for _, _, message in make_reader(stream).iter_messages(topics=[schemas.ESTIMATE])]
 
 
-def test_what_needs_the_whole_log_gets_it(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
-    """Noise that is measured on the log: read at once, however long."""
-    path = still(tmp_path / "a.mcap")
+@pytest.mark.parametrize("bursts", [False, True])
+def test_noise_measured_in_pieces_is_that_of_the_whole(
+    tmp_path: Path, in_pieces: Callable[[int], None], bursts: bool
+) -> None:
+    """Of the longest stretch between gaps, which lies in many pieces; in a log of bursts, which are no gaps, of all."""
+    path = still(tmp_path / "a.mcap", bursts=bursts)
     options = ReplayOptions(overrides={"noise": "log"})
-    whole = result(path, options)
+    whole = replayed(path, options).result
+    assert whole["gaps"]
+    for rows in (1, 200):
+        in_pieces(rows)
+        known = replay_input.outline_of_long(path)
+        assert known is not None
+        found = replayed(path, options).result
+        for name, values in whole["noise"]["used"].items():
+            if name != "source":
+                assert found["noise"]["used"][name] == pytest.approx(values, rel=1e-9)
+        assert found["final"]["gyro_bias_dps"] == pytest.approx(whole["final"]["gyro_bias_dps"], rel=1e-6)
+
+
+def test_noise_of_a_longer_log_takes_no_more_memory(
+    tmp_path: Path, in_pieces: Callable[[int], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Replayed in pieces of 200 samples: it grows by less than half of what the further samples themselves take."""
+    # what is held of a file, of columns and of the longest means at a time, whatever is in them
+    monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
+    monkeypatch.setattr(columns, "_BLOCK", 200)
+    monkeypatch.setattr(log_noise, "_OVERLAP", 64)
+    options = ReplayOptions(overrides={"noise": "log"})
     in_pieces(200)
-    assert result(path, options) == whole
+    replayed(still(tmp_path / "first.mcap"), options)
+    most = []
+    for seconds in (100.0, 400.0):
+        path = still(tmp_path / f"{seconds}.mcap", seconds)
+        tracemalloc.start()
+        try:
+            replayed(path, options)
+            most.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert most[1] - most[0] < 0.5 * 6000 * 7 * 8
 
 
 def test_an_empty_part_of_a_long_log_is_refused_in_words(tmp_path: Path, in_pieces: Callable[[int], None]) -> None:
@@ -126,7 +161,7 @@ def test_no_more_than_a_piece_is_held(tmp_path: Path, in_pieces: Callable[[int],
         known = replay_input.outline_of_long(path)
         assert known is not None
         fed = replay_input.in_pieces(known, None, None)
-        lengths = [part.t.size for part in fed.parts]
+        lengths = [part.t.size for part in fed.parts()]
         assert sum(lengths) == np.count_nonzero(reader.read(path).valid)
         longest.append(max(lengths))
     assert longest[1] <= longest[0] + 50 < 800

@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from filters import allan
+from filters.allan import RunningAllan
 from imutui.instrument.imu400.crossbow import Packet, Scaling
 from imutui.instrument.imu400.messages import Mode
 from imutui.session.channel_statistics import ChannelStatistics
-from imutui.session.running_allan import RunningAllan
 from imutui.session.running_spectrum import LENGTHS, RunningSpectrum
 
 Integers = NDArray[np.int64]
