@@ -8,6 +8,7 @@ What is no command: `exit_codes` how a command ends · `options`, `session_optio
 130 interrupted. Each command imports what it needs when it runs, so that help is instant.
 """
 
+import atexit
 import gc
 import os
 import sys
@@ -113,7 +114,9 @@ def main() -> None:
     # a filter step works on 15×15 matrices: threads of the linear algebra library only get in each other's way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # what is loaded stays: looking through it for garbage takes longer than loading much of it
-    gc.set_threshold(10_000, 5, 5)
+    gc.set_threshold(30_000, 5, 5)
+    # and so does looking through all of it once more when Python ends
+    atexit.register(gc.freeze)
     try:
         try:
             _app(prog_name="imutui")
