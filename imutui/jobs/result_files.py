@@ -19,8 +19,8 @@ VERSION = 1
 LIMIT = 64 * 2**20
 """Longest file of results, bytes."""
 _FILTERED = (
-    "sd", "spread", "converged", "converged_s", "nis", "noise", "effects", "gaps", "rejected", "reference", "mount",
-    "accel_sign", "measurements", "seed", "config_sha256",
+    "duration_s", "sd", "spread", "converged", "converged_s", "nis", "noise", "effects", "gaps", "rejected",
+    "reference", "mount", "accel_sign", "measurements", "seed", "config_sha256",
 )  # fmt: skip
 """What a result has in which a filter ran."""
 _ENDS = 2
@@ -110,8 +110,14 @@ def _problem(document: object) -> str:
         return f"it is version {version}, of a newer imutui; this one reads version {VERSION}"
     if "findings" in document:
         told = document_shape.problem(document, TraceDocument, "result")
-        return told or ("" if document["runs"] else "`result.runs` is empty") or _uneven(document) or _effects(document)
-    return document_shape.problem(document, ResultDocument, "result") or _unfiltered(document)
+        told = told or ("" if document["runs"] else "`result.runs` is empty") or _nameless(document["runs"])
+        return told or _uneven(document) or _effects(document)
+    told = document_shape.problem(document, ResultDocument, "result")
+    return told or _nameless([document]) or _unfiltered(document)
+
+
+def _nameless(of_logs: list[dict[str, Any]]) -> str:
+    return next((f"`log` is {of['log']!r}, the name of no file" for of in of_logs if not Path(of["log"]).name), "")
 
 
 def _effects(document: dict[str, Any]) -> str:

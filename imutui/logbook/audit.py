@@ -131,11 +131,8 @@ def take_note(known: Audit, part: Part) -> None:
     known.packets += part.packets.size
     for word, count in zip(*np.unique(part.packets["status"], return_counts=True), strict=True):
         known.statuses[int(word)] = known.statuses.get(int(word), 0) + int(count)
-    degc = part.temperature_degc
+    degc = part.temperature_degc[np.isfinite(part.temperature_degc)]
     if degc.size:
         before = known.temperatures or Temperatures(float(degc[0]), 0.0, np.inf, -np.inf)
-        least, greatest = (
-            float(np.minimum(before.least, degc.min())),  # NaN stays one
-            float(np.maximum(before.greatest, degc.max())),
-        )
+        least, greatest = min(before.least, float(degc.min())), max(before.greatest, float(degc.max()))
         known.temperatures = Temperatures(before.first, float(degc[-1]), least, greatest)
