@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 from helpers import environment
 from helpers.paths import DATA, SAMPLE
@@ -19,6 +20,13 @@ TOLD = "told_of_compiling.txt"
 
 
 environment.make()
+
+
+def pytest_configure() -> None:
+    """No example is wrong because a busy machine is slow."""
+    slow = [hypothesis.HealthCheck.too_slow]
+    hypothesis.settings.register_profile("busy", hypothesis.settings(), deadline=None, suppress_health_check=slow)
+    hypothesis.settings.load_profile("busy")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:

@@ -91,8 +91,11 @@ def test_an_interrupted_campaign_goes_on_where_it_was(
     line = command_line("campaign", str(logs), "-o", "results", "--workers", "2")
     with started(line, start_new_session=True) as run:
         wait_until(lambda: lines(results) >= 20, LIMIT_S)
+        # held, or it could be done before another one has begun
+        os.killpg(run.pid, signal.SIGSTOP)
         refused = imutui("campaign", str(logs), "-o", "results", check=2)
         os.killpg(run.pid, signal.SIGINT)
+        os.killpg(run.pid, signal.SIGCONT)
         _, err = run.communicate(timeout=LIMIT_S)
     assert "another campaign is writing" in refused.stderr
     assert run.returncode == 130, err

@@ -240,6 +240,6 @@ def test_a_run_of_eleven_minutes_takes_a_fraction_of_a_second() -> None:
     """87 000 readings of six channels."""
     rng = np.random.default_rng(0)
     t, reading = np.arange(87000) / 133.3, rng.standard_normal((87000, 6))
-    start = time.perf_counter()
+    start = time.process_time()
     faults.find(t, reading, np.zeros((1, 6)), None)
-    assert time.perf_counter() - start < 2.0
+    assert time.process_time() - start < 2.0

@@ -588,14 +588,14 @@ def test_simulate_gives_what_a_filter_with_that_specification_believes() -> None
 
 
 def test_an_hour_takes_seconds() -> None:
-    """Ten minutes of a moving unit at full rate in less than two seconds, so that campaigns are affordable."""
+    """Ten minutes of a moving unit at full rate in less than 2 s of a processor, so that campaigns are affordable."""
     scene = Scenario(
         profile=Profile((Rate("inner", 30 * DEG, 500.0), Sine("middle", 0.2, 0.5, 90.0))), effects=MANY[:4]
     )
-    began = time.perf_counter()
+    began = time.process_time()
     r = recorded(scene, 0, 600.0, LOOP_HZ)
     assert r.number.size == 80000
-    assert time.perf_counter() - began < 2.0
+    assert time.process_time() - began < 2.0
 
 
 WRONG = [

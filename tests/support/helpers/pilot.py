@@ -1,10 +1,13 @@
 """What pilot tests share: the screen as text, and waiting without sleeping."""
 
+import contextlib
+import time
 from collections.abc import Callable
 from typing import Any
 
-from textual.pilot import Pilot
+from textual.pilot import Pilot, WaitForScreenTimeout
 
+from helpers.processes import LIMIT_S
 from imutui.tui.app import ImutuiApp
 
 SMALLEST = (80, 24)
@@ -16,13 +19,14 @@ def text_of(app: ImutuiApp) -> str:
     return "\n".join("".join(segment.text for segment in strip) for strip in strips)
 
 
-async def until(pilot: Pilot[Any], truth: Callable[[], object], rounds: int = 200) -> None:
+async def until(pilot: Pilot[Any], truth: Callable[[], object]) -> None:
     """Let the application go on until something is true."""
-    for _ in range(rounds):
-        if truth():
-            return
-        await pilot.pause(0.02)
-    raise AssertionError(f"not true in time; the screen:\n{text_of(pilot.app)}")  # type: ignore[arg-type]
+    deadline = time.monotonic() + LIMIT_S
+    while not truth():
+        assert time.monotonic() < deadline, f"not true in time; the screen:\n{text_of(pilot.app)}"  # type: ignore[arg-type]
+        # a busy machine's screen may not have done with its messages after Textual's 30 s
+        with contextlib.suppress(WaitForScreenTimeout):
+            await pilot.pause(0.02)
 
 
 async def shows(pilot: Pilot[Any], *texts: str) -> str:

@@ -14,7 +14,7 @@ LIMIT_S = 120.0
 """Longer than anything that is waited for takes on a busy machine."""
 
 
-def wait_until(true: Callable[[], bool], timeout: float = 60.0, pause: float = 0.02) -> None:
+def wait_until(true: Callable[[], bool], timeout: float = LIMIT_S, pause: float = 0.02) -> None:
     """Wait for a state of affairs; fails if it does not come. It is looked at after a pause (s), again and again."""
     deadline = time.monotonic() + timeout
     while not true():

@@ -26,7 +26,6 @@ from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.widgets.option_rows import OptionRows
 
 SIZES = [SMALLEST, (120, 40)]
-_PATIENCE = 6000
 
 
 def _app(client: FakeClient | None) -> ImutuiApp:
@@ -140,7 +139,7 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
         await to_logs(pilot)
         await pilot.press("p")
         await shows(pilot, "replay of whole.mcap", "Esc cancels")
-        await until(pilot, over(pilot.app), _PATIENCE)
+        await until(pilot, over(pilot.app))
         await shows(pilot, "converged", "x gyro", "z accel", "Table 1", "of limit", "y copies")
         await pilot.press("s")
         await shows(pilot, "whole_replay.json")
@@ -181,10 +180,10 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
         await shows(pilot, "one at a time")
         await pilot.press("2")
         await shows(pilot, "gx", "counts")
-        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await until(pilot, lambda: not page.busy())
         await shows(pilot, "is done: 6 shows it")
         await pilot.press("6")
-        await until(pilot, over(pilot.app), _PATIENCE)
+        await until(pilot, over(pilot.app))
         await shows(pilot, "trace of turns.mcap", "gx  ")
         await pilot.press("s", "w")
         await shows(pilot, "turns_effects.toml")
@@ -214,7 +213,7 @@ async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, mo
         await shows(pilot, "Cancel replay of whole.mcap?", "nothing of it is kept", "let it go on")
         await pilot.press("y")
         held[0].send_signal(signal.SIGCONT)
-        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await until(pilot, lambda: not page.busy())
         await shows(pilot, "cancelled: replay of whole.mcap")
     assert sorted((home / "logs").iterdir()) == before
 
@@ -224,7 +223,7 @@ async def test_a_job_that_fails_says_why(client: FakeClient) -> None:
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot)
         await pilot.press("t")
-        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await until(pilot, lambda: not page.busy())
         await shows(pilot, "tracing needs at least 60 s", "3 recordings")
 
 
@@ -233,17 +232,17 @@ async def test_a_cut_recording_is_checked_and_recovered(client: FakeClient, home
     async with _app(client).run_test(size=SMALLEST) as pilot:
         await to_logs(pilot, "cut")
         await pilot.press("c")
-        await until(pilot, over(pilot.app), _PATIENCE)
+        await until(pilot, over(pilot.app))
         await shows(pilot, "check of cut.mcap", "finding")
         await pilot.press("escape")
         await shows(pilot, "3 recordings")
         await pilot.press("v")
-        await until(pilot, over(pilot.app), _PATIENCE)
+        await until(pilot, over(pilot.app))
         await shows(pilot, "read back and found as written", "cut_recovered.mcap")
         await pilot.press("escape")
         await shows(pilot, "4 recordings", "cut_recovered")
         await pilot.press("i")
-        await until(pilot, over(pilot.app), _PATIENCE)
+        await until(pilot, over(pilot.app))
         await shows(pilot, "info of")
     assert (home / "logs" / "cut_recovered.mcap").exists()
 
@@ -328,7 +327,7 @@ async def test_why_a_job_came_to_nothing_is_said_on_its_own_page(client: FakeCli
         await pilot.press("t")
         await shows(pilot, "trace of ", "Esc cancels")
         await pilot.press("2")
-        await until(pilot, lambda: not page.busy(), _PATIENCE)
+        await until(pilot, lambda: not page.busy())
         said = await shows(pilot, "came to nothing: 6 says why")
         assert "at least 60 s" not in said
         await pilot.press("6")
