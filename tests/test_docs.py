@@ -187,13 +187,13 @@ def test_the_example_of_an_effects_file_can_be_read(tmp_path: Path) -> None:
     assert [effect.effect for effect in document.effects] == ["thermal_lag"]
 
 
-def test_the_example_of_a_configuration_can_be_read(tmp_path: Path) -> None:
+def test_the_example_of_a_configuration_can_be_read(home: Path) -> None:
     """Each key in it is a setting, and its value fits."""
     ((_, text),) = example("configuration")
-    (tmp_path / config.FILE).write_text(text)
-    loaded = config.load({}, tmp_path)
+    (home / config.FILE).write_text(text)
+    loaded = config.load({}, home)
     assert not loaded.warnings
-    assert {key for key, setting in loaded.settings.items() if str(tmp_path) in setting.source} >= {"paths.logs"}
+    assert {key for key, setting in loaded.settings.items() if str(home) in setting.source} >= {"paths.logs"}
 
 
 def test_files_and_folders_named_in_the_pages_exist() -> None:

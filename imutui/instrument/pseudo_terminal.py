@@ -1,6 +1,7 @@
 """The unit's end of a pseudo-terminal, and the link that leads to it: it can hang up, and come back as another."""
 
 import contextlib
+import fcntl
 import os
 import termios
 import time
@@ -12,6 +13,9 @@ from typing import Self
 _BAUD_OF_TERMIOS = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
 }
+
+# asks whether TIOCEXCL is set; Python has no name for it
+_TIOCGEXCL = 0x80045440
 
 # What was written a moment ago is on its way through the kernel, and can be read only at its end.
 _ON_ITS_WAY_S = 0.005
@@ -94,6 +98,18 @@ class PseudoTerminal:
     def fileno(self) -> int:
         """Descriptor of the unit's end."""
         return self._unit
+
+    def release(self) -> None:
+        """Open it to everybody again after a host that was killed.
+
+        The kernel takes back that host's lock, but not its mark of exclusive use while this end is open: whoever is
+        not root would find the port in use for ever. A host that sets the mark without a lock loses it.
+        """
+        with contextlib.suppress(OSError):  # a host that lives has the lock; a driver without such marks needs nothing
+            if any(fcntl.ioctl(self._host, _TIOCGEXCL, bytes(4))):
+                fcntl.flock(self._host, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.ioctl(self._host, termios.TIOCNXCL)
+                fcntl.flock(self._host, fcntl.LOCK_UN)
 
     def host_baud(self) -> int:
         """Speed that the host has set: both ends share it. 0 if it is none that termios names."""

@@ -84,6 +84,7 @@ def serve(
                         on_line(text.decode())
             # never beyond what happens to the port, so that each byte meets the port that there was
             now = min(time.monotonic() - began, wire.next_port_change(last))
+            pty.release()
             baud = pty.host_baud()
             if line is None and now - last > _BACKLOG_S:
                 wire.forget(now - _BACKLOG_S, baud)

@@ -1,8 +1,10 @@
 """A virtual unit on a real pseudo-terminal, through pyserial; the unit is an IMU400CD."""
 
+import fcntl
 import io
 import os
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 import serial
 from helpers.ramp import Ramp, numbers, steps
+from reliability.ports import is_exclusive
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.faults import FaultyLine, LineFault
@@ -189,6 +192,19 @@ def test_bytes_left_unread_wait_for_the_next_host(served: Served) -> None:
     with served.open() as port:
         port.write(b"R")
         assert port.read(1) == b"H"
+
+
+def test_a_host_that_was_killed_leaves_the_port_to_the_next_one(served: Served) -> None:
+    """One that lives keeps it. Root may open it all the same, so the mark itself is looked at."""
+    host = os.open(served.port, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(host, fcntl.LOCK_EX)
+    fcntl.ioctl(host, termios.TIOCEXCL)
+    for _ in range(2):  # the unit has looked at the mark when it answers for the second time
+        os.write(host, b"R")
+        assert os.read(host, 1) == b"H"
+    assert is_exclusive(served.port)
+    os.close(host)  # as the kernel does for a process that was killed
+    _wait_for(lambda: not is_exclusive(served.port))
 
 
 def test_the_speed_of_a_pty_is_the_hosts(served: Served) -> None:
