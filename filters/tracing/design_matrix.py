@@ -21,7 +21,7 @@ from filters.channels import CHANNELS
 from filters.effects.hypothesis import Hypothesis
 from filters.tracing.columns import Term, columns_of_all
 from filters.tracing.stack import Stack
-from filters.tracing.whitening import NONE, Drift, unbiased, unbiased_parts, whiten, whitened_parts
+from filters.tracing.whitening import NONE, Drift, inverse_root, unbiased, unbiased_parts, whiten, whitened_parts
 from filters.types import Array
 
 VISIBLE = 1e-4
@@ -296,9 +296,7 @@ def inverse_of(A: Array) -> Array:
     """Inverse of a Gram matrix, of its visible part where columns are all but dependent."""
     if not A.size:
         return A
-    own = np.diag(A)
-    # nothing is told of a column that is nowhere to be seen: rounding over a small number would be anything
-    scale = np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    scale = inverse_root(np.diag(A))
     both = np.outer(scale, scale)
     values, vectors = np.linalg.eigh(A * both)
     keep = values > 1e-11 * values[-1]

@@ -10,7 +10,7 @@ from filters.effects.thermal_average import ThermalAverage
 from filters.tracing.assessment import Assessment
 from filters.tracing.findings import Finding
 from filters.tracing.noise_level import NoiseDriver
-from filters.tracing.whitening import Drift
+from filters.tracing.whitening import Drift, inverse_root
 from filters.types import Array
 
 _SPIKE = 7.0
@@ -37,8 +37,9 @@ def included_effects(assessment: Assessment) -> tuple[tuple[Included, ...], Arra
     correlation = np.eye(len(rows) + len(drifting) + 2 * len(tones))
     if rows:
         P = fit.covariance[np.ix_(rows, rows)]
-        scale = np.sqrt(np.diag(P))
-        correlation[: len(rows), : len(rows)] = P / np.outer(scale, scale)
+        scale = inverse_root(np.diag(P))
+        correlation[: len(rows), : len(rows)] = P * np.outer(scale, scale)
+        np.fill_diagonal(correlation, 1.0)  # also of a parameter that only a channel shows that is missing
         _free_averages(correlation, [(f.term.key in chosen.averages, f.term.size) for f in lasting])
     levels = [
         _noise_level(d)

@@ -246,13 +246,18 @@ def unbiased_parts(
         yield part
 
 
+def inverse_root(squares: Array) -> Array:
+    """One over the root of what is positive, 0 of a column that is nowhere to be seen."""
+    return np.where(squares > 0.0, 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0)), 0.0)
+
+
 def profile(whitened: Array) -> float:
     """Squared norm of the first column after the others were fitted to it."""
     gram = whitened.T @ whitened
     own = np.diag(gram)[1:]
     if not own.size:
         return float(gram[0, 0])
-    scale = np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    scale = inverse_root(own)
     right = gram[1:, 0] * scale
     theta = np.linalg.lstsq(gram[1:, 1:] * np.outer(scale, scale), right, rcond=1e-10)[0]
     return float(gram[0, 0] - right @ theta)

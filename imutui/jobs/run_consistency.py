@@ -151,11 +151,10 @@ def _seen(read: LoggedRun) -> _GriddedRun:
     expected = np.empty_like(made.y)
     made.mean([(lambda inputs: inputs.x, slice(0, 6))], expected)
     readings = made.y + expected
-    # a channel that never changes says nothing about the reference
-    alive: NDArray[np.bool_] = np.asarray(
-        np.ptp(np.where(good[:, None], readings, readings[np.argmax(good)]), axis=0) > _SAME
-    )
-    alive[list(run.unread)] = False
+    # a channel that never changes, or is not there, says nothing about the reference
+    there = good[:, None] & (made.weight > 0.0)
+    first = readings[np.argmax(there, axis=0), np.arange(6)]
+    alive: NDArray[np.bool_] = np.asarray(np.ptp(np.where(there, readings, first), axis=0) > _SAME)
     return _GriddedRun(read, made.period, readings, expected, good, alive)
 
 

@@ -112,13 +112,16 @@ def test_rates_come_from_the_angles_where_the_recording_has_none(tmp_path: Path)
     assert np.allclose(np.rad2deg(got.run.rates[inner]), rate[inner], atol=2e-3)
 
 
+def by_quaternions(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same recording with its attitude in east, north, up instead of a table's angles."""
+    enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    quaternions = np.array([to_quaternion(enu.T @ C) for C in attitudes(np.deg2rad(given["ang"]))])
+    return {key: values for key, values in given.items() if key not in ("ang", "rate")} | {"ref_quat": quaternions}
+
+
 def test_quaternions_serve_as_angles_do(tmp_path: Path) -> None:
     """Attitude of any origin gives readings, with rates by differences; unknown rows are flagged."""
-    given = arrays(90.0, 100.0)
-    enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    C = enu.T @ attitudes(np.deg2rad(given.pop("ang")))
-    del given["rate"]
-    given["ref_quat"] = np.array([to_quaternion(c) for c in C])
+    given = by_quaternions(arrays(90.0, 100.0))
     given["ref_quat"][100:300] = np.nan
     got = read(imported(tmp_path / "a.mcap", given))
     run_consistency.check_reference(got)
@@ -310,6 +313,14 @@ def test_a_dead_channel_is_no_contradiction(tmp_path: Path, channel: int, value:
     """It is a data fault: the tracer names it and traces the rest."""
     given = arrays(90.0, seed=1)
     (given["gyro"] if channel < 3 else given["accel"])[:, channel % 3] = value
+    run_consistency.check_reference(read(imported(tmp_path / "a.mcap", given)))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_an_accelerometer_that_is_dead_is_no_contradiction_of_an_attitude(tmp_path: Path, axis: int) -> None:
+    """Where only the attitude is known accelerometers are used at rest alone: there it never changes."""
+    given = by_quaternions(arrays(90.0, 100.0, seed=1))
+    given["accel"][:, axis] = 0.3
     run_consistency.check_reference(read(imported(tmp_path / "a.mcap", given)))
 
 

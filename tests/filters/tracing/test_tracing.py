@@ -177,6 +177,16 @@ def test_a_tone_is_as_large_as_in_the_runs_that_have_its_channel() -> None:
     assert included.states[0].sd == pytest.approx(amplitude["value"] / np.sqrt(2.0))
 
 
+def test_a_parameter_that_no_channel_shows_is_correlated_with_none() -> None:
+    """One gyro of a unit that sits turned feels two of the three angles: the third had NaN for its correlation."""
+    turned = Effect("mounting", (), {"x_rad": 0.005, "y_rad": 0.004, "z_rad": -0.005})
+    (run,) = power_ons(turned, count=1, profile=TUMBLE, seconds=TUMBLE.duration)
+    made = trace([lacking(run, "gx", "gz", "ax", "ay", "az")], None)
+    assert [effect.effect for effect in made.included if effect.effect == "mounting"]
+    assert np.allclose(np.diag(made.correlation), 1.0)
+    assert (np.abs(made.correlation) <= 1.0 + 1e-9).all()
+
+
 def test_a_channel_with_only_faults_is_clean() -> None:
     """Readings that were lost explain nothing; they are told."""
     runs = power_ons(count=2)
