@@ -576,6 +576,7 @@ REPLAY_FLAGS: dict[str, tuple[int, tuple[str, ...]]] = {
     "good.mcap -o symbolic.mcap --force": (2, ("itself",)),
     "good.mcap -o hard.mcap --force": (2, ("itself",)),
     "good.mcap good.mcap -o out.mcap": (2, ("one log",)),
+    "good.mcap -o folder --force": (2, ("folder is a folder", "-o names a file")),
     "good.mcap -o kept/out.mcap": (5, ("kept", "folder")),
     "good.mcap --effects missing.toml": (2, ("--effects missing.toml", "No such file", "imutui trace")),
     "good.mcap --effects kept": (2, ("--effects kept", "this is not")),

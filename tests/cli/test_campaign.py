@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from helpers.commands import imutui
 from helpers.many_logs import rows_of
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.shared import once
+
+from imutui.cli import campaign
 
 BAD = ["corrupt.mcap", "empty.mcap", "foreign.mcap"]
 
@@ -40,6 +43,39 @@ def expected(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> list[dict[
         assert (told["logs"], told["computed"], told["kept"], told["errors"]) == (200, 200, 0, 3)
 
     return rows_of(once(tmp_path_factory, "campaign_rows", make) / "plain")
+
+
+@pytest.mark.parametrize(
+    ("errors", "not_fine", "said"),
+    [
+        (0, 0, "200 logs, all fine"),
+        (3, 0, "200 logs, 3 with an error"),
+        (0, 1200, "200 logs, 1,200 not converged, RED or damaged"),
+        (3, 4, "200 logs, 3 with an error, 4 not converged, RED or damaged"),
+    ],
+)
+def test_what_is_not_as_it_should_be_is_counted_in_the_first_line(errors: int, not_fine: int, said: str) -> None:
+    """Only where nothing is amiss all is fine."""
+    assert campaign.counted(200, errors, not_fine) == said
+
+
+def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first log has not to be waited for, and the end takes the line away."""
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    show = campaign._progress()
+    show({"wanted": 3, "done": 0, "errors": 0, "per_minute": None, "left_s": None})
+    assert "0 of 3 logs, workers start" in screen.getvalue()
+    show({"wanted": 3, "done": 3, "errors": 1, "per_minute": 60.0, "left_s": 0.0})
+    assert screen.getvalue().endswith("\r\x1b[K")
+    assert "\n" not in screen.getvalue()
+
+
+class Terminal(StringIO):
+    """Of a user who looks on."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def lines(results: Path) -> int:

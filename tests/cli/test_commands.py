@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 import serial
 from helpers.commands import imutui, imutui_process
+from helpers.fake_client import FakeClient
 from helpers.paths import SAMPLE
 from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
-from imutui.cli import COMMANDS
+from imutui.cli import COMMANDS, status
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields
 from imutui.instrument.uut.payloads import encode
 from imutui.logbook import schemas
+from imutui.session.overview import Answer
 
 ACEINNA = ("--accel-sign", "+1", "--mount", "x,-y,-z", "--reference", "gravity")
 ADIS = ("--accel-sign", "+1", "--reference", "gravity")
@@ -54,6 +56,17 @@ def test_a_process_ends_as_a_call_does(home: Path, line: str, code: int) -> None
     """Streams and exit code of a command are those that its call in this process has, as in most of these tests."""
     called, run = imutui(*line.split(" "), check=code), imutui_process(*line.split(" "), check=code)
     assert (run.stdout, run.stderr) == (called.stdout, called.stderr)
+
+
+@pytest.mark.parametrize(("left_s", "said"), [(1800.0, "30 min"), (3599.0, "60 min"), (9000.0, "2.5 h")])
+def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) -> None:
+    """In minutes where an operator has to do something soon."""
+    fake = FakeClient()
+    fake.record()
+    snapshot = fake.snapshot()
+    assert snapshot["recording"] is not None
+    snapshot["recording"]["to_full_s"] = left_s
+    assert f"full in {said} at 6.1 kB/s" in status._text(Answer(fake.name, snapshot))
 
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:

@@ -197,12 +197,12 @@ def test_a_page_of_a_unit_turned_by_hand_has_its_errors_in_their_place() -> None
 
 def _effects(*parts: tuple[str, str, str, float], shape: str = "") -> str:
     """An effects file of effects with channel, state and mean; units as they have to be."""
-    units = {"thermal_lin": "mg/K", "hysteresis": "mg", "asymmetry": "1"}
+    units = {"thermal_lin": "mg/K", "hysteresis": "mg", "asymmetry": "1", "g_squared": "deg/s/g2"}
     rows = [[float(i == j) for j in range(len(parts))] for i in range(len(parts))]
     return f"version = 1\ncorrelation = {rows}\n" + "".join(
         f'[[effect]]\neffect = "{name}"\nchannels = ["{channel}"]\ninclude_as = "A"\n'
-        f'{shape if name == "hysteresis" else ""}[[effect.state]]\nname = "{state}"\nunit = "{units[name]}"\n'
-        f"mean = {mean}\nsd = {abs(mean) / 100}\n"
+        f'{shape if name in ("hysteresis", "g_squared") else ""}[[effect.state]]\nname = "{state}"\n'
+        f'unit = "{units[name]}"\nmean = {mean}\nsd = {abs(mean) / 100}\n'
         for name, channel, state, mean in parts
     )
 
@@ -255,6 +255,18 @@ def test_an_error_that_follows_a_rate_is_drawn_where_the_rate_holds() -> None:
     assert points.x.size == 101
     sine = _course("wx", 50.0 * np.sin(2.0 * np.pi * T_FINE))  # a turn there and back in every cell
     assert driver_curves.of_trace(d, {"a": sine}) == ()
+
+
+def test_an_error_that_follows_the_square_of_a_force_is_drawn_over_that_force() -> None:
+    """Each axis of specific force is one of its own, of a gyro too."""
+    force = np.interp(T_FINE, [0.0, 101.0], [-1.0, 1.0])
+    for axis in "xyz":
+        d = _driven(
+            _effects(("g_squared", "gx", "k", 0.5), shape=f'[effect.parameters]\naxis = "{axis}"\n'), "gx", a=WAVE
+        )
+        (curve,) = driver_curves.of_trace(d, {"a": _course(f"f{axis}", force)})
+        assert (curve.driver, curve.driver_unit) == (f"f{axis}", "g")
+        assert np.ptp(curve.lines[0].y) == pytest.approx(0.5, rel=0.1)
 
 
 def test_what_remembers_temperature_is_a_line_along_the_run() -> None:

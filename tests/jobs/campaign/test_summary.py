@@ -189,6 +189,17 @@ def test_what_the_reference_does_not_show_or_the_filter_does_not_know_is_left_ou
     assert told == [(2, 0, 0)] * 3 + [(1, 1, 0), (1, 0, 1), (2, 0, 0)]
 
 
+def test_a_channel_that_no_log_shows_is_empty_beside_full_ones() -> None:
+    """As the rotation about the vertical is with a level reference."""
+    rows = fleets.fleet(UNITS, 4)
+    for row in rows:
+        row["final"]["gyro_bias_dps"][2] = row["sd"]["gyro_bias_dps"][2] = None
+    (group,) = summed(rows)["groups"]
+    empty = channel(group, "gz")
+    assert (empty["logs"], empty["unobservable"], empty["units"], empty["model"]) == (0, 16, [], None)
+    assert len(channel(group, "gy")["units"]) == 4
+
+
 def test_rows_without_a_time_or_temperature_are_used_for_what_they_tell() -> None:
     """No drift, and a sentence; components all the same."""
     (group,) = summed(fleets.fleet(UNITS, 4, start_utc=None, temperature_degc=None))["groups"]
