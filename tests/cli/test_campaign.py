@@ -61,7 +61,8 @@ def test_what_is_not_as_it_should_be_is_counted_in_the_first_line(errors: int, n
 
 def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first log has not to be waited for, and the end takes the line away."""
-    screen = Terminal()
+    screen = StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True)
     monkeypatch.setattr(sys, "stderr", screen)
     show = campaign._progress()
     show({"wanted": 3, "done": 0, "errors": 0, "per_minute": None, "left_s": None})
@@ -69,13 +70,6 @@ def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch
     show({"wanted": 3, "done": 3, "errors": 1, "per_minute": 60.0, "left_s": 0.0})
     assert screen.getvalue().endswith("\r\x1b[K")
     assert "\n" not in screen.getvalue()
-
-
-class Terminal(StringIO):
-    """Of a user who looks on."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def lines(results: Path) -> int:

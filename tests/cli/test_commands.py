@@ -3,8 +3,10 @@
 import json
 import os
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from helpers.paths import SAMPLE
 from helpers.processes import LIMIT_S, command_line, started
 from rosbags.highlevel import AnyReader
 
-from imutui.cli import COMMANDS, status
+from imutui.cli import COMMANDS, replay, status, trace
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields
 from imutui.instrument.uut.payloads import encode
@@ -67,6 +69,18 @@ def test_status_says_for_how_long_the_disk_has_room(left_s: float, said: str) ->
     assert snapshot["recording"] is not None
     snapshot["recording"]["to_full_s"] = left_s
     assert f"full in {said} at 6.1 kB/s" in status._text(Answer(fake.name, snapshot))
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+    """A file of what was written to stderr has the errors in it, and no line that was to be written over."""
+    screen = StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: is_terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    replay._progress(SAMPLE)(0.25)
+    trace._progress()(0.5, "noise")
+    assert ("sample.mcap:  25 %" in screen.getvalue(), "50 %" in screen.getvalue()) == (is_terminal, is_terminal)
+    assert bool(screen.getvalue()) is is_terminal
 
 
 def test_an_aceinna_recording_gives_sensible_biases(home: Path, recording: Callable[[str], Path]) -> None:

@@ -208,6 +208,16 @@ def test_a_late_stamp_is_no_lost_reading() -> None:
     assert time_stamps.analyse(np.delete(t, 300)).gaps.tolist() == [299]
 
 
+def test_one_late_stamp_in_a_thousand_is_no_jitter_and_one_in_fifty_is() -> None:
+    """What all stamps are like is said of them; one that is off is listed."""
+    t = np.arange(1000) * 0.01
+    t[500] += 0.004
+    stamps = time_stamps.analyse(t)
+    assert (stamps.jitter < 1e-9, stamps.off.tolist()) == (True, [499, 500])
+    t[::50] += 0.004
+    assert time_stamps.analyse(t).jitter > 3e-4
+
+
 EXPECTED = {
     "aceinna_imu381_s1_static": {},
     # isolated jumps of 6 to 10 counts on ay, ten times the noise: real ones
