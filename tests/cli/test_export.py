@@ -269,11 +269,12 @@ def test_any_topic_can_be_exported(tmp_path: Path, topic: str) -> None:
         assert found["csv"]["msg"][0] == samples_of(SAMPLE).events[0].text
 
 
-def test_json_says_what_was_made(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", FORMATS)
+def test_json_says_what_was_made(tmp_path: Path, kind: str) -> None:
     """One document; the file's columns and units."""
-    path = tmp_path / "a.csv"
+    path = tmp_path / f"a.{kind}"
     document = json.loads(imutui("export", str(SAMPLE), "-o", str(path), "--json").stdout)
-    assert (document["format"], document["rows"], document["output"]) == ("csv", 520, str(path))
+    assert (document["format"], document["rows"], document["output"]) == (kind, 520, str(path))
     assert document["units"]["accel"] == "g"
     assert document["reference"] is None
 

@@ -69,11 +69,12 @@ class Host:
         *faults: LineFault,
         options: UnitOptions | None = None,
         baud: int = 115200,
+        seed: int | None = 1,
     ) -> None:
         options = options or UnitOptions()
         self.sent: list[tuple[Measurement, float]] = []
         maker = packets if isinstance(packets, RecordedStream) else MeasuredPackets(packets or Ramp(), options)
-        self.unit = VirtualUnit(maker, options, seed=1)
+        self.unit = VirtualUnit(maker, options, seed=seed)
         self.wire = Wire(self.unit, FaultyLine(faults, seed=5), 1.0, lambda *packet: self.sent.append(packet))
         self.now, self.baud = 0.0, baud
         self.decoder = Decoder()
@@ -127,6 +128,14 @@ def test_it_streams_from_power_up_on() -> None:
     assert {(b.counter - a.counter) % 65536 for a, b in pairwise(packets_of(events))} == {655, 656}
     assert [packet for packet, _ in host.sent][: len(events)] == events
     assert [at for _, at in host.sent] == pytest.approx([(n + 1) / 100 for n in range(len(host.sent))])
+
+
+def test_the_counter_starts_at_zero_but_for_a_seed() -> None:
+    """Each seed has a start of its own, and always the same: two units are then told apart, and a run is repeated."""
+    begun = [packets_of(Host(seed=seed).listen(0.1))[0].counter for seed in (None, None, 1, 1, 2)]
+    assert begun[0] == begun[1] < 1000
+    assert begun[2] == begun[3] != begun[4]
+    assert begun[0] not in begun[2:]
 
 
 def test_at_another_speed_it_is_noise_and_hears_nothing() -> None:

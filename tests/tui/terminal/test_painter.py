@@ -18,6 +18,7 @@ from textual.strip import Strip
 from imutui.tui.app import ImutuiApp
 from imutui.tui.terminal import painter
 from imutui.tui.terminal.painter import Painter
+from imutui.tui.terminal.textual_private import ChopsUpdate
 
 STYLES = [Style.parse("red on black"), Style.parse("bold blue on black"), Style()]
 WIDTH = 40
@@ -69,6 +70,14 @@ def test_what_is_not_known_is_passed_on() -> None:
     """Updates of another kind go through as they are."""
     assert Painter().exact(None) is None
     assert Painter().exact("inline") == "inline"
+
+
+def test_what_is_not_drawn_anew_or_lies_beside_the_span_is_left_as_it_is() -> None:
+    """Textual gives the whole line: parts that it has not drawn are none, others are the old ones."""
+    parts = {0: _strip([("a", 0)] * WIDTH), 40: None, 80: _strip([("b", 0)] * WIDTH), 120: _strip([(" ", 0)] * WIDTH)}
+    update = ChopsUpdate([parts], [(0, 0, 100)], [[40, 80, 120, 160]])
+    assert [(x, y) for x, y, _ in Painter().changes(update)] == [(0, 0), (80, 0)]
+    assert [x for x, *_ in Painter().changes(ChopsUpdate([parts], [(0, 40, 80)], [[40, 80, 120, 160]]))] == []
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
