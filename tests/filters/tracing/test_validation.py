@@ -215,6 +215,16 @@ def test_folds_leave_out_what_the_other_cells_do_not_see() -> None:
     assert made.figure.after == pytest.approx(made.figure.before, rel=0.05)
 
 
+def test_what_fits_the_noise_of_cells_that_were_seen_is_worse_on_those_that_were_not() -> None:
+    """Twenty columns that mean nothing, each a number a cell: fitted to 36 cells they add to the other 9."""
+    stack = still()
+    columns = np.random.default_rng(2).standard_normal((stack.cell.max() + 1, 20))[stack.cell]
+    made = folded(stack, white(0), [columns], 0, WHITE, 0)
+    assert made is not None
+    assert made.figure.before < made.figure.floor_band95[1]
+    assert made.figure.after > 1.2 * made.figure.before
+
+
 def test_a_share_needs_an_excess_to_be_a_share_of() -> None:
     """From 215 to 40 floors is 97 %; of what chance explains there is none; no more than all, no less than nothing."""
     assert share_of(215.0**2 - 40.0**2, 215.0**2 - 1.0, 90) == pytest.approx(0.9654, abs=1e-3)
