@@ -29,6 +29,20 @@ def test_warming_up_ends_with_time_and_a_steady_temperature() -> None:
     assert messages.warm_up(None, None) == ""
 
 
+def test_who_begins_a_file_is_told_of_the_profile_that_the_filter_goes_by() -> None:
+    """Only of a profile, as it has to be followed; not of a reference without one, nor before anything is known."""
+    told = [
+        messages.recording_to("/logs/x.mcap", None if reference is None else {"reference": reference})
+        for reference in (
+            None,
+            {"name": "level", "file": "", "profile": False},
+            {"name": "profile", "file": "tumble.toml", "profile": True},
+        )
+    ]
+    assert told[:2] == ["recording to /logs/x.mcap"] * 2
+    assert told[2] == "recording to /logs/x.mcap; reference: profile tumble, 5 Table guides"
+
+
 def test_a_finished_file_is_named_with_its_biases() -> None:
     """The answer to stopping a recording is the path and what the filter found."""
     final = {"gyro_bias_dps": [0.1, None, -0.2], "accel_bias_mg": [1.0, 2.0, 3.0]}

@@ -115,6 +115,14 @@ def test_segments_and_rest_are_told_at_every_time() -> None:
     assert np.array_equal(TUMBLE.rates(t[[0, -1]]), np.zeros((2, 3)))
 
 
+def test_sampled_angles_have_no_dwell_that_begins_though_they_rest() -> None:
+    """Where they rest is told at every time; a dwell is what somebody planned."""
+    t = np.arange(8.0)
+    profile = motion.from_samples(t, np.clip(t - 2.0, 0.0, 2.0), 0.0 * t, 0.0 * t)
+    assert profile.phase(np.array([0.5, 2.5, 6.5])).tolist() == [True, False, True]
+    assert np.isnan(profile.rest_starts).all()
+
+
 def test_rest_means_no_rate() -> None:
     """Wherever a profile says that it rests, its rates are zero."""
     t = dense(TUMBLE)
