@@ -53,6 +53,18 @@ def test_effects_of_a_unit_are_found_within_their_standard_deviations_whatever_s
         assert 0.4 < float(np.sqrt(np.mean(np.square(z)))) < 1.6, kind
 
 
+def test_what_an_effect_explains_is_told_of_all_but_a_gyros_bias() -> None:
+    """Its share of the excess over noise, by rests and turns left out; a rest shows a gyro's bias by itself."""
+    shares = {
+        (f["channels"][0][0], f["effect"]): f["share_of_excess"]
+        for f in told(calibrate([turned_run(*ACCELEROMETERS, *GYROS, seed=11)], None))["findings"]
+    }
+    known = {key: share for key, share in shares.items() if share is not None}
+    assert shares.keys() - known.keys() == {("g", "bias")}
+    assert all(0.0 <= share <= 1.0 for share in known.values())
+    assert known["a", "bias"] > 0.1
+
+
 def test_a_unit_without_errors_has_no_findings_but_small_biases() -> None:
     """Forms are chosen by likelihood: nothing is found where there is nothing."""
     for seed in (21, 22):

@@ -4,9 +4,13 @@ import contextlib
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import pytest
 from helpers.paths import ROOT
 from helpers.terminal import Terminal
+
+from imutui.tui.terminal import driver
 
 _PROGRAM = """
 import sys
@@ -109,3 +113,17 @@ def test_a_frozen_terminal_neither_stops_the_ui_nor_is_sent_old_frames() -> None
         assert terminal.process.wait(10.0) == 0
     finally:
         terminal.close()
+
+
+def test_an_answer_that_is_awaited_is_as_late_as_it_is_by_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line that has become slow is known before the terminal has answered; till then the last answer stands."""
+    now = 100.0
+    monkeypatch.setattr(driver, "time", SimpleNamespace(monotonic=lambda: now))
+    meter, late = driver.Meter(), []
+    assert not meter.ask()  # nobody has ever answered
+    meter.answered()
+    for pause, do in ((9.0, meter.ask), (0.25, meter.answered), (9.0, meter.ask), (0.125, str), (1.375, str)):
+        now += pause
+        do()
+        late.append(meter.load(0).round_trip_s)
+    assert late == [None, 0.25, 0.25, 0.25, 1.5]
