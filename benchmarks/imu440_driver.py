@@ -24,7 +24,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from helpers.units import Still, served
 
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 
@@ -80,7 +79,7 @@ def main() -> int:
     asked = parser.parse_args()
     print(describe("numpy"))
     options = UnitOptions()
-    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+    unit = VirtualUnit(Still(), options)
     with tempfile.TemporaryDirectory() as folder:
         program = compiled(asked.xbow440, asked.serial, Path(folder))
         limit = asked.seconds + 30

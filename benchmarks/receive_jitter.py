@@ -29,10 +29,9 @@ from reliability.setting import NOTHING_NEW, Sent, log_packets, places
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
 from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.session import client as session
 from imutui.session.plan import Plan
@@ -63,7 +62,7 @@ def screen(port: str, output: str, seconds: str, fps: str, name: str) -> None:
             arrived.append(event)
 
     with Port(port, POWER_UP_BAUD) as line:
-        handshake.open_dialogue(line, POWER_UP_BAUD, say=lambda text: None)
+        handshake.open_dialogue(line, POWER_UP_BAUD)
         reader = Reader(Imu400Host(line), None, take)
         reader.start()
         app = ImutuiApp(session.attach(name), appearance=Appearance(plot="scroll", fps=float(fps)))

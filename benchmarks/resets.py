@@ -23,13 +23,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from helpers.units import Still, served
 
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import Field
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.session.engine import Engine
 from imutui.session.plan import Plan
@@ -44,7 +42,7 @@ def unit(kind: str, seed: int) -> Any:
         return VirtualUnit(Still(), UnitOptions(serial_number=7), seed)
     fields = dict(UutOptions().fields) | ({Field.RATE_DIVIDER: 0} if kind.endswith("quiet") else {})
     options = UutOptions(serial_number=7, fields=tuple(fields.items()))
-    return uut.VirtualUnit(MeasuredPackets(Still(), options), options, seed)
+    return uut.VirtualUnit(Still(), options, seed)
 
 
 def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, float]:

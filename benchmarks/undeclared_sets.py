@@ -19,7 +19,7 @@ from filters.imu import IMU400CD_200, LOOP_HZ, STANDARD_GRAVITY
 from filters.simulation import Unit
 from imutui.cli.spoil import Spoiled, load
 from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
-from imutui.instrument.reading import Reading
+from imutui.instrument.virtual_instrument import Reading
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RECORDING = DATA / "adis16405_static_a.npz"

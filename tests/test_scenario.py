@@ -22,7 +22,7 @@ from filters.state import PAPER_SITE, Site
 from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings, on_the_line, simulated
-from imutui.instrument.imu400.messages import Mode
+from imutui.instrument.imu400.crossbow import Mode
 from imutui.logbook import reader
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 

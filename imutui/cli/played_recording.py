@@ -19,7 +19,7 @@ from filters.simulation.background import (
     from_attitudes,
 )
 from filters.state import Site
-from imutui.instrument.reading import Reading
+from imutui.instrument.virtual_instrument import Reading
 
 if TYPE_CHECKING:
     from imutui.logbook.reader import Log

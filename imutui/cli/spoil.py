@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from filters.channels import DPS, G
 from filters.simulation import Unit
 from imutui.cli.exit_codes import UNREADABLE, USAGE
-from imutui.instrument.reading import Reading
+from imutui.instrument.virtual_instrument import Reading
 
 Error = Callable[
     [float, float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], Any

@@ -85,8 +85,7 @@ def command(
     from imutui.cli.exit_codes import UNREADABLE, USAGE, fail, refuse_existing, say, tell
     from imutui.cli.spoil import SpoilError, load
     from imutui.cli.virtual_units import UNITS, Asked, instrument_of, recorded_unit
-    from imutui.instrument.sent_packets import SentPackets
-    from imutui.instrument.virtual import serve
+    from imutui.instrument.virtual import SentPackets, serve
     from imutui.scenario import ScenarioError
 
     if not 0.0 < speed < math.inf:

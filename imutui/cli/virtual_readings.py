@@ -16,9 +16,9 @@ from filters.simulation.truth import World
 from imutui.cli.played_recording import PlayedReadings, PlayedRecording, load
 from imutui.cli.spoil import ErrorFunction, Spoiled
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.messages import Mode
-from imutui.instrument.imu400.unit_options import UnitOptions
-from imutui.instrument.reading import Reading, Source
+from imutui.instrument.imu400.crossbow import Mode
+from imutui.instrument.imu400.unit import UnitOptions
+from imutui.instrument.virtual_instrument import Reading, Source
 from imutui.session.table_turner import motion_of
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from imutui.instrument.imu400 import unit as imu400cd
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER, Field
 from imutui.instrument.uut.messages import Version
-from imutui.instrument.uut.packet_makers import MeasuredPackets, RecordedStream
+from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.instrument.virtual_instrument import VirtualInstrument
 
@@ -89,7 +89,7 @@ def imu381_unit(asked: Asked, serial_number: int | None) -> VirtualSetting:
         reply_delay_s=it.reply_delay,
         clock_skew_ppm=it.clock_skew_ppm,
     )
-    unit = uut.VirtualUnit(MeasuredPackets(made.readings, options), options, made.seed)
+    unit = uut.VirtualUnit(made.readings, options, made.seed)
     return VirtualSetting(unit, made.line, made.source, made.turn)
 
 

@@ -2,30 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from imutui.instrument.counter_spec import CounterSpec
+from imutui.instrument.counts import COUNT_LIMITS, Scaling
 from imutui.instrument.host import Host
 from imutui.instrument.port import Port
-
-
-class Scaling(Protocol):
-    """Counts to units, in the instrument's own axes and signs; any shape in, the same shape out."""
-
-    def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Angular rate, deg/s."""
-        ...
-
-    def accels_g(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Acceleration as the unit reads it, g."""
-        ...
-
-    def temperature_degc(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Temperature, degC."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,33 +16,34 @@ class Instrument:
     name: str  # how a command line calls it
     models: tuple[str, ...]  # what the models of such units begin with, in capitals
     model: str  # what a unit is that does not say its model
-    is_one_model: bool  # whether every unit that its host accepts is of `model`, whatever it says of itself
     power_up_bauds: tuple[int, ...]  # speeds of a line to a unit that was just switched on; the first is where to begin
     packet_bytes: int  # of a data packet on the line
     rates_hz: tuple[float, ...]  # rates of a stream; at each of them every packet is a sample
-    # rate of the loop that runs its low-pass filters, first order, at the limits of its specification, Hz; None where
-    # the filters are others, or can be set
-    low_pass_loop_hz: float | None
     accel_sign: int  # +1 if it reads specific force, -1 if its sign is the other
-    turns_axes: bool  # whether its own configuration can turn the axes of its packets
     # mode, mode_words: what its packets are, in two words and in a line
     mode: str
     mode_words: str
     counter: CounterSpec  # what its packets' counter counts
-    count_limits: tuple[int, int]  # least and largest count; a reading there says only "this or more"
     # rate_range_dps, accel_range_g: ranges, unless the configuration has others, from which `scaling` has the size of a
     # count where units differ
     rate_range_dps: float
     accel_range_g: float
     scaling: Callable[[float, float], Scaling]  # makes the scaling from the ranges, deg/s and g
-    zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
     check_zeroing: Callable[[int], None]  # raises InputError for an argument of zeroing that cannot be sent
-    zeroing_patience_s: Callable[[int], float]  # how long a unit may take to zero its rate sensors, by the argument, s
-    # names of the bits that are set in a packet's status word; None where packets have no details, see
-    # `host.PacketDetails`
-    status_names: Callable[[int], tuple[str, ...]] | None
     # makes the host side for an open port, and the rate of a stream, Hz, or None if packets are asked for
     host: Callable[[Port, float | None], Host]
+    count_limits: tuple[int, int] = COUNT_LIMITS  # least and largest count; a reading there says only "this or more"
+    is_one_model: bool = False  # whether every unit that its host accepts is of `model`, whatever it says of itself
+    # rate of the loop that runs its low-pass filters, first order, at the limits of its specification, Hz; None where
+    # the filters are others, or can be set
+    low_pass_loop_hz: float | None = None
+    turns_axes: bool = False  # whether its own configuration can turn the axes of its packets
+    zeroes_rates: bool = False  # whether it has a command that zeroes its rate sensors
+    # how long a unit may take to zero its rate sensors, by the argument, s
+    zeroing_patience_s: Callable[[int], float] = lambda argument: 0.0
+    # names of the bits that are set in a packet's status word; None where packets have no details, see
+    # `counts.PacketDetails`
+    status_names: Callable[[int], tuple[str, ...]] | None = None
 
     @property
     def most_rate_hz(self) -> float:

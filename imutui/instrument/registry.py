@@ -1,10 +1,10 @@
 """The instruments that there are, by name."""
 
-from imutui.instrument.imu400.instrument import IMU400CD
+from imutui.instrument.imu400.host import IMU400CD
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port
-from imutui.instrument.uut.instrument import IMU381
+from imutui.instrument.uut.host import IMU381
 
 INSTRUMENTS: dict[str, Instrument] = {each.name: each for each in (IMU400CD, IMU381)}
 

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Generic, TextIO
 
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.pseudo_terminal import PseudoTerminal
@@ -156,3 +156,25 @@ def _hear(
         log(unit.in_words(command))
     if not commands and not same_speed(unit_baud, host_baud):
         log(f"line noise: {len(data)} bytes at {host_baud} baud, the unit is at {unit_baud}")
+
+
+class SentPackets(Generic[PacketT, CommandT]):
+    """The truth about a unit's stream, as CSV: a row for each packet, in the order in which the unit began them.
+
+    `file`: where to write. Rows are whole, and there at once.
+    `unit`: knows what its packets are.
+    """
+
+    def __init__(self, file: TextIO, unit: VirtualInstrument[PacketT, CommandT]) -> None:
+        self._file = file
+        self._unit = unit
+        self._write("sampled_monotonic_ns,mode,ticks,frame")
+
+    def __call__(self, packet: PacketT, sampled_ns: int) -> None:
+        """Add a packet and the host's monotonic time when it was sampled, ns."""
+        mode, ticks, frame = self._unit.in_columns(packet)
+        self._write(f"{sampled_ns},{mode},{ticks},{frame.hex()}")
+
+    def _write(self, row: str) -> None:
+        self._file.write(row + "\n")
+        self._file.flush()

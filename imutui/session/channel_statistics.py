@@ -12,8 +12,7 @@ import numpy.typing as npt
 from filters.allan import RunningAllan
 from filters.imu import CHANNELS, STANDARD_GRAVITY
 from filters.specification import IMU400CD_200, ImuSpec
-from imutui.instrument.host import DataPacket
-from imutui.instrument.instrument import Scaling
+from imutui.instrument.counts import DataPacket, Scaling
 from imutui.session.running_spectrum import RunningSpectrum
 from imutui.session.snapshot import AllanSnapshot, HistogramSnapshot, SpectrumSnapshot, StatisticsSnapshot
 

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from filters.errors import InputError
 from imutui import defects
 from imutui.instrument.clock import Clock
-from imutui.instrument.host import Host, InstrumentError
-from imutui.instrument.identity import Identity
+from imutui.instrument.host import Host, Identity, InstrumentError
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.transmitter import transfer_s
 from imutui.session import exit_codes, live_filter

@@ -18,7 +18,7 @@ from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from filters.state import Site
-from imutui.instrument.identity import Identity
+from imutui.instrument.host import Identity
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook import reference_file

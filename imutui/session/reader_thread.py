@@ -12,8 +12,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from imutui.instrument.clock import arrival_before
-from imutui.instrument.discarded import Discarded
-from imutui.instrument.host import DataPacket, Host, PacketStream, Poller
+from imutui.instrument.counts import DataPacket
+from imutui.instrument.frame_search import Discarded
+from imutui.instrument.host import Host, PacketStream, Poller
 from imutui.instrument.port import PortError
 from imutui.session import reconnection
 from imutui.session.reconnection import AmidStream, KnownUnit, LineLost, LineReturned, StillAway

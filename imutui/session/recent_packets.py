@@ -3,8 +3,7 @@
 import numpy as np
 
 from filters import imu
-from imutui.instrument.host import DataPacket
-from imutui.instrument.instrument import Scaling
+from imutui.instrument.counts import DataPacket, Scaling
 from imutui.session.snapshot import ChannelSnapshot, SeriesSnapshot
 
 CHANNELS = (*imu.CHANNELS, "T")

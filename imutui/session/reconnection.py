@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from imutui.instrument.host import QUICK_S, Host, InstrumentError, PacketStream
-from imutui.instrument.identity import Identity
+from imutui.instrument.host import QUICK_S, Host, Identity, InstrumentError, PacketStream
 from imutui.instrument.port import Port, PortAbsentError, PortError
 
 _LOOK_S = 0.2
@@ -131,7 +130,7 @@ class AmidStream:
     def _ask(self, now_ns: int) -> None:
         self._asked_ns = now_ns
         if self._known is not None:
-            self._host.ask_amid(self._packets, self._known.identity)
+            self._host.ask_amid(self._known.identity)
 
 
 def ask_silent(host: Host, known: KnownUnit, stopping: threading.Event) -> bytes:

@@ -14,7 +14,7 @@ from filters.kalman.augmentation import MakeEffects
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
 from imutui.instrument.clock import Stamp
-from imutui.instrument.host import DataPacket
+from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS

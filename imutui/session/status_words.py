@@ -1,6 +1,6 @@
 """What a unit's packets say of the unit itself, in their status words: told, and never a reason to drop readings."""
 
-from imutui.instrument.host import DataPacket
+from imutui.instrument.counts import DataPacket
 from imutui.instrument.instrument import Instrument
 
 _MOST_TOLD = 20

@@ -131,7 +131,7 @@ def test_a_failed_attempt_leaves_the_file_it_was_to_replace(outcomes: dict[str, 
 def refused(url: str) -> str:
     """What an acquisition says of what is no working unit before it has a first packet to wait for."""
     with pytest.raises((PortError, handshake.InstrumentError)) as error, Port(url, 38400) as port:
-        handshake.open_dialogue(port, 38400, say=lambda text: None)
+        handshake.open_dialogue(port, 38400)
     return str(error.value)
 
 

@@ -21,8 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from imutui.cli import COMMANDS, replay, status, trace
 from imutui.instrument.uut.frames import Frame, framed
-from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields
-from imutui.instrument.uut.payloads import encode
+from imutui.instrument.uut.messages import FieldsSet, GetPacket, Memory, PacketS1, SetFields, encode
 from imutui.logbook import schemas
 from imutui.session.overview import Answer
 

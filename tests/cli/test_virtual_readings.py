@@ -21,11 +21,9 @@ from imutui.cli.spoil import Spoiled, seed_of
 from imutui.cli.spoil import load as function
 from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings, on_the_line
 from imutui.cli.virtual_units import Asked, imu381_unit, instrument_of
-from imutui.instrument.reading import Reading
 from imutui.instrument.uut.decoder import Decoder
-from imutui.instrument.uut.messages import GetPacket, Identification, Memory, PacketS1, SetFields
-from imutui.instrument.uut.payloads import encode
-from imutui.instrument.uut.scaling import Scaling
+from imutui.instrument.uut.messages import SCALING, GetPacket, Identification, Memory, PacketS1, SetFields, encode
+from imutui.instrument.virtual_instrument import Reading
 from imutui.instrument.wire import Wire
 from imutui.logbook import reader, schemas
 from imutui.logbook.writer import LogWriter
@@ -301,7 +299,6 @@ def test_an_imu381_has_the_readings_of_the_scenario_in_its_own_sign(home: Path) 
     events = Decoder().feed(wire.arrived(5.0, 115200))
     packets = [event for event in events if isinstance(event, PacketS1)]
     assert len(packets) >= 498
-    scaling = Scaling()
-    assert scaling.accels_g([p.accels for p in packets]).mean(axis=0) == pytest.approx([0.0, 0.0, -1.0], abs=0.03)
-    assert scaling.temperature_degc(packets[0].board_temperature) == pytest.approx(31.0, abs=0.01)
+    assert SCALING.accels_g([p.accels for p in packets]).mean(axis=0) == pytest.approx([0.0, 0.0, -1.0], abs=0.03)
+    assert SCALING.temperature_degc(packets[0].board_temperature) == pytest.approx(31.0, abs=0.01)
     assert [event.text for event in events if isinstance(event, Identification)] == ["IMU381ZA-200 VIRTUAL SIM"]

@@ -13,7 +13,6 @@ from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
 
 from filters.imu import STANDARD_GRAVITY
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 
@@ -76,7 +75,7 @@ def test_the_makers_program_connects_reads_sets_and_records(tmp_path: Path) -> N
     """In the middle of the stream; what it records is what the unit measures, in m/s² and deg/s."""
     heard: list[str] = []
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM")
-    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+    unit = VirtualUnit(Still(), options)
     with served(unit, log=heard.append) as port, openimu(port, tmp_path) as program:
         program.expect("# Connected DMU #")
         program.type("connect", "IMU381ZA-200")

@@ -5,10 +5,13 @@ import itertools
 import pytest
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.discarded import Discarded
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import PACKET_BYTES, Decoder, Event, Mode, Packet, encode
+from imutui.instrument.frame_search import Discarded
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, AnyReply, Mode, Packet, encode
+from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.transmitter import transfer_s
+
+Event = Packet | AnyReply | Discarded
 
 PACKET_S = transfer_s(PACKET_BYTES, 38400)
 COUNT = 400
@@ -30,8 +33,7 @@ def sent_through(line: FaultyLine, first_request: float = 50.0) -> bytes:
 
 
 def events(data: bytes) -> list[Event]:
-    decoder = Decoder()
-    decoder.expect_packets(Mode.SCALED, streaming=True)
+    decoder = packet_decoder(Mode.SCALED, streaming=True)
     return [*decoder.feed(data), *decoder.quiet()]
 
 

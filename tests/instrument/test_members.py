@@ -15,26 +15,18 @@ from hypothesis import strategies as st
 from filters import specification
 from imutui.cli import virtual_units
 from imutui.instrument import names
-from imutui.instrument.discarded import Discarded
-from imutui.instrument.host import DataPacket, Host
+from imutui.instrument.counts import DataPacket
+from imutui.instrument.frame_search import Discarded
+from imutui.instrument.host import Host
 from imutui.instrument.imu400 import unit as imu400_unit
-from imutui.instrument.imu400.unit_options import UnitOptions as Imu400Options
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS, is_known, of_model, which_answers
 from imutui.instrument.uut import unit as uut_unit
-from imutui.instrument.uut.packet_makers import MeasuredPackets
-from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.session.plan import Plan
 
-
-def _imu381() -> Any:
-    options = UutOptions()
-    return uut_unit.VirtualUnit(MeasuredPackets(Still(), options), options)
-
-
 UNITS: dict[str, Callable[[], Any]] = {
-    "imu400cd": lambda: imu400_unit.VirtualUnit(Still(), Imu400Options()),
-    "imu381": _imu381,
+    "imu400cd": lambda: imu400_unit.VirtualUnit(Still()),
+    "imu381": lambda: uut_unit.VirtualUnit(Still()),
 }
 every = pytest.mark.parametrize("name", sorted(INSTRUMENTS))
 

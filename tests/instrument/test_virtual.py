@@ -18,7 +18,8 @@ from reliability.ports import is_exclusive
 
 from filters.imu import LOOP_HZ
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import PACKET_BYTES, Decoder, Mode, Packet, SerialNumber, encode
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, Mode, Packet, SerialNumber, encode
+from imutui.instrument.imu400.decoder import packet_decoder
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.transmitter import transfer_s
 from imutui.instrument.virtual import serve
@@ -104,8 +105,7 @@ def read_until_quiet(port: serial.Serial) -> bytes:
 
 def stream_from(port: serial.Serial, count: int) -> tuple[list[Packet], int]:
     """Start a stream and read so many packets: the packets, and the bytes discarded."""
-    decoder = Decoder()
-    decoder.expect_packets(Mode.SCALED, streaming=True)
+    decoder = packet_decoder(Mode.SCALED, streaming=True)
     port.write(b"C")
     packets: list[Packet] = []
     while len(packets) < count:

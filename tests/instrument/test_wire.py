@@ -4,10 +4,11 @@ import pytest
 from helpers.units import Still
 
 from filters.imu import LOOP_HZ
+from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import COUNTER_SPAN, TICK_S, Decoder, Mode, Packet
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.crossbow import TICK_S, Mode, Packet
+from imutui.instrument.imu400.decoder import packet_decoder
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.wire import Wire
 
 
@@ -44,8 +45,7 @@ class Host:
 
 def packets(data: bytes, mode: Mode = Mode.SCALED) -> list[Packet]:
     """Packets that a decoder finds."""
-    decoder = Decoder()
-    decoder.expect_packets(mode, streaming=True)
+    decoder = packet_decoder(mode, streaming=True)
     return [event for event in decoder.feed(data) + decoder.quiet() if isinstance(event, Packet)]
 
 
@@ -70,7 +70,7 @@ def test_a_reset_breaks_off_and_leaves_the_unit_as_after_power_up() -> None:
     host.send(b"G")
     (packet,) = packets(host.listen(0.1), Mode.VOLTAGE)
     # since the reset, but for what the reading is old
-    assert (packet.ticks + 1.502 / TICK_S) % COUNTER_SPAN < 1 / 213.3 / TICK_S
+    assert (packet.ticks + 1.502 / TICK_S) % SPAN < 1 / 213.3 / TICK_S
 
 
 def test_a_unit_may_fall_into_the_other_mode_in_a_stream() -> None:
@@ -96,8 +96,8 @@ def test_a_pause_sends_nothing_and_goes_on_with_the_newest() -> None:
     assert instants[gap - 1] == pytest.approx(0.5, abs=0.0076)
     assert instants[gap] == pytest.approx(0.8, abs=0.0076)
     assert 0.8 - instants[gap] < 1 / LOOP_HZ
-    step = (got[gap - 1].ticks - got[gap].ticks) % COUNTER_SPAN
-    assert step == pytest.approx((instants[gap] - instants[gap - 1]) / TICK_S % COUNTER_SPAN, abs=2)
+    step = (got[gap - 1].ticks - got[gap].ticks) % SPAN
+    assert step == pytest.approx((instants[gap] - instants[gap - 1]) / TICK_S % SPAN, abs=2)
     assert len(got) + 1 >= len(host.sent)
 
 
@@ -131,8 +131,8 @@ def test_a_clock_may_run_fast() -> None:
     host.listen(20.0)
     (first, begin), (last, end) = host.sent[0], host.sent[-1]
     assert (len(host.sent) - 1) / (end - begin) == pytest.approx(LOOP_HZ * 1.001, rel=1e-9)
-    turned = (first.ticks - last.ticks) % COUNTER_SPAN
-    assert turned == pytest.approx((end - begin) * 1.001 / TICK_S % COUNTER_SPAN, abs=2)
+    turned = (first.ticks - last.ticks) % SPAN
+    assert turned == pytest.approx((end - begin) * 1.001 / TICK_S % SPAN, abs=2)
 
 
 def test_replies_may_be_slow() -> None:

@@ -12,11 +12,10 @@ from mcap.writer import CompressionType, Writer
 
 from imutui.instrument.clock import Gap, Stamp
 from imutui.instrument.imu400.crossbow import Mode, Packet
-from imutui.instrument.imu400.instrument import IMU400CD
+from imutui.instrument.imu400.host import IMU400CD
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.messages import PacketS1
-from imutui.instrument.uut.readings import reading_of
 from imutui.jobs.check import check as check_once
 from imutui.jobs.info import info
 from imutui.logbook import message_arrays, schemas
@@ -93,7 +92,7 @@ def packet_of(instrument: Instrument, counts: list[int], k: int) -> Any:
     rates, accels = tuple(counts[:3]), tuple(counts[3:])
     if instrument is IMU400CD:
         return Packet(Mode.SCALED, rates, accels, 1550, ticks)
-    return reading_of(PacketS1(accels, rates, (-700, -701, -702), -690, ticks, 2))
+    return PacketS1(accels, rates, (-700, -701, -702), -690, ticks, 2)
 
 
 def rewritten(path: Path, change: Change) -> Path:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from filters import allan
 from filters.allan import RunningAllan
-from imutui.instrument.imu400.crossbow import Packet, Scaling
-from imutui.instrument.imu400.messages import Mode
+from imutui.instrument.imu400.crossbow import Mode, Packet
+from imutui.instrument.imu400.scaling import Scaling
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.running_spectrum import LENGTHS, RunningSpectrum
 

@@ -14,8 +14,8 @@ from helpers.units import Still, served
 
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
 from imutui.instrument.imu400.unit import VirtualUnit
 from imutui.instrument.port import Port
 from imutui.logbook import reader
@@ -40,7 +40,7 @@ def acquiring(path: str, home: Path, **fields: Any) -> Iterator[Engine]:
     """An acquisition in this process, which records without a filter."""
     with Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, **{"logs": str(home / "logs"), "record": True, "filter": "none", "rate_hz": 20.0} | fields)
-        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud, say=lambda text: None))
+        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud))
         engine.start()
         yield engine
 

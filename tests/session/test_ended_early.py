@@ -7,7 +7,6 @@ import pytest
 from helpers.processes import LIMIT_S, command_line, started, wait_until
 from helpers.units import Still, served
 
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import UnitOptions
 
@@ -16,7 +15,7 @@ from imutui.instrument.uut.unit_options import UnitOptions
 def test_a_unit_that_streamed_streams_again(number: signal.Signals, code: int, home: Path) -> None:
     """`record` is interrupted just after the unit was told to be quiet."""
     options = UnitOptions(reply_delay_s=0.5)
-    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+    unit = VirtualUnit(Still(), options)
     heard: list[str] = []
     line = command_line("record", "--port", str(home / "unit"), "--instrument", "imu381", "--filter", "none")
     with served(unit, link=home / "unit", log=heard.append), started(line) as process:

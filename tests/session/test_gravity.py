@@ -15,7 +15,6 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut.fields import Field, Orientation
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.logbook import reader
@@ -95,7 +94,7 @@ def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
     fields = tuple((f, OVER.field if f == Field.ORIENTATION else 4 if f == 1 else v) for f, v in IMU381ZA)
     options = UnitOptions(text="IMU381ZA-200 VIRTUAL SIM", fields=fields)
     log = tmp_path / "over.mcap"
-    with served(VirtualUnit(MeasuredPackets(Still(), options), options)) as port:
+    with served(VirtualUnit(Still(), options)) as port:
         # the filter, which takes the mounting for what was said, finds the same
         imutui("record", "--port", port, "--baud", "57600", "--duration", "4", "-o", str(log), check=1)
     told = json.loads(imutui("info", str(log), "--json").stdout)

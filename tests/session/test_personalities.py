@@ -25,17 +25,15 @@ from imutui.cli.virtual_readings import SimulatedReadings
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.imu400 import unit as imu400_unit
-from imutui.instrument.imu400.messages import POWER_UP_BAUD, Mode, Packet
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, Packet
+from imutui.instrument.imu400.unit import UnitOptions
 from imutui.instrument.port import Port
-from imutui.instrument.reading import Reading, Source
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut_unit
 from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.messages import PacketS1
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
-from imutui.instrument.virtual_instrument import VirtualInstrument
+from imutui.instrument.virtual_instrument import Reading, Source, VirtualInstrument
 from imutui.jobs import check
 from imutui.logbook import reader, schemas
 from imutui.session import exit_codes, reconnection
@@ -203,7 +201,7 @@ class Personality:
         """The unit that has this personality."""
         if isinstance(self.unit, UnitOptions):
             return imu400_unit.VirtualUnit(self.source(), self.unit, seed=3)
-        return uut_unit.VirtualUnit(MeasuredPackets(self.source(), self.unit), self.unit, seed=3)
+        return uut_unit.VirtualUnit(self.source(), self.unit, seed=3)
 
 
 def imu381(

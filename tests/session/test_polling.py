@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from helpers.commands import imutui
 from helpers.fake_devices import packet
@@ -20,19 +20,19 @@ from helpers.units import served
 from filters.imu import LOOP_HZ
 from imutui.instrument.faults import FaultyLine, LineFault
 from imutui.instrument.imu400 import handshake
-from imutui.instrument.imu400.crossbow import Command, Mode
-from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
-from imutui.instrument.imu400.polling import Answer, Poller
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, Mode
+from imutui.instrument.imu400.host import Imu400Host, Poller
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
-from imutui.instrument.reading import Reading
+from imutui.instrument.virtual_instrument import Reading
 from imutui.jobs.check import check
 from imutui.logbook import reader
 from imutui.logbook.polled_rate import PolledRate
 from imutui.session import client
 from imutui.session.reader_thread import PacketArrival, PollUnanswered, Reader
+
+if TYPE_CHECKING:
+    from imutui.instrument.host import Answer
 
 LOOP_S = 1.0 / LOOP_HZ
 Fate = Callable[[float], tuple[bool, float]]
@@ -100,7 +100,7 @@ def polling(
     """A unit that is polled until the block ends; then its reader has ended too."""
     unit = HardOfHearing(missed)
     with served(unit, line=FaultyLine(faults, fate)) as path, Port(path, POWER_UP_BAUD) as port:
-        handshake.open_dialogue(port, POWER_UP_BAUD, say=lambda text: None)
+        handshake.open_dialogue(port, POWER_UP_BAUD)
         polled = Polled(unit, port)
         reader = Reader(Imu400Host(port), hz, polled.events.append)
         reader.start()

@@ -19,15 +19,13 @@ from helpers.terminal_server import TerminalServer
 from helpers.units import Still, served
 
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.identity import Identity
-from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode, SetMode, encode
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.host import Identity
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Command, encode
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.instrument.uut import unit as uut
 from imutui.instrument.uut.fields import Field
-from imutui.instrument.uut.packet_makers import MeasuredPackets
 from imutui.instrument.uut.unit_options import UnitOptions as UutOptions
 from imutui.logbook import reader
 from imutui.logbook.results import TIMINGS
@@ -46,7 +44,7 @@ def unit(**options: Any) -> VirtualUnit:
 def imu381(serial_number: int = SERIAL) -> uut.VirtualUnit:
     """One that has just been given power, and streams by itself."""
     options = UutOptions(serial_number=serial_number)
-    return uut.VirtualUnit(MeasuredPackets(Still(), options), options, seed=serial_number)
+    return uut.VirtualUnit(Still(), options, seed=serial_number)
 
 
 UNITS: dict[str, Callable[..., Any]] = {"imu400cd": unit, "imu381": imu381}
@@ -287,7 +285,7 @@ def test_a_unit_that_has_stopped_is_known_before_long_silence_tells(
     """By its answers, amid a packet or between two: half a second for the IMU400CD, more for one that sends slowly."""
     monkeypatch.setattr(reconnection, "_LEAST_SILENCE_S", 1e9)
     quiet = UutOptions(serial_number=SERIAL, fields=tuple({**dict(UutOptions().fields), Field.RATE_DIVIDER: 0}.items()))
-    one = unit() if name == "imu400cd" else uut.VirtualUnit(MeasuredPackets(Still(), quiet), quiet, seed=1)
+    one = unit() if name == "imu400cd" else uut.VirtualUnit(Still(), quiet, seed=1)
     line = FaultyLine((LineFault(after_s, "reset"),))
     # at 0.1 Hz a sample takes ten seconds, and packets come all the same
     with served(one, line=line) as device, acquiring(home, device, **(asked_of(name) | {"rate_hz": rate_hz})) as run:
@@ -335,7 +333,7 @@ def test_a_stream_that_falls_into_volts_is_set_right(home: Path) -> None:
     """Not one packet in volts is taken for rates and forces."""
     with served(unit()) as device, acquiring(home, device) as run:
         run.more_packets()
-        run.port.write(encode(SetMode(Mode.VOLTAGE)))
+        run.port.write(encode(Command.VOLTAGE_MODE))
         wait_until(lambda: "the unit is back" in str(run.seen()["events"]))
         run.more_packets()
         texts, log = run.end()

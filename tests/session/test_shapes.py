@@ -11,10 +11,9 @@ from helpers.units import Still, served
 
 from imutui.history_rows import HistorySnapshot
 from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.logbook.results import ResultDocument
 from imutui.session import live_filter
@@ -57,7 +56,7 @@ def test_a_real_snapshot_has_its_shape(home: Path, record: bool, filtering: str)
         fields["reference_file"] = ("steps.toml", PROFILE)
     with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, logs=str(home / "logs"), record=record, **fields)
-        identity = handshake.open_dialogue(port, plan.baud, say=lambda text: None)
+        identity = handshake.open_dialogue(port, plan.baud)
         engine = Engine(plan, Imu400Host(port), identity)
         engine.start()
         first = looked_at(engine)

@@ -8,49 +8,38 @@ deaf while it zeroes its rate sensors; voltage words are centred on 2.5 V and re
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from imutui.instrument.imu400.command_text import in_words
+from filters.imu import LOOP_HZ
+from imutui.instrument import virtual_instrument
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.counts import COUNT_LIMITS, triple
 from imutui.instrument.imu400.crossbow import (
-    COUNTER_SPAN,
+    LETTER_REPLY,
     PACKET_BYTES,
     POWER_UP_BAUD,
+    SET_MODE,
     TICK_S,
-    AskSerialNumber,
-    AskVersion,
-    BaudReady,
-    BaudSet,
+    AnyCommand,
+    AnyReply,
     Command,
     CommandDecoder,
-    GetPacket,
-    MeasureBaud,
     Mode,
-    ModeSet,
     Packet,
-    Ping,
-    Pong,
-    RatesZeroed,
     Reply,
-    RequestBaud,
-    Scaling,
     SerialNumber,
-    SetMode,
-    StartStream,
-    StopStream,
-    UnknownCommand,
     Version,
     ZeroRateSensors,
     encode,
+    in_words,
 )
-from imutui.instrument.imu400.sampling_loop import SamplingLoop
-from imutui.instrument.imu400.scaling import FULL_SCALE_RATIO, VOLTS_SPAN
-from imutui.instrument.imu400.unit_options import VERSION_CHARACTERS, UnitOptions
-from imutui.instrument.reading import Reading, Source
-from imutui.instrument.transmitter import Transmitter, as_heard, same_speed, transfer_s
+from imutui.instrument.imu400.scaling import VOLTS_SPAN, Scaling
+from imutui.instrument.transmitter import SAME_INSTANT_S, same_speed, transfer_s
+from imutui.instrument.virtual_instrument import Reading, SamplingLoop, Source, VirtualInstrument
 
 # The speeds a unit could measure, and how long it listens for one: open in the manual; a host needs milliseconds.
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
@@ -58,6 +47,38 @@ _BAUD_PATIENCE_S = 10.0
 
 # "Sensor voltages: 2.5 V at rest": the middle of what a word can say
 _VOLTS_AT_REST = VOLTS_SPAN / 2.0
+
+
+VERSION_CHARACTERS = 30
+"""The longest text of an answer to `v`."""
+
+
+@dataclass(frozen=True)
+class UnitOptions(virtual_instrument.UnitOptions):
+    """What may differ from unit to unit, or is disputed between documents.
+
+    Replies may be late, packets never are: while an answer is due no packet begins.
+    """
+
+    # the answer to `v`, at most 30 characters; 24 on the units that others have seen
+    version: str = "IMU400CD-200 VIRTUAL 1.0"
+    # where the readings come from, for a unit that can say more than fits into a version. The version then ends in "+"
+    # and a number: so many further `v` are answered with the text piece by piece; a ping begins anew. No real unit has
+    # it.
+    source: str = ""
+    # what `R` does besides answering: nothing (VG700M manual); it stops the stream and keeps the mode (seen on
+    # hardware); it returns to power-up, voltage mode and polled (AHRS400 manual)
+    ping: Literal["keeps", "stops", "resets"] = "stops"
+    power_up_mode: Mode = Mode.VOLTAGE  # mode at power-up, and after an `R` that resets. The unit is polled then.
+    # loop_hz, loop_hz_voltage: rate of the unit's own loop in scaled and in voltage mode. The line may allow less.
+    loop_hz: float = LOOP_HZ
+    loop_hz_voltage: float = 213.3
+    # samples averaged for each unit of the argument of `z`; 10 or 100 by different sources
+    zero_samples_per_unit: int = 10
+    scaling: Scaling = field(default_factory=Scaling)  # ranges of the model
+    # whether the answer to `v` comes without header and checksum, as the manuals can be read
+    version_plain_text: bool = False
+    auto_baud: bool = True  # whether it knows `b`; else it is silent on it
 
 
 @dataclass(slots=True)
@@ -70,29 +91,29 @@ class _Zeroing:
     count: int = 0
 
 
-class VirtualUnit:
-    """An IMU400CD that has just been switched on.
-
-    Times are seconds on any one scale that never goes back; the unit's own loop runs on it. Speeds of the host are
-    passed with each call, since a real host changes its own without asking.
+class VirtualUnit(VirtualInstrument[Packet, AnyCommand]):
+    """An IMU400CD; see `VirtualInstrument`.
 
     `source`: what there is to measure.
     `options`: which unit this is.
     `seed`: where the time counter starts is drawn from it; without a seed it starts at 0.
-    `options`: which unit this is.
-    `on_packet`: told of every packet that it begins to send, and of the instant that was sampled.
     """
 
+    options: UnitOptions
+    packet_bytes = PACKET_BYTES
+    in_words = staticmethod(in_words)
+
     def __init__(self, source: Source, options: UnitOptions | None = None, seed: int | None = None) -> None:
-        self.options = options or UnitOptions()
-        self.on_packet: Callable[[Packet, float], None] | None = None
+        super().__init__(options or UnitOptions())
         self._source = source
-        self._line = Transmitter()
-        self._loop = SamplingLoop(self.options)
+        self._loops = {
+            Mode.SCALED: SamplingLoop(self.options.loop_hz),
+            Mode.VOLTAGE: SamplingLoop(self.options.loop_hz_voltage),
+        }
         self._last_sample = -1
         self._last_read = 0
         self._ended = False
-        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(COUNTER_SPAN))
+        self._first_ticks = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake()
 
     def _wake(self) -> None:
@@ -107,21 +128,15 @@ class VirtualUnit:
         self._versions = _versions(self.options)
         self._versions_told = 0
 
-    packet_bytes = PACKET_BYTES
-    in_words = staticmethod(in_words)
-
     def in_columns(self, packet: Packet) -> tuple[str, int, bytes]:
-        """Mode, counter and bytes of a packet."""
         return packet.mode.value, packet.ticks, encode(packet)
 
     @property
     def data_asked_for(self) -> bool:
-        """Whether a host has ever asked for data."""
         return self._loop.has_begun
 
     @property
     def baud(self) -> int:
-        """The unit's present speed."""
         return self._baud
 
     @property
@@ -139,75 +154,35 @@ class VirtualUnit:
         """Whether the source has run out: the unit sends no more packets, but still answers."""
         return self._ended
 
-    def power_up(self, now: float, serial_number: int | None = None) -> None:
-        """Begin anew: what is on the line breaks off, the counter restarts, and the loop goes on where it was.
-
-        `now`: time, s.
-        `serial_number`: that of another unit, which takes this one's place.
-        """
-        self._advance(now)
-        self._line.cut(now)
-        if serial_number is not None:
-            self.options = replace(self.options, serial_number=serial_number)
-        self._first_ticks = (math.floor(now / TICK_S) - 1) % COUNTER_SPAN
+    def _begin_anew(self, now: float) -> None:
+        """Restart the counter; the loop goes on where it was."""
+        self._first_ticks = (math.floor(now / TICK_S) - 1) % SPAN
         self._wake()
 
     def change_mode(self, now: float) -> None:
-        """Fall into the other mode, unasked; a stream goes on."""
         self._advance(now)
         self._set_mode(Mode.VOLTAGE if self._mode is Mode.SCALED else Mode.SCALED, now)
 
-    def pause(self, now: float, seconds: float) -> None:
-        """Send nothing for so long after what is on the line; the loop and the counter go on."""
-        self._advance(now)
-        self._line.hold(now + seconds)
-
-    def receive(self, data: bytes, now: float, host_baud: int) -> list[Command]:
-        """Let bytes from the host arrive.
-
-        `data`: the bytes, all of which have arrived by `now`.
-        `now`: time, s.
-        `host_baud`: the speed the host sent them at.
-        Returns what the unit understood, for a log.
-        """
-        commands: list[Command] = []
+    def receive(self, data: bytes, now: float, host_baud: int) -> list[AnyCommand]:
+        commands: list[AnyCommand] = []
         for byte in data:
             self._advance(now)
             commands += self._receive_byte(bytes([byte]), now, host_baud)
         return commands
 
-    def transmit(self, now: float, host_baud: int) -> bytes:
-        """Return the bytes whose last bit has left the unit by `now`, as a host at `host_baud` gets them.
-
-        `now`: time, s.
-        `host_baud`: the speed the host listens at.
-        Returns each byte is returned once. At a wrong speed they are garbage.
-        """
-        self._advance(now)
-        return b"".join(as_heard(data, baud, host_baud) for baud, data in self._line.take(now))
-
-    def next_event(self, now: float) -> float | None:
-        """Return when a packet or reply will next have left, so that `transmit` is worth calling.
-
-        `now`: time, s.
-        Returns none if nothing will leave until the next command.
-        """
-        self._advance(now)
-        sending = self._line.next_end()
-        if sending is not None:
-            return sending
+    def _next_left(self) -> float:
         if self._zeroing is not None:
-            return self._instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
+            return self._loop.instant(self._zeroing.next_sample + self._zeroing.remaining - 1)
         if self._streaming and not self._ended:
             return self._next_packet()[1] + transfer_s(PACKET_BYTES, self._baud)
-        return None
+        return math.inf
 
     # ------------------------------------------------------------------------------------------------------- commands
 
-    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[Command]:
+    def _receive_byte(self, byte: bytes, now: float, host_baud: int) -> list[AnyCommand]:
         if self._zeroing is not None:
             return []
-        measures = now <= self._measuring_until and byte == encode(MeasureBaud())
+        measures = now <= self._measuring_until and byte == encode(Command.MEASURE_BAUD)
         if not measures and not same_speed(self._baud, host_baud):
             return []
         commands = self._commands.feed(byte)
@@ -215,36 +190,35 @@ class VirtualUnit:
             self._obey(command, now, host_baud)
         return commands
 
-    def _obey(self, command: Command, now: float, host_baud: int) -> None:
+    def _obey(self, command: AnyCommand, now: float, host_baud: int) -> None:
         match command:
-            case Ping():
-                self._answer(Pong(), now)
+            case Command.PING:
+                self._answer(Reply.PONG, now)
                 self._ping(now)
-            case SetMode(mode):
-                self._answer(ModeSet(mode), now)
-                self._set_mode(mode, now)
-            case StopStream():
+            case Command.SCALED_MODE | Command.VOLTAGE_MODE:
+                self._answer(LETTER_REPLY[command], now)
+                self._set_mode(Mode.SCALED if command is SET_MODE[Mode.SCALED] else Mode.VOLTAGE, now)
+            case Command.STOP_STREAM:
                 self._streaming = False
-            case StartStream():
+            case Command.START_STREAM:
                 self._start_stream(now)
-            case GetPacket():
+            case Command.GET_PACKET:
                 self._streaming = False
                 self._send_newest(now)
-            case AskSerialNumber():
+            case Command.SERIAL_NUMBER:
                 self._answer(SerialNumber(self.options.serial_number), now)
-            case AskVersion():
+            case Command.VERSION:
                 self._answer_version(now)
             case ZeroRateSensors(argument):
                 self._zero(argument, now)
-            case RequestBaud() if self.options.auto_baud:
-                self._answer(BaudReady(), now)
+            case Command.REQUEST_BAUD if self.options.auto_baud:
+                self._answer(Reply.BAUD_READY, now)
                 self._measuring_until = now + _BAUD_PATIENCE_S
-            case MeasureBaud():
+            case Command.MEASURE_BAUD:
                 self._measure_baud(now, host_baud)
-            case UnknownCommand() | RequestBaud():
-                pass  # "reply to an unknown byte: open; silence"
+        # "reply to an unknown byte: open; silence"
 
-    def _answer(self, reply: Reply, now: float) -> None:
+    def _answer(self, reply: AnyReply, now: float) -> None:
         self._line.send(encode(reply), now + self.options.reply_delay_s, self._baud)
 
     def _answer_version(self, now: float) -> None:
@@ -267,9 +241,8 @@ class VirtualUnit:
             return
         self._mode = mode
         if self._streaming:
-            self._last_sample = self._loop.last_before(
-                now, self._mode
-            )  # each mode has a loop rate, hence a count of samples, of its own
+            # each mode has a loop rate, hence a count of samples, of its own
+            self._last_sample = self._loop.last_before(now)
 
     def _measure_baud(self, now: float, host_baud: int) -> None:
         if now > self._measuring_until:
@@ -278,38 +251,42 @@ class VirtualUnit:
         if measured is not None:
             self._measuring_until = -math.inf
             self._baud = measured
-            self._answer(BaudSet(), now)
+            self._answer(Reply.BAUD_SET, now)
 
     def _start_stream(self, now: float) -> None:
         if self._streaming:
             return
         self._streaming = True
-        self._loop.begin(now)
-        self._last_sample = self._loop.last_before(now, self._mode)
+        self._begin_loop(now)
+        self._last_sample = self._loop.last_before(now)
 
     def _send_newest(self, now: float) -> None:
-        self._loop.begin(now)
-        packet = self._packet(self._loop.newest(now, self._mode))
+        self._begin_loop(now)
+        packet = self._packet(self._loop.newest(now))
         if packet is not None:
             self._line.send(encode(packet), now, self._baud)
 
     def _zero(self, argument: int, now: float) -> None:
         if argument == 0:
             self._zero_dps = np.zeros(3)
-            self._answer(RatesZeroed(), now)
+            self._answer(Reply.RATES_ZEROED, now)
             return
-        self._loop.begin(now)
-        self._last_sample = self._loop.last_before(now, self._mode)
+        self._begin_loop(now)
+        self._last_sample = self._loop.last_before(now)
         self._zeroing = _Zeroing(self._last_sample + 1, argument * self.options.zero_samples_per_unit)
 
     # ----------------------------------------------------------------------------------------------------------- loop
 
-    def _instant(self, sample: int) -> float:
-        """When the present mode's loop takes a sample."""
-        return self._loop.instant(sample, self._mode)
+    @property
+    def _loop(self) -> SamplingLoop:
+        """That of the present mode; both begin together."""
+        return self._loops[self._mode]
+
+    def _begin_loop(self, now: float) -> None:
+        for loop in self._loops.values():
+            loop.begin(now)
 
     def _advance(self, now: float) -> None:
-        """Do all that falls due by `now`."""
         if self._zeroing is not None:
             self._advance_zeroing(self._zeroing, now)
         while self._streaming and self._zeroing is None and not self._ended:
@@ -323,12 +300,12 @@ class VirtualUnit:
 
     def _next_packet(self) -> tuple[int, float]:
         """Sample and start of the stream's next packet: the newest sample when the line is free, or else the next."""
-        newest = self._loop.newest(self._line.free_at, self._mode)
+        newest = self._loop.newest(self._line.free_at)
         sample = max(newest, self._last_sample + 1)
-        return sample, max(self._instant(sample), self._line.free_at)
+        return sample, max(self._loop.instant(sample), self._line.free_at)
 
     def _advance_zeroing(self, zeroing: _Zeroing, now: float) -> None:
-        while zeroing.remaining and self._instant(zeroing.next_sample) <= now:
+        while zeroing.remaining and self._loop.instant(zeroing.next_sample) <= now:
             reading = self._read(zeroing.next_sample)
             if reading is None:
                 self._zeroing = None
@@ -341,12 +318,13 @@ class VirtualUnit:
             self._zero_dps = zeroing.total_dps / zeroing.count
             self._last_sample = zeroing.next_sample - 1
             self._zeroing = None
-            self._answer(RatesZeroed(), self._instant(self._last_sample))
+            self._answer(Reply.RATES_ZEROED, self._loop.instant(self._last_sample))
 
     def _read(self, sample: int) -> Reading | None:
         """Ask the source for a sample of the present mode's loop; the source counts in scaled mode's."""
         # a mode whose instants lie otherwise would ask for a reading just before the last one
-        self._last_read = max(self._loop.reading(sample, self._mode), self._last_read)
+        number = math.floor((sample / self._loop.hz + SAME_INSTANT_S) * self.options.loop_hz)
+        self._last_read = max(number, self._last_read)
         reading = None if self._ended else self._source.reading(self._last_read)
         self._ended = reading is None
         return reading
@@ -362,16 +340,15 @@ class VirtualUnit:
             rates = scaling.rate_counts(reading.rates_dps - self._zero_dps)
             accels = scaling.accel_counts(reading.accels_g)
         else:
-            rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_range_dps)
-            accels = _sensor_words(scaling, reading.accels_g, scaling.accel_range_g)
-        temperature, instant = int(scaling.temperature_counts(reading.temperature_degc)), self._instant(sample)
-        packet = Packet(self._mode, _triple(rates), _triple(accels), temperature, self._ticks(instant))
-        if self.on_packet is not None:
-            self.on_packet(packet, instant)
+            rates = _sensor_words(scaling, reading.rates_dps, scaling.rate_lsb_dps)
+            accels = _sensor_words(scaling, reading.accels_g, scaling.accel_lsb_g)
+        temperature, instant = int(scaling.temperature_counts(reading.temperature_degc)), self._loop.instant(sample)
+        packet = Packet(self._mode, triple(rates), triple(accels), temperature, self._ticks(instant))
+        self._tell(packet, instant)
         return packet
 
     def _ticks(self, instant: float) -> int:
-        return (self._first_ticks - math.floor(instant / TICK_S)) % COUNTER_SPAN
+        return (self._first_ticks - math.floor(instant / TICK_S)) % SPAN
 
 
 def _versions(options: UnitOptions) -> list[str]:
@@ -381,13 +358,8 @@ def _versions(options: UnitOptions) -> list[str]:
     return [f"{options.version}+{len(pieces)}", *pieces] if pieces else [options.version]
 
 
-def _sensor_words(scaling: Scaling, values: ArrayLike, full_range: float) -> np.ndarray:
-    """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at 1.5 times the range."""
+def _sensor_words(scaling: Scaling, values: ArrayLike, lsb: float) -> NDArray[np.int64]:
+    """Sensor voltages, as words: 2.5 V at rest, 0 and 5 V at the ends of scaled words."""
     return scaling.volts_counts(
-        _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (FULL_SCALE_RATIO * full_range))
+        _VOLTS_AT_REST + np.asarray(values, np.float64) * (_VOLTS_AT_REST / (-COUNT_LIMITS[0] * lsb))
     )
-
-
-def _triple(words: np.ndarray) -> tuple[int, int, int]:
-    x, y, z = words.tolist()
-    return x, y, z

@@ -19,7 +19,6 @@ class Field(enum.IntEnum):
     RATE_DIVIDER = 0x0001
     BAUD = 0x0002
     PACKET_TYPE = 0x0003
-    ANALOG_FILTER = 0x0004
     LOW_PASS_5 = 0x0005
     LOW_PASS_6 = 0x0006
     ORIENTATION = 0x0007
@@ -36,26 +35,8 @@ RATE_OF_DIVIDER_LATER = {200: 200, **RATE_OF_DIVIDER, 100: 1}
 BAUD_OF_CODE = {0: 9600, 1: 19200, 2: 38400, 3: 57600, 4: 4800, 5: 115200, 6: 230400, 7: 460800}
 """Speeds by the value of the field; the 440 and the 380 know 0 to 3, the 381 2, 3, 5 and 6."""
 
-# "Cut-off by the value of the field": the least value of each step, Hz; 0 is unfiltered in the later table only.
-LOW_PASS_380 = ((7142, 5.0), (3571, 10.0), (1530, 20.0), (0, 50.0))
-LOW_PASS_381 = (
-    (18750, 2.0),
-    (8135, 5.0),
-    (4018, 10.0),
-    (2411, 20.0),
-    (1741, 25.0),
-    (1205, 40.0),
-    (1, 50.0),
-    (0, math.inf),
-)
-
 # Later firmware refuses a rate that would take more of the line than this.
 _LINE_SHARE = 0.81
-
-
-def low_pass_hz(value: int, table: tuple[tuple[int, float], ...] = LOW_PASS_381) -> float:
-    """Cut-off of a low-pass filter, Hz, by its field's value; infinite if it does not filter."""
-    return next(hz for least, hz in table if value >= least)
 
 
 def fits_line(rate_hz: float, payload_bytes: int, baud: int) -> bool:

@@ -1,10 +1,12 @@
 """Frames of the 440, 380 and 381: preamble, type, length, payload and CRC, all big-endian.
 
-Nothing here searches for frames in a stream of bytes (`frame_search`) or looks into a payload (`payloads`).
+Nothing here searches for frames in a stream of bytes (`decoder`) or looks into a payload (`messages`).
 """
 
 import binascii
 from dataclasses import dataclass
+
+from imutui.instrument.frame_search import FrameForm
 
 # "0x5555, packet type, payload length, payload, CRC": the length counts payload bytes only.
 PREAMBLE = b"\x55\x55"
@@ -45,7 +47,45 @@ def framed(frame: Frame) -> bytes:
     return PREAMBLE + covered + crc16(covered).to_bytes(CRC_BYTES, "big")
 
 
-def is_whole(held: bytes | bytearray, start: int, end: int) -> bool:
-    """Whether the frame that lies from `start` to `end` in the bytes held has the right CRC."""
-    covered = bytes(held[start + len(PREAMBLE) : end - CRC_BYTES])
-    return crc16(covered) == int.from_bytes(held[end - CRC_BYTES : end], "big")
+def frame_of(data: bytes) -> Frame:
+    """Frame that whole bytes hold; preamble and CRC are not looked at."""
+    return Frame(data[2:4], data[HEADER_BYTES:-CRC_BYTES])
+
+
+FIXED_LENGTHS = {
+    b"S0": 30,
+    b"S1": 24,
+    b"S2": 28,
+    b"A0": 30,
+    b"A1": 32,
+    b"A2": 30,
+    b"N0": 32,
+    b"N1": 42,
+    b"B1": 18,
+    b"B2": 10,
+    b"T0": 28,
+    b"VR": 5,
+    b"GP": 2,
+    b"SR": 0,
+    b"AR": 0,
+    b"\x15\x15": 2,
+}
+"""Payload bytes of the types that have always as many."""
+
+_ANY_LENGTH = frozenset((b"ID", b"CH", b"GF", b"RF", b"SF", b"WF", b"RE", b"WE", b"UE", b"LE"))
+
+
+def _is_likely(head: bytes) -> bool:
+    kind, length = head[2:4], head[-1]
+    return FIXED_LENGTHS.get(kind, length if kind in _ANY_LENGTH else None) == length
+
+
+FORM = FrameForm(
+    PREAMBLE,
+    OVERHEAD_BYTES,
+    HEADER_BYTES,
+    length=lambda head: OVERHEAD_BYTES + head[-1],
+    is_whole=lambda data: crc16(data[len(PREAMBLE) : -CRC_BYTES]) == int.from_bytes(data[-CRC_BYTES:], "big"),
+    is_likely=_is_likely,
+)
+"""How frames are found. One of an unknown type, or of a length that its type never has, is likelier noise."""

@@ -4,23 +4,20 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median_low
-from typing import Protocol
 
 import numpy as np
 
 from filters.errors import InputError
-from imutui.instrument.discarded import Discarded
-from imutui.instrument.reading import Source
-from imutui.instrument.uut.counter import COUNTS_PER_SECOND, SPAN, Meaning
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.counts import triple
+from imutui.instrument.frame_search import Discarded, FrameDecoder
+from imutui.instrument.uut.counter import COUNTS_PER_SECOND, Meaning
+from imutui.instrument.uut.decoder import UutSearch
 from imutui.instrument.uut.fields import RATE_OF_DIVIDER_LATER, Field, Orientation
-from imutui.instrument.uut.frame_search import FIXED_LENGTHS, FrameSearch
-from imutui.instrument.uut.frames import OVERHEAD_BYTES, Frame, framed
-from imutui.instrument.uut.messages import Measurement, PacketS0, PacketS1, PacketS2
-from imutui.instrument.uut.payloads import encode, read_reply
-from imutui.instrument.uut.scaling import Scaling
+from imutui.instrument.uut.frames import FIXED_LENGTHS, OVERHEAD_BYTES, framed
+from imutui.instrument.uut.messages import SCALING, Measurement, PacketS0, PacketS1, encode, read_reply
 from imutui.instrument.uut.unit_options import FieldValues, UnitOptions
-
-MEASUREMENTS = (b"S0", b"S1", b"S2")
+from imutui.instrument.virtual_instrument import Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,26 +26,6 @@ class MadePacket:
 
     packet: Measurement
     data: bytes
-
-
-class PacketMaker(Protocol):
-    """Makes a unit's packets, in order."""
-
-    def restart(self) -> None:
-        """Take note that a host has asked for a stream."""
-        ...
-
-    def length(self, kind: bytes) -> int:
-        """Bytes of the stream's next packet; 0 if there is none."""
-        ...
-
-    def streamed(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
-        """The stream's next packet: of reading k, with a counter; None once there is none."""
-        ...
-
-    def polled(self, kind: bytes, k: int, counter: int, orientation: Orientation) -> MadePacket | None:
-        """A packet that was asked for by itself."""
-        ...
 
 
 class MeasuredPackets:
@@ -61,7 +38,6 @@ class MeasuredPackets:
         self._source = source
         self._bit = options.bit
         self._home = _matrix(Orientation.of_field(dict(options.fields)[Field.ORIENTATION]))
-        self._scaling = Scaling()
         self._last = 0
         self._ended = False
 
@@ -80,9 +56,9 @@ class MeasuredPackets:
         if reading is None:
             return None
         turn = _matrix(orientation) @ self._home.T
-        accels = _triple(self._scaling.accel_counts(turn @ reading.accels_g))
-        rates = _triple(self._scaling.rate_counts(turn @ reading.rates_dps))
-        degc = int(self._scaling.temperature_counts(reading.temperature_degc))
+        accels = triple(SCALING.accel_counts(turn @ reading.accels_g))
+        rates = triple(SCALING.rate_counts(turn @ reading.rates_dps))
+        degc = int(SCALING.temperature_counts(reading.temperature_degc))
         packet: Measurement
         if kind == b"S0":
             packet = PacketS0(accels, rates, (0, 0, 0), (degc, degc, degc), degc, counter, self._bit)
@@ -108,7 +84,7 @@ class RecordedStream:
         self._packets = _packets_of(raw)
         kinds = {type(made.packet) for made in self._packets}
         if len(kinds) != 1:
-            raise InputError(f"a stream has packets S0, S1 or S2 of one type, and this has {len(kinds)} types of them")
+            raise InputError(f"a stream has packets S0 or S1 of one type, and this has {len(kinds)} types of them")
         self.divider = _divider_of([made.packet for made in self._packets])
         self._next = 0
 
@@ -151,15 +127,15 @@ class RecordedStream:
 
 
 def _packets_of(raw: bytes) -> list[MadePacket]:
-    search, made, before = FrameSearch(), list[MadePacket](), b""
-    for found in [*search.feed(raw), *search.quiet()]:
-        if isinstance(found, Frame) and found.type in MEASUREMENTS:
-            packet = read_reply(found)
-            if isinstance(packet, PacketS0 | PacketS1 | PacketS2):
-                made.append(MadePacket(packet, before + framed(found)))
-                before = b""
-                continue
-        before += found.data if isinstance(found, Discarded) else framed(found)
+    decoder, made, before = FrameDecoder(UutSearch(lambda frame: frame)), list[MadePacket](), b""
+    for found in [*decoder.feed(raw), *decoder.quiet()]:
+        if isinstance(found, Discarded):
+            before += found.data
+        elif isinstance(packet := read_reply(found), PacketS0 | PacketS1):
+            made.append(MadePacket(packet, before + framed(found)))
+            before = b""
+        else:
+            before += framed(found)
     if made:
         made[-1] = MadePacket(made[-1].packet, made[-1].data + before)
     return made
@@ -167,8 +143,7 @@ def _packets_of(raw: bytes) -> list[MadePacket]:
 
 def _divider_of(packets: list[Measurement]) -> int:
     """Divider by which the counter steps as it does."""
-    counters = [_counter_of(packet) for packet in packets]
-    steps = [(after - before) % SPAN for before, after in pairwise(counters)]
+    steps = [(after.counter - before.counter) % SPAN for before, after in pairwise(packets)]
     if not steps:
         return 1
     period = (median_low(steps) or COUNTS_PER_SECOND) / COUNTS_PER_SECOND
@@ -179,11 +154,7 @@ def _divider_of(packets: list[Measurement]) -> int:
 def in_columns(packet: Measurement) -> tuple[str, int, bytes]:
     """Type, counter and bytes of a packet, for a table."""
     data = encode(packet)
-    return data[2:4].decode("ascii"), _counter_of(packet), data
-
-
-def _counter_of(packet: Measurement) -> int:
-    return packet.time if isinstance(packet, PacketS0) else packet.counter
+    return data[2:4].decode("ascii"), packet.counter, data
 
 
 def counter_at(meaning: Meaning, instant: float, packets: int) -> int:
@@ -196,8 +167,3 @@ def _matrix(orientation: Orientation) -> np.ndarray:
     matrix = np.zeros((3, 3))
     matrix[range(3), orientation.axes] = orientation.signs
     return matrix
-
-
-def _triple(counts: np.ndarray) -> tuple[int, int, int]:
-    x, y, z = counts.tolist()
-    return x, y, z

@@ -9,19 +9,17 @@ reply on the line are late and not lost, up to half a second of them.
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
-from imutui.instrument.transmitter import Transmitter, as_heard, same_speed, transfer_s
-from imutui.instrument.uut.configuration import Configuration
-from imutui.instrument.uut.counter import SPAN
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.transmitter import same_speed, transfer_s
 from imutui.instrument.uut.decoder import RequestDecoder
 from imutui.instrument.uut.fields import QUIET, Field, Orientation
-from imutui.instrument.uut.frame_search import FIXED_LENGTHS
-from imutui.instrument.uut.frames import MOST_PAYLOAD_BYTES, OVERHEAD_BYTES, Frame, framed
+from imutui.instrument.uut.frames import FIXED_LENGTHS, MOST_PAYLOAD_BYTES, OVERHEAD_BYTES, Frame, framed
 from imutui.instrument.uut.messages import (
+    GET,
+    SET,
     Echo,
     FactoryWords,
     Fields,
@@ -40,12 +38,12 @@ from imutui.instrument.uut.messages import (
     Reset,
     SetFields,
     StatusWords,
+    encode,
+    frame_of,
 )
-from imutui.instrument.uut.packet_makers import MadePacket, PacketMaker, RecordedStream, counter_at, in_columns
-from imutui.instrument.uut.payloads import GET, GET_PACKET, SET, encode, frame_of
-from imutui.instrument.uut.request_text import in_words
-from imutui.instrument.uut.schedule import Schedule
-from imutui.instrument.uut.unit_options import UnitOptions
+from imutui.instrument.uut.packet_makers import MadePacket, MeasuredPackets, RecordedStream, counter_at, in_columns
+from imutui.instrument.uut.unit_options import Configuration, UnitOptions
+from imutui.instrument.virtual_instrument import SamplingLoop, Source, VirtualInstrument
 
 # "A frame must arrive within 4 s."
 _FRAME_PATIENCE_S = 4.0
@@ -54,32 +52,24 @@ _LONGEST_BACKLOG_S = 0.5
 _STATUS_WORDS = 14
 
 
-class VirtualUnit:
-    """A unit that has just been switched on.
+class VirtualUnit(VirtualInstrument[Measurement, Request]):
+    """A unit of the family; see `VirtualInstrument`.
 
-    Times are seconds on any one scale that never goes back; the unit's own loop runs on it. Speeds of the host are
-    passed with each call, since a real host changes its own without asking.
-
-    `packets`: what its packets are made of.
+    `source`: what there is to measure, or a stream to send as it is.
     `options`: which unit this is.
     `seed`: where the counter starts is drawn from it; without a seed it starts at 0.
-    `options`: which unit this is.
-    `on_packet`: told of every packet that it begins to send, and of the instant that was sampled.
-    `data_asked_for`: whether a host has ever asked for data.
     """
 
-    in_words = staticmethod(in_words)
+    options: UnitOptions
     in_columns = staticmethod(in_columns)
 
-    def __init__(self, packets: PacketMaker, options: UnitOptions | None = None, seed: int | None = None) -> None:
-        self.options = options or UnitOptions()
-        self.on_packet: Callable[[Measurement, float], None] | None = None
-        self.data_asked_for = False
-        self._packets = packets
-        only = packets.only if isinstance(packets, RecordedStream) else ()
-        self._fields = Configuration(self.options, only)
-        self._line = Transmitter()
-        self._schedule = Schedule(self.options.loop_hz)
+    def __init__(
+        self, source: Source | RecordedStream, options: UnitOptions | None = None, seed: int | None = None
+    ) -> None:
+        super().__init__(options or UnitOptions())
+        self._packets = source if isinstance(source, RecordedStream) else MeasuredPackets(source, self.options)
+        self._fields = Configuration(self.options, source.only if isinstance(source, RecordedStream) else ())
+        self._loop = SamplingLoop(self.options.loop_hz, 0.0)
         self._begun = math.inf  # the loop's number of the source's first reading
         self._first_count = 0 if seed is None else int(np.random.default_rng(seed).integers(SPAN))
         self._wake(0.0)
@@ -92,16 +82,21 @@ class VirtualUnit:
         self._frame_since = ready
         self._sent = 0
         self._fields.power_up()
-        self._schedule.begin(ready)
+        self._begin_next(ready)
+
+    def in_words(self, command: Request) -> str:
+        return in_words(command)
+
+    @property
+    def data_asked_for(self) -> bool:
+        return self._begun < math.inf
 
     @property
     def baud(self) -> int:
-        """The unit's present speed."""
         return self._fields.baud
 
     @property
     def packet_bytes(self) -> int:
-        """Bytes of a packet of the stream."""
         return FIXED_LENGTHS[self._fields.packet_type] + OVERHEAD_BYTES
 
     @property
@@ -109,41 +104,23 @@ class VirtualUnit:
         """Packets a second of the stream; 0 if the unit is quiet."""
         return self._fields.rate_hz
 
-    def power_up(self, now: float, serial_number: int | None = None) -> None:
-        """Begin anew: what is on the line breaks off, fields are those in EEPROM, the counter restarts.
-
-        `now`: time, s.
-        `serial_number`: that of another unit, which takes this one's place.
-        """
-        self._advance(now)
-        self._line.cut(now)
-        if serial_number is not None:
-            self.options = replace(self.options, serial_number=serial_number)
+    def _begin_anew(self, now: float) -> None:
+        """Put the fields in EEPROM in force, and restart the counter."""
         self._first_count = -counter_at(self.options.counter, now, 0) % SPAN
         self._wake(now + self.options.boot_s)
 
     def change_mode(self, now: float) -> None:
-        """Fall into another type of packet, unasked; a stream goes on."""
         self._advance(now)
         kinds = self.options.packet_types
         kind = kinds[(kinds.index(self._fields.packet_type) + 1) % len(kinds)]
         self._fields.put(Memory.RAM, ((Field.PACKET_TYPE, int.from_bytes(kind, "big")),))
 
     def pause(self, now: float, seconds: float) -> None:
-        """Send nothing for so long after what is on the line; the loop and the counter go on."""
-        self._advance(now)
-        self._line.hold(now + seconds)
+        super().pause(now, seconds)
         if self.rate_hz:
-            self._schedule.skip_to(now + seconds, self.rate_hz)
+            self._skip_to(now + seconds)
 
     def receive(self, data: bytes, now: float, host_baud: int) -> list[Request]:
-        """Let bytes from the host arrive.
-
-        `data`: the bytes, all of which have arrived by `now`.
-        `now`: time, s.
-        `host_baud`: the speed the host sent them at.
-        Returns what the unit understood, for a log.
-        """
         self._advance(now)
         if now < self._ready or not same_speed(self.baud, host_baud):
             return []
@@ -158,32 +135,12 @@ class VirtualUnit:
                 break
         return understood
 
-    def transmit(self, now: float, host_baud: int) -> bytes:
-        """Return the bytes whose last bit has left the unit by `now`, as a host at `host_baud` gets them.
-
-        `now`: time, s.
-        `host_baud`: the speed the host listens at.
-        Returns each byte is returned once. At a wrong speed they are garbage.
-        """
-        self._advance(now)
-        return b"".join(as_heard(data, baud, host_baud) for baud, data in self._line.take(now))
-
-    def next_event(self, now: float) -> float | None:
-        """Return when a packet or reply will next have left, so that `transmit` is worth calling.
-
-        `now`: time, s.
-        Returns none if nothing will leave until the next request.
-        """
-        self._advance(now)
-        sending = self._line.next_end()
-        if sending is not None:
-            return sending
-        length = self._packets.length(self._fields.packet_type)
-        left = self._next_start() + transfer_s(length, self.baud)
+    def _next_left(self) -> float:
+        left = self._next_start() + transfer_s(self._packets.length(self._fields.packet_type), self.baud)
         if self._replies:
             due, data, baud = self._replies[0]
             left = min(left, due + transfer_s(len(data), baud))
-        return left if math.isfinite(left) else None
+        return left
 
     # ------------------------------------------------------------------------------------------------------- requests
 
@@ -193,8 +150,7 @@ class VirtualUnit:
                 self._answer(request, now)
             case Reset():
                 self._line.send(encode(request), now + self.options.reply_delay_s, self.baud)
-                self._first_count = -counter_at(self.options.counter, self._line.free_at, 0) % SPAN
-                self._wake(self._line.free_at + self.options.boot_s)
+                self._begin_anew(self._line.free_at)
             case GetPacket(kind):
                 self._answer_packet(kind, now)
             case GetFields(memory, ids):
@@ -238,7 +194,7 @@ class VirtualUnit:
         elif kind in self.options.packet_types and (made := self._poll(kind, now)) is not None:
             self._reply(made.data, now, self.baud)
         else:
-            self._answer(Refused(GET_PACKET), now)
+            self._answer(Refused(b"GP"), now)
 
     def _identify(self, now: float) -> None:
         frame = frame_of(Identification(self.options.serial_number, self.options.text))
@@ -260,27 +216,35 @@ class VirtualUnit:
     def _begin_stream(self, values: dict[int, int], now: float) -> None:
         """Take note of fields that a host has put in force: they may ask for data."""
         if Field.RATE_DIVIDER in values:
-            self._schedule.begin(now)
+            self._begin_next(now)
         if values.get(Field.RATE_DIVIDER, QUIET) != QUIET:
             self._packets.restart()
         # a quiet unit that is told a type is not asked for data yet
         if self.rate_hz and (Field.RATE_DIVIDER in values or Field.PACKET_TYPE in values):
-            self._begin_source(self._schedule.newest(now) + 1)
+            self._begin_source(self._loop.newest(now) + 1)
 
     def _begin_source(self, number: int) -> None:
         """Let time of the source begin, if it has not, at an instant of the loop."""
-        self.data_asked_for = True
         self._begun = min(self._begun, number)
 
     # ----------------------------------------------------------------------------------------------------------- loop
+
+    def _begin_next(self, now: float) -> None:
+        """Let the next packet be of the loop's next instant."""
+        self._next = self._loop.newest(now) + 1
+
+    def _skip_to(self, now: float) -> None:
+        """Leave out packets, so that the next one is the newest at a time."""
+        step = self.options.loop_hz // self.rate_hz
+        self._next += max(0, (self._loop.newest(now) - self._next) // step) * step
 
     def _next_start(self) -> float:
         """When the stream's next packet begins; infinite if there is none."""
         if not (self.rate_hz and self._packets.length(self._fields.packet_type)):
             return math.inf
         if math.isfinite(self._line.free_at):
-            self._schedule.skip_to(self._line.free_at - _LONGEST_BACKLOG_S, self.rate_hz)
-        return max(self._schedule.instant(self._schedule.next), self._line.free_at)
+            self._skip_to(self._line.free_at - _LONGEST_BACKLOG_S)
+        return max(self._loop.instant(self._next), self._line.free_at)
 
     def _advance(self, now: float) -> None:
         """Give up a frame that has not come in time, and begin all packets that fall due by `now`."""
@@ -296,29 +260,56 @@ class VirtualUnit:
                 continue
             if start > now:
                 return
-            made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._schedule.next))
+            made = self._packets.streamed(*self._asked_of(self._fields.packet_type, self._next))
             if made is not None:
-                self._tell(made, self._schedule.instant(self._schedule.next))
+                self._count(made, self._loop.instant(self._next))
                 self._line.send(made.data, start, self.baud)
-            self._schedule.advance(self.rate_hz)
+            self._next += self.options.loop_hz // self.rate_hz
 
     def _poll(self, kind: bytes, now: float) -> MadePacket | None:
         """A packet of the loop's newest instant."""
-        newest = self._schedule.newest(now)
+        newest = self._loop.newest(now)
         self._begin_source(newest)
         made = self._packets.polled(*self._asked_of(kind, newest))
         if made is not None:
-            self._tell(made, self._schedule.instant(newest))
+            self._count(made, self._loop.instant(newest))
         return made
 
+    def _count(self, made: MadePacket, instant: float) -> None:
+        self._sent += 1
+        self._tell(made.packet, instant)
+
     def _asked_of(self, kind: bytes, number: int) -> tuple[bytes, int, int, Orientation]:
-        reading = max(0, number - int(self._begun)) if math.isfinite(self._begun) else 0
-        counter = (
-            self._first_count + counter_at(self.options.counter, self._schedule.instant(number), self._sent)
-        ) % SPAN
+        reading = max(0, number - int(self._begun)) if self.data_asked_for else 0
+        counter = (self._first_count + counter_at(self.options.counter, self._loop.instant(number), self._sent)) % SPAN
         return kind, reading, counter, self._fields.orientation
 
-    def _tell(self, made: MadePacket, instant: float) -> None:
-        self._sent += 1
-        if self.on_packet is not None:
-            self.on_packet(made.packet, instant)
+
+def in_words(request: Request) -> str:
+    """Say what a request asks for.
+
+    `request`: as received.
+    Returns such as ``SF: set in RAM 0001=0000``.
+    """
+    match request:
+        case Ping():
+            meaning = "ping"
+        case Reset():
+            meaning = "restart"
+        case Echo(payload):
+            meaning = f"echo of {len(payload)} bytes"
+        case GetPacket(kind):
+            meaning = f"one packet of {_letters(kind)}"
+        case GetFields(memory, ids):
+            meaning = f"read from {memory.value} " + " ".join(f"{number:04x}" for number in ids)
+        case SetFields(memory, values):
+            meaning = f"set in {memory.value} " + " ".join(f"{number:04x}={value:04x}" for number, value in values)
+        case ReadFactoryWords(address, count):
+            meaning = f"{count} words of the factory's memory from {address:04x}"
+        case OtherFrame(_, payload):
+            meaning = f"unknown, with {len(payload)} bytes"
+    return f"{_letters(frame_of(request).type)}: {meaning}"
+
+
+def _letters(kind: bytes) -> str:
+    return ascii(kind.decode("latin-1"))[1:-1]

@@ -1,25 +1,28 @@
-"""Which unit of the family a virtual one is: identity, fields as they leave the factory, and what documents dispute."""
+"""Which unit of the family a virtual one is, and its fields: in RAM, where they are in force, and in EEPROM."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+from imutui.instrument import virtual_instrument
 from imutui.instrument.uut.counter import Meaning
-from imutui.instrument.uut.fields import Field
-from imutui.instrument.uut.messages import Version
+from imutui.instrument.uut.fields import (
+    BAUD_OF_CODE,
+    QUIET,
+    RATE_OF_DIVIDER,
+    RATE_OF_DIVIDER_LATER,
+    Field,
+    Orientation,
+    fits_line,
+    orientation_of,
+)
+from imutui.instrument.uut.frames import FIXED_LENGTHS
+from imutui.instrument.uut.messages import Memory, Version
 
 FieldValues: TypeAlias = tuple[tuple[int, int], ...]
 
 _S1 = int.from_bytes(b"S1", "big")
 
-# "38400 baud, S1, 100 Hz, 10 Hz Butterworth, orientation 0x006B"; the value of the filter is one of those for 10 Hz.
-IMU380ZA_200: FieldValues = (
-    (Field.RATE_DIVIDER, 1),
-    (Field.BAUD, 2),
-    (Field.PACKET_TYPE, _S1),
-    (Field.LOW_PASS_5, 5000),
-    (Field.LOW_PASS_6, 5000),
-    (Field.ORIENTATION, 0x006B),
-)
 # "115200 baud, S1, 100 Hz, 25 Hz": as a stand-in for a real IMU381 has them in its maker's tests.
 IMU381ZA: FieldValues = (
     (Field.RATE_DIVIDER, 1),
@@ -32,12 +35,11 @@ IMU381ZA: FieldValues = (
 
 
 @dataclass(frozen=True)
-class UnitOptions:
+class UnitOptions(virtual_instrument.UnitOptions):
     """What may differ from unit to unit, or is disputed between documents."""
 
-    serial_number: int = 9911750  # first part of the answer to a request for ID
-    # the other part: model, part number, version of the firmware and whatever follows, with spaces between. Other
-    # programs need three words.
+    # behind the serial number in the answer to a request for ID: model, part number, version of the firmware and
+    # whatever follows, with spaces between. Other programs need three words.
     text: str = "IMU381ZA-200 VIRTUAL 1.0"
     text_ends_with_zero: bool = True  # whether a zero byte follows it
     version: Version = field(default_factory=lambda: Version(1, 0, 0, 0, 0))  # the answer to a request for VR
@@ -54,5 +56,76 @@ class UnitOptions:
     # whether the reply to a new speed comes at that speed, as the manuals say, or at the old one
     new_baud_at_once: bool = True
     boot_s: float = 0.1  # how long it is deaf and silent after a restart
-    reply_delay_s: float = 0.0  # how late it answers
-    clock_skew_ppm: float = 0.0  # how much faster than the host's its clock runs: loop, counter and line
+
+
+# Fields that are judged together: a rate has to fit the line.
+_TOGETHER = (Field.RATE_DIVIDER, Field.BAUD, Field.PACKET_TYPE)
+
+
+class Configuration:
+    """The fields of a unit.
+
+    `options`: its fields at first, and what it takes.
+    `only`: fields that take no value but this; a divider may be `QUIET` all the same.
+    `baud`: speed in force.
+    `packet_type`: type of the stream's packets in force.
+    `rate_hz`: packets a second in force; 0 if the unit is quiet.
+    `orientation`: orientation in force.
+    """
+
+    def __init__(self, options: UnitOptions, only: FieldValues = ()) -> None:
+        self._options = options
+        self._only = dict(only)
+        self._rates = RATE_OF_DIVIDER if options.loop_hz == 100 else RATE_OF_DIVIDER_LATER
+        self._kept = {Memory.EEPROM: dict(options.fields)}
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Put what is in EEPROM in force."""
+        self._kept[Memory.RAM] = dict(self._kept[Memory.EEPROM])
+        self._put_in_force()
+
+    def _put_in_force(self) -> None:
+        ram = self._kept[Memory.RAM]
+        self.baud = BAUD_OF_CODE[ram[Field.BAUD]]
+        self.packet_type = ram[Field.PACKET_TYPE].to_bytes(2, "big")
+        self.rate_hz = self._rates.get(ram[Field.RATE_DIVIDER], 0)
+        self.orientation = Orientation.of_field(ram[Field.ORIENTATION])
+
+    def get(self, memory: Memory, ids: Iterable[int]) -> FieldValues:
+        """Fields by number; those that there are not are left out."""
+        kept = self._kept[memory]
+        return tuple((number, kept[number]) for number in ids if number in kept)
+
+    def put(self, memory: Memory, values: FieldValues) -> tuple[int, ...]:
+        """Take what is possible of new values; returns the numbers of the fields that were taken."""
+        kept = self._kept[memory]
+        good = {number: value for number, value in values if self._takes(number, value)}
+        if not self._go_together({**kept, **good}):
+            good = {number: value for number, value in good.items() if number not in _TOGETHER}
+        kept.update(good)
+        self._put_in_force()
+        return tuple(number for number, value in values if good.get(number) == value)
+
+    def _takes(self, number: int, value: int) -> bool:
+        if number not in self._kept[Memory.EEPROM]:
+            return False
+        if number == Field.RATE_DIVIDER and value == QUIET:
+            return True
+        if number in self._only:
+            return value == self._only[number]
+        match number:
+            case Field.RATE_DIVIDER:
+                return value in self._rates
+            case Field.BAUD:
+                return value in self._options.baud_codes
+            case Field.PACKET_TYPE:
+                return value.to_bytes(2, "big") in self._options.packet_types
+            case Field.ORIENTATION:
+                return orientation_of(value) is not None
+        return True
+
+    def _go_together(self, kept: dict[int, int]) -> bool:
+        rate_hz = self._rates.get(kept[Field.RATE_DIVIDER], 0)
+        payload_bytes = FIXED_LENGTHS[kept[Field.PACKET_TYPE].to_bytes(2, "big")]
+        return fits_line(rate_hz, payload_bytes, BAUD_OF_CODE[kept[Field.BAUD]])

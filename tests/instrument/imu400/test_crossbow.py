@@ -9,67 +9,55 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.discarded import Discarded
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.frame_search import Discarded, FrameDecoder
 from imutui.instrument.imu400.crossbow import (
-    COUNTER_SPAN,
-    NOMINAL_PERIOD_S,
     PACKET_BYTES,
     TICK_S,
-    AskSerialNumber,
-    AskVersion,
-    BaudReady,
-    BaudSet,
+    AnyCommand,
+    AnyReply,
     Command,
     CommandDecoder,
-    Decoder,
-    Event,
-    GetPacket,
-    MeasureBaud,
     Mode,
-    ModeSet,
     Packet,
-    Ping,
-    Pong,
-    RatesZeroed,
     Reply,
-    RequestBaud,
-    Scaling,
     SerialNumber,
-    SetMode,
-    StartStream,
-    StopStream,
     UnknownCommand,
     Version,
     ZeroRateSensors,
     checksum,
     encode,
 )
+from imutui.instrument.imu400.decoder import NOMINAL_PERIOD_S, PacketSearch, packet_decoder, reply_decoder
+from imutui.instrument.imu400.scaling import Scaling
 
-COMMANDS: list[tuple[Command, bytes]] = [
-    (Ping(), b"R"),
-    (SetMode(Mode.SCALED), b"c"),
-    (SetMode(Mode.VOLTAGE), b"r"),
-    (StopStream(), b"P"),
-    (StartStream(), b"C"),
-    (GetPacket(), b"G"),
-    (AskSerialNumber(), b"S"),
-    (AskVersion(), b"v"),
+Event = Packet | AnyReply | Discarded
+
+COMMANDS: list[tuple[AnyCommand, bytes]] = [
+    (Command.PING, b"R"),
+    (Command.SCALED_MODE, b"c"),
+    (Command.VOLTAGE_MODE, b"r"),
+    (Command.STOP_STREAM, b"P"),
+    (Command.START_STREAM, b"C"),
+    (Command.GET_PACKET, b"G"),
+    (Command.SERIAL_NUMBER, b"S"),
+    (Command.VERSION, b"v"),
     (ZeroRateSensors(0x1E), b"z\x1e"),
     (ZeroRateSensors(ord("z")), b"zz"),
-    (RequestBaud(), b"b"),
-    (MeasureBaud(), b"a"),
+    (Command.REQUEST_BAUD, b"b"),
+    (Command.MEASURE_BAUD, b"a"),
     (UnknownCommand(ord("?")), b"?"),
 ]
 
-REPLIES: list[tuple[Command, Reply, bytes]] = [
-    (Ping(), Pong(), b"H"),
-    (SetMode(Mode.SCALED), ModeSet(Mode.SCALED), b"C"),
-    (SetMode(Mode.VOLTAGE), ModeSet(Mode.VOLTAGE), b"R"),
-    (AskSerialNumber(), SerialNumber(9911750), bytes.fromhex("FF 00 97 3D C6 9A")),
-    (AskVersion(), Version("IMU400CD-200 Rev 1.23 $$"), b"\xffIMU400CD-200 Rev 1.23 $$\x5e"),
-    (ZeroRateSensors(30), RatesZeroed(), b"Z"),
-    (RequestBaud(), BaudReady(), b"B"),
-    (MeasureBaud(), BaudSet(), b"A"),
+REPLIES: list[tuple[AnyCommand, AnyReply, bytes]] = [
+    (Command.PING, Reply.PONG, b"H"),
+    (Command.SCALED_MODE, Reply.SCALED_MODE, b"C"),
+    (Command.VOLTAGE_MODE, Reply.VOLTAGE_MODE, b"R"),
+    (Command.SERIAL_NUMBER, SerialNumber(9911750), bytes.fromhex("FF 00 97 3D C6 9A")),
+    (Command.VERSION, Version("IMU400CD-200 Rev 1.23 $$"), b"\xffIMU400CD-200 Rev 1.23 $$\x5e"),
+    (ZeroRateSensors(30), Reply.RATES_ZEROED, b"Z"),
+    (Command.REQUEST_BAUD, Reply.BAUD_READY, b"B"),
+    (Command.MEASURE_BAUD, Reply.BAUD_SET, b"A"),
 ]
 
 SCALED, VOLTAGE = Mode.SCALED, Mode.VOLTAGE
@@ -96,15 +84,15 @@ PACKETS: list[tuple[Packet, bytes]] = [
     ),
 ]
 
-Expect = Callable[[Decoder], None]
+Expect = Callable[[], FrameDecoder[Packet | AnyReply]]
 
 
-def _expect_reply(command: Command) -> Expect:
-    return lambda decoder: decoder.expect_reply(command)
+def _expect_reply(command: AnyCommand) -> Expect:
+    return lambda: reply_decoder(command)
 
 
 def _expect_packets(mode: Mode, streaming: bool) -> Expect:
-    return lambda decoder: decoder.expect_packets(mode, streaming=streaming)
+    return lambda: packet_decoder(mode, streaming=streaming)
 
 
 FROM_UNIT = [
@@ -123,8 +111,7 @@ QUIET_NOISE = b"\x01\x02\x80"  # neither a header nor a letter
 
 def decode(chunks: Iterable[bytes], expect: Expect) -> list[Event]:
     """Return the events of a fresh decoder after all chunks and a quiet line, adjacent discards joined."""
-    decoder = Decoder()
-    expect(decoder)
+    decoder = expect()
     events = [event for chunk in chunks for event in decoder.feed(chunk)] + decoder.quiet()
     return joined(events)
 
@@ -151,11 +138,9 @@ def packets_of(events: Iterable[Event]) -> list[Packet]:
     return [event for event in events if isinstance(event, Packet)]
 
 
-def streaming_decoder(mode: Mode = SCALED) -> Decoder:
+def streaming_decoder(mode: Mode = SCALED) -> FrameDecoder[Packet]:
     """Return a decoder that has seen nothing and expects a stream."""
-    decoder = Decoder()
-    decoder.expect_packets(mode, streaming=True)
-    return decoder
+    return packet_decoder(mode, streaming=True)
 
 
 def stream(length: int, seed: int = 0, period_ticks: float = PERIOD_TICKS, mode: Mode = SCALED) -> list[Packet]:
@@ -163,7 +148,7 @@ def stream(length: int, seed: int = 0, period_ticks: float = PERIOD_TICKS, mode:
     rng = np.random.default_rng(seed)
     words = rng.normal(0.0, 20.0, (length, 6)).round().astype(int) + (0 if mode is SCALED else 2048)
     return [
-        Packet(mode, (gx, gy, gz), (ax, ay, az), 1587, int(40000 - n * period_ticks) % COUNTER_SPAN)
+        Packet(mode, (gx, gy, gz), (ax, ay, az), 1587, int(40000 - n * period_ticks) % SPAN)
         for n, (gx, gy, gz, ax, ay, az) in enumerate(words.tolist())
     ]
 
@@ -177,7 +162,7 @@ def on_the_line(packets: Sequence[Packet]) -> bytes:
 
 
 @pytest.mark.parametrize(("command", "data"), COMMANDS)
-def test_a_command_is_its_bytes_in_both_directions(command: Command, data: bytes) -> None:
+def test_a_command_is_its_bytes_in_both_directions(command: AnyCommand, data: bytes) -> None:
     """What the host writes is what the unit reads, in one feed or in several."""
     assert encode(command) == data
     assert CommandDecoder().feed(data) == [command]
@@ -233,19 +218,11 @@ def test_a_lone_packet_amid_noise_is_not_believed(packet: Packet) -> None:
     assert decode([line], _expect_packets(packet.mode, True)) == [Discarded(line, False)]
 
 
-@pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
-def test_nothing_is_found_that_was_not_expected(expect: Expect, event: Event, data: bytes) -> None:
-    """A decoder that expects nothing discards everything: letters and headers are payload bytes too."""
-    decoder = Decoder()
-    assert decoder.feed(data) == [Discarded(data, False)]
-    assert decoder.discarded_bytes == len(data)
-
-
-@pytest.mark.parametrize("command", [StopStream(), StartStream(), GetPacket(), UnknownCommand(0)])
-def test_a_command_without_reply_is_not_waited_for(command: Command) -> None:
+@pytest.mark.parametrize("command", [Command.STOP_STREAM, Command.START_STREAM, Command.GET_PACKET, UnknownCommand(0)])
+def test_a_command_without_reply_is_not_waited_for(command: AnyCommand) -> None:
     """Waiting for a reply that no unit sends is misuse, and says which command it was."""
-    with pytest.raises(ValueError, match=r"`command` .*" + type(command).__name__):
-        Decoder().expect_reply(command)
+    with pytest.raises(ValueError, match=r"`command` .*" + str(command).partition("(")[0]):
+        reply_decoder(command)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +236,7 @@ def test_a_command_without_reply_is_not_waited_for(command: Command) -> None:
         Packet(VOLTAGE, (-1, 0, 0), (0, 0, 0), 0, 0),
     ],
 )
-def test_what_does_not_fit_the_line_is_refused(message: Command | Packet | Reply) -> None:
+def test_what_does_not_fit_the_line_is_refused(message: AnyCommand | Packet | AnyReply) -> None:
     """A field too wide for its place raises instead of going out cut off."""
     with pytest.raises(ValueError, match="`"):
         encode(message)
@@ -270,23 +247,12 @@ def test_what_does_not_fit_the_line_is_refused(message: Command | Packet | Reply
 
 def test_a_reply_ends_the_expectation() -> None:
     """After the reply nothing more is expected, so that a later payload byte is not taken for a second one."""
-    assert decode([b"H", b"H"], _expect_reply(Ping())) == [Pong(), Discarded(b"H", False)]
-
-
-def test_bytes_of_an_earlier_expectation_are_discarded() -> None:
-    """What was held back while waiting for something else is handed out before the new reply."""
-    decoder = streaming_decoder()
-    held = encode(PACKETS[0][0])[:10]
-    assert decoder.feed(held) == []
-    decoder.expect_reply(Ping())
-    assert decoder.feed(b"H") == [Discarded(held, False), Pong()]
-    assert decoder.discarded_bytes == len(held)
+    assert decode([b"H", b"H"], _expect_reply(Command.PING)) == [Reply.PONG, Discarded(b"H", False)]
 
 
 def test_a_damaged_serial_number_is_not_believed() -> None:
     """A serial number with a wrong sum is noise, counted once, and the next one is read."""
-    decoder = Decoder()
-    decoder.expect_reply(AskSerialNumber())
+    decoder = reply_decoder(Command.SERIAL_NUMBER)
     damaged = bytes.fromhex("FF 00 97 3D C7 9A")
     assert joined(decoder.feed(damaged) + decoder.quiet()) == [Discarded(damaged, True)]
     assert decoder.feed(encode(SerialNumber(9911750))) == [SerialNumber(9911750)]
@@ -296,13 +262,12 @@ def test_a_damaged_serial_number_is_not_believed() -> None:
 @pytest.mark.parametrize("data", [b"IMU400CD-200 1.2$", b"\xffIMU400CD-200 1.2$", b"IMU400CD-200 1.2$\r\n"])
 def test_a_version_without_checksum_is_plain_text(data: bytes) -> None:
     """The manual promises a string and drivers saw a frame; both are read."""
-    assert decode([data], _expect_reply(AskVersion())) == [Version("IMU400CD-200 1.2$")]
+    assert decode([data], _expect_reply(Command.VERSION)) == [Version("IMU400CD-200 1.2$")]
 
 
 def test_a_version_ends_only_when_the_line_is_quiet() -> None:
     """Its length is unknown, so that a good sum in the middle does not end it."""
-    decoder = Decoder()
-    decoder.expect_reply(AskVersion())
+    decoder = reply_decoder(Command.VERSION)
     text = "A" + chr(checksum(b"A")) + "CD"
     assert decoder.feed(encode(Version(text))) == []
     assert decoder.quiet() == [Version(text)]
@@ -310,15 +275,13 @@ def test_a_version_ends_only_when_the_line_is_quiet() -> None:
 
 def test_a_version_of_32_bytes_needs_no_quiet() -> None:
     """Drivers read 32 bytes at most, so that the 32nd ends the reply."""
-    decoder = Decoder()
-    decoder.expect_reply(AskVersion())
+    decoder = reply_decoder(Command.VERSION)
     assert decoder.feed(encode(Version("V" * 30))) == [Version("V" * 30)]
 
 
 def test_a_damaged_version_is_noise() -> None:
     """A framed reply that is neither right nor readable is counted as damaged."""
-    decoder = Decoder()
-    decoder.expect_reply(AskVersion())
+    decoder = reply_decoder(Command.VERSION)
     decoder.feed(b"\xffIMU\x0740\x01")
     assert decoder.quiet() == [Discarded(b"\xffIMU\x0740\x01", True)]
     assert decoder.bad_checksums == 1
@@ -328,7 +291,7 @@ def test_a_damaged_version_is_noise() -> None:
 @settings(deadline=None)
 def test_any_version_text_comes_through(text: str) -> None:
     """Whatever printable text a unit has, the host reads the same."""
-    assert decode([encode(Version(text))], _expect_reply(AskVersion())) == [Version(text)]
+    assert decode([encode(Version(text))], _expect_reply(Command.VERSION)) == [Version(text)]
 
 
 # -------------------------------------------------------------------------------------------------------------- streams
@@ -347,12 +310,14 @@ def test_a_reply_that_was_asked_for_may_stand_between_packets(cut_off: int) -> N
     reply, packets = SerialNumber(9911750), stream(20)
     line = on_the_line(packets[:10]) + on_the_line(packets[10:11])[:cut_off] + encode(reply) + encode(reply)
     for cut in (lambda data: [data], one_by_one):
-        decoder = streaming_decoder()
-        decoder.allow_reply(reply)
+        search = PacketSearch(SCALED, streaming=True)
+        search.reply = encode(reply)
+        decoder = FrameDecoder(search)
         events = [event for data in cut(line) for event in decoder.feed(data)]
-        assert [event for event in events if not isinstance(event, Discarded)] == [*packets[:10], reply, reply]
-        assert decoder.discarded_bytes == cut_off
+        assert [event for event in events if not isinstance(event, Discarded)] == packets[:10]
+        assert (decoder.answers, decoder.discarded_bytes) == (2, cut_off)
         assert decoder.feed(on_the_line(packets[11:])) == packets[11:]
+        assert decoder.answers == 0
 
 
 def test_a_locked_stream_has_no_latency() -> None:
@@ -383,8 +348,7 @@ def test_reading_what_is_missing_ends_each_read_with_a_packet() -> None:
 @pytest.mark.parametrize(("expect", "event", "data"), FROM_UNIT)
 def test_missing_is_never_more_than_a_message_still_has(expect: Expect, event: Event, data: bytes) -> None:
     """A reader that asks for `missing` bytes never waits for bytes that will not come; an open end alone is unknown."""
-    decoder = Decoder()
-    expect(decoder)
+    decoder = expect()
     for at, byte in enumerate(one_by_one(data)):
         assert 1 <= decoder.missing <= 18
         if not isinstance(event, Version):
@@ -462,7 +426,7 @@ def test_whole_packets_may_be_missing(lost: int) -> None:
 
 @pytest.mark.parametrize(
     "ticks_of",
-    [lambda n: 777, lambda n: n, lambda n: n * n * 7919 % COUNTER_SPAN, lambda n: n * 9494 % COUNTER_SPAN],
+    [lambda n: 777, lambda n: n, lambda n: n * n * 7919 % SPAN, lambda n: n * 9494 % SPAN],
     ids=["stuck", "by one", "irregular", "upwards"],
 )
 def test_a_strange_counter_loses_nothing(ticks_of: Callable[[int], int]) -> None:
@@ -547,31 +511,19 @@ def test_a_pause_releases_a_packet_that_waits_for_its_witness() -> None:
 
 def test_a_polled_packet_needs_no_witness() -> None:
     """Polled packets come one by one, at any counter, each with its last byte."""
-    decoder = Decoder()
-    decoder.expect_packets(SCALED, streaming=False)
+    decoder = packet_decoder(SCALED, streaming=False)
     for packet in stream(5, period_ticks=31234.5):
         assert decoder.feed(encode(packet)) == [packet]
 
 
 def test_a_damaged_polled_packet_is_counted_each_time() -> None:
     """On a quiet line the packet is due with the first byte, so that even the first damaged one counts."""
-    decoder = Decoder()
-    decoder.expect_packets(SCALED, streaming=False)
+    decoder = packet_decoder(SCALED, streaming=False)
     damaged = b"\xff" + bytes(16) + b"\x01"
     for n in range(1, 4):
         assert joined(decoder.feed(damaged) + decoder.quiet()) == [Discarded(damaged, True)]
         assert decoder.bad_checksums == n
         assert decoder.feed(PACKETS[0][1]) == [PACKETS[0][0]]
-
-
-def test_a_new_expectation_forgets_the_lock() -> None:
-    """Nothing learned of one stream makes a packet of the next one surer."""
-    decoder = streaming_decoder()
-    sent = stream(6)
-    decoder.feed(on_the_line(sent[:4]))
-    decoder.expect_packets(SCALED, streaming=True)
-    assert decoder.feed(encode(sent[4])) == []
-    assert decoder.feed(encode(sent[5])) == sent[4:]
 
 
 # --------------------------------------------------------------------------------------------------- whatever may come

@@ -21,7 +21,8 @@ from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, SerialNumber, Version, encode
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, SerialNumber, Version, encode
 from imutui.instrument.imu400.unit import VirtualUnit
 
 PATIENCE_S = 20.0
@@ -79,7 +80,7 @@ class Driver:
             assert good or not ticks, "a byte is missing in mid-stream"
             ticks += [int.from_bytes(frame[15:17])] if good else []
             self._unread = self._unread[PACKET_BYTES if good else 1 :]
-        steps = [(a - b) % COUNTER_SPAN for a, b in pairwise(ticks)]
+        steps = [(a - b) % SPAN for a, b in pairwise(ticks)]
         assert all(abs(step - 1 / LOOP_HZ / TICK_S) < 2 for step in steps), "a packet is missing"
 
     def poll(self, count: int) -> None:

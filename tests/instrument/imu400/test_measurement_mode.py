@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from imutui.instrument.imu400 import measurement_mode
-from imutui.instrument.imu400.crossbow import Mode, Packet, Scaling
+from imutui.instrument.imu400.crossbow import Mode, Packet
+from imutui.instrument.imu400.host import is_volts, may_be_volts
+from imutui.instrument.imu400.scaling import Scaling
 
 SCALING = Scaling()
 
@@ -16,7 +17,7 @@ def packets(mode: Mode, rates: np.ndarray, accels: np.ndarray) -> list[Packet]:
     if mode is Mode.SCALED:
         words = np.hstack([SCALING.rate_counts(rates), SCALING.accel_counts(accels)])
     else:
-        ends = 1.5 * np.array([SCALING.rate_range_dps] * 3 + [SCALING.accel_range_g] * 3)
+        ends = 1.5 * np.array([200.0] * 3 + [4.0] * 3)
         words = SCALING.volts_counts(2.5 + 2.5 * np.hstack([rates, accels]) / ends)
     return [Packet(mode, (a, b, c), (d, e, f), 1587, 0) for a, b, c, d, e, f in words.astype(int).tolist()]
 
@@ -34,7 +35,7 @@ def motion(seed: int, n: int = 2000) -> tuple[np.ndarray, np.ndarray]:
 def test_no_motion_is_taken_for_volts(seed: int) -> None:
     """However a unit is swung about."""
     scaled = packets(Mode.SCALED, *motion(seed))
-    assert not any(measurement_mode.is_volts(b, a) for a, b in itertools.pairwise(scaled))
+    assert not any(is_volts(b, a) for a, b in itertools.pairwise(scaled))
 
 
 def test_a_change_to_volts_is_seen_at_once() -> None:
@@ -44,8 +45,8 @@ def test_a_change_to_volts_is_seen_at_once() -> None:
     still = rng.normal(size=(300, 3)) * 0.5, down / np.linalg.norm(down, axis=1, keepdims=True)
     for (rates, accels), share in ((still, 1.0), (motion(3), 0.95)):
         scaled, volts = packets(Mode.SCALED, rates, accels), packets(Mode.VOLTAGE, rates, accels)
-        assert all(map(measurement_mode.may_be_volts, volts))
-        seen = [measurement_mode.is_volts(b, a) for a, b in zip(scaled, volts[1:], strict=False)]
+        assert all(map(may_be_volts, volts))
+        seen = [is_volts(b, a) for a, b in zip(scaled, volts[1:], strict=False)]
         # rests are each at an attitude of their own: the same one goes on
-        seen = seen if share < 1.0 else [measurement_mode.is_volts(b, a) for a, b in zip(scaled, volts, strict=True)]
+        seen = seen if share < 1.0 else [is_volts(b, a) for a, b in zip(scaled, volts, strict=True)]
         assert np.mean(seen) >= share

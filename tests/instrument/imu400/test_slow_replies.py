@@ -16,13 +16,10 @@ from helpers.commands import imutui
 from helpers.fake_devices import IMU400CD, Device, Habits, answers
 from helpers.units import Still, served
 
-from imutui.instrument.host import InstrumentError
-from imutui.instrument.identity import Identity
+from imutui.instrument.host import Identity, InstrumentError
 from imutui.instrument.imu400 import handshake
-from imutui.instrument.imu400.crossbow import Mode
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD, Mode
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.logbook import reader
 
@@ -31,7 +28,7 @@ KNOWN = Identity("9911750", IMU400CD)
 
 def dialogue(port: Port, baud: int = POWER_UP_BAUD, patience_s: float = 2.0) -> Identity:
     """The opening dialogue."""
-    return handshake.open_dialogue(port, baud, say=lambda text: None, patience_s=patience_s)
+    return handshake.open_dialogue(port, baud, patience_s=patience_s)
 
 
 @contextmanager

@@ -9,41 +9,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from filters.imu import LOOP_HZ
-from imutui.instrument.discarded import Discarded
-from imutui.instrument.imu400.command_text import in_words
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.imu400.crossbow import (
-    COUNTER_SPAN,
+    LETTER_REPLY,
     PACKET_BYTES,
+    SET_MODE,
     TICK_S,
-    AskSerialNumber,
-    AskVersion,
-    BaudReady,
-    BaudSet,
+    AnyCommand,
+    AnyReply,
     Command,
-    Decoder,
-    Event,
-    GetPacket,
-    MeasureBaud,
     Mode,
-    ModeSet,
     Packet,
-    Ping,
-    Pong,
-    RatesZeroed,
     Reply,
-    RequestBaud,
     SerialNumber,
-    SetMode,
-    StartStream,
-    StopStream,
     UnknownCommand,
     Version,
     ZeroRateSensors,
     encode,
+    in_words,
 )
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.decoder import packet_decoder, reply_decoder
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.transmitter import BITS_PER_BYTE, transfer_s
+
+Event = Packet | AnyReply | Discarded
 
 PERIOD_S = 1 / LOOP_HZ
 PACKET_S = transfer_s(PACKET_BYTES, 38400)
@@ -57,7 +47,7 @@ class Bench:
         self.now = now
         self.baud = 38400
 
-    def send(self, *commands: Command) -> None:
+    def send(self, *commands: AnyCommand) -> None:
         """Send commands now."""
         self.unit.receive(b"".join(map(encode, commands)), self.now, self.baud)
 
@@ -66,17 +56,15 @@ class Bench:
         self.now += seconds
         return self.unit.transmit(self.now, self.baud)
 
-    def ask(self, command: Command, seconds: float = 0.05) -> list[Event]:
+    def ask(self, command: AnyCommand, seconds: float = 0.05) -> list[Event]:
         """Send a command and return what it brought, read as its reply."""
-        decoder = Decoder()
-        decoder.expect_reply(command)
+        decoder = reply_decoder(command)
         self.send(command)
         return decoder.feed(self.wait(seconds)) + decoder.quiet()
 
     def packets(self, seconds: float, mode: Mode = Mode.SCALED) -> list[Packet]:
         """Let time pass, and return the packets, which are all that arrived."""
-        decoder = Decoder()
-        decoder.expect_packets(mode, streaming=True)
+        decoder = packet_decoder(mode, streaming=True)
         events = decoder.feed(self.wait(seconds)) + decoder.quiet()
         packets = [event for event in events if isinstance(event, Packet)]
         rest = events[len(packets) :]  # at most a packet whose end has not left yet
@@ -87,32 +75,33 @@ class Bench:
 def bench(source: Ramp | None = None, options: UnitOptions | None = None, mode: Mode = Mode.SCALED) -> Bench:
     """Return a bench whose unit is in `mode` and polled."""
     made = Bench(VirtualUnit(source or Ramp(), options))
-    assert made.ask(SetMode(mode)) == [ModeSet(mode)]
+    command = SET_MODE[mode]
+    assert made.ask(command) == [LETTER_REPLY[command]]
     return made
 
 
 # -------------------------------------------------------------------------------------------------------------- replies
 
-REPLIES: list[tuple[Command, Reply]] = [
-    (Ping(), Pong()),
-    (SetMode(Mode.SCALED), ModeSet(Mode.SCALED)),
-    (SetMode(Mode.VOLTAGE), ModeSet(Mode.VOLTAGE)),
-    (AskSerialNumber(), SerialNumber(9911750)),
-    (AskVersion(), Version("IMU400CD-200 VIRTUAL 1.0")),
-    (ZeroRateSensors(0), RatesZeroed()),
-    (RequestBaud(), BaudReady()),
+REPLIES: list[tuple[AnyCommand, AnyReply]] = [
+    (Command.PING, Reply.PONG),
+    (Command.SCALED_MODE, Reply.SCALED_MODE),
+    (Command.VOLTAGE_MODE, Reply.VOLTAGE_MODE),
+    (Command.SERIAL_NUMBER, SerialNumber(9911750)),
+    (Command.VERSION, Version("IMU400CD-200 VIRTUAL 1.0")),
+    (ZeroRateSensors(0), Reply.RATES_ZEROED),
+    (Command.REQUEST_BAUD, Reply.BAUD_READY),
 ]
-SILENT: list[Command] = [StopStream(), MeasureBaud(), UnknownCommand(ord("?")), UnknownCommand(0x0D)]
+SILENT: list[AnyCommand] = [Command.STOP_STREAM, Command.MEASURE_BAUD, UnknownCommand(ord("?")), UnknownCommand(0x0D)]
 
 
 @pytest.mark.parametrize(("command", "reply"), REPLIES)
-def test_a_command_is_answered(command: Command, reply: Reply) -> None:
+def test_a_command_is_answered(command: AnyCommand, reply: AnyReply) -> None:
     """Each command that has a reply gets it, and nothing else."""
     assert Bench(VirtualUnit(Ramp())).ask(command) == [reply]
 
 
 @pytest.mark.parametrize(("command", "reply"), REPLIES)
-def test_a_reply_takes_its_line_time_and_no_more(command: Command, reply: Reply) -> None:
+def test_a_reply_takes_its_line_time_and_no_more(command: AnyCommand, reply: AnyReply) -> None:
     """A host that waits ten milliseconds and the line time has the whole reply; no bit of it comes too early."""
     host = Bench(VirtualUnit(Ramp()))
     host.send(command)
@@ -124,7 +113,7 @@ def test_a_reply_takes_its_line_time_and_no_more(command: Command, reply: Reply)
 
 
 @pytest.mark.parametrize("command", SILENT)
-def test_some_commands_are_met_with_silence(command: Command) -> None:
+def test_some_commands_are_met_with_silence(command: AnyCommand) -> None:
     """A stop, a stray `a` and bytes that command nothing are not answered."""
     host = Bench(VirtualUnit(Ramp()))
     host.send(command)
@@ -144,12 +133,12 @@ def test_replies_queue_behind_each_other() -> None:
 def test_what_was_understood_is_told() -> None:
     """The caller learns of every command, for its log, the argument of `z` even when it comes later."""
     unit = VirtualUnit(Ramp())
-    assert unit.receive(b"Rz", 0.0, 38400) == [Ping()]
+    assert unit.receive(b"Rz", 0.0, 38400) == [Command.PING]
     assert unit.receive(b"\x00?", 0.0, 38400) == [ZeroRateSensors(0), UnknownCommand(ord("?"))]
 
 
-@pytest.mark.parametrize("command", [command for command, _ in REPLIES] + SILENT + [StartStream(), GetPacket()])
-def test_every_command_has_words(command: Command) -> None:
+@pytest.mark.parametrize("command", [*Command, ZeroRateSensors(0), UnknownCommand(0x0D)])
+def test_every_command_has_words(command: AnyCommand) -> None:
     """A log line names the letter and what it asks for, in printable characters."""
     assert re.fullmatch(r"(.|\\.+): [ -~]+", in_words(command))
 
@@ -161,7 +150,7 @@ def test_the_unit_wakes_up_polled_in_voltage_mode() -> None:
     """After power-up nothing comes until it is asked for, and then sensor voltages."""
     host = Bench(VirtualUnit(Ramp()))
     assert host.wait(1.0) == b""
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (packet,) = host.packets(0.05, Mode.VOLTAGE)
     assert packet.rates[0] == 2048
     assert packet.accels[0] == 2048
@@ -171,7 +160,7 @@ def test_the_unit_wakes_up_polled_in_voltage_mode() -> None:
 def test_a_stream_shows_every_reading_once() -> None:
     """At full rate a packet comes each 7.5 ms, with the next reading and a counter that stepped by one period."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     packets = host.packets(2.0)
     assert numbers(packets) == list(range(267))
     assert set(steps(packets)) == {9493, 9494}
@@ -181,7 +170,7 @@ def test_packets_leave_on_the_units_own_grid() -> None:
     """Each packet's last bit leaves one line time after its instant, after a minute as in the first second."""
     host = bench()
     host.now = began = 1e6
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     for seconds in (0.0, 1.0, 60.0):
         host.wait(seconds)
         due = host.unit.next_event(host.now)
@@ -193,15 +182,15 @@ def test_packets_leave_on_the_units_own_grid() -> None:
 def test_waking_late_loses_nothing() -> None:
     """Bytes asked for late are those that would have been asked for in time."""
     prompt, late = bench(), bench()
-    prompt.send(StartStream())
-    late.send(StartStream())
+    prompt.send(Command.START_STREAM)
+    late.send(Command.START_STREAM)
     assert b"".join(prompt.wait(0.001) for _ in range(3000)) == late.wait(3.0)
 
 
 def test_the_next_event_is_a_packets_end() -> None:
     """A caller that sleeps until the next event gets one whole packet each time."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     for n in range(50):
         due = host.unit.next_event(host.now)
         assert due is not None
@@ -215,10 +204,10 @@ def test_the_next_event_is_a_packets_end() -> None:
 def test_the_packet_begun_before_a_stop_still_arrives() -> None:
     """After `P` the packet on the line is finished, and it is the last: a host has to wait for quiet."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     first = host.wait(0.002)
     assert 0 < len(first) < PACKET_BYTES
-    host.send(StopStream())
+    host.send(Command.STOP_STREAM)
     assert len(first + host.wait(1.0)) == PACKET_BYTES
     assert not host.unit.streaming
 
@@ -226,9 +215,9 @@ def test_the_packet_begun_before_a_stop_still_arrives() -> None:
 def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
     """`G` during a stream lets the packet under way finish, sends one more, and leaves the unit polled."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     head = host.wait(0.002)
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     assert len(head + host.wait(1.0)) == 2 * PACKET_BYTES
     assert not host.unit.streaming
 
@@ -236,9 +225,9 @@ def test_a_packet_asked_for_in_a_stream_is_its_last() -> None:
 def test_a_reply_in_a_stream_comes_between_packets() -> None:
     """A serial number asked for in mid-stream waits for the packet's end, and the next packet waits for it."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     head = host.wait(0.002)
-    host.send(AskSerialNumber())
+    host.send(Command.SERIAL_NUMBER)
     line = head + host.wait(0.1)
     assert line[PACKET_BYTES : PACKET_BYTES + 6] == encode(SerialNumber(9911750))
     assert line[PACKET_BYTES + 6] == 0xFF
@@ -248,56 +237,56 @@ def test_a_reply_in_a_stream_comes_between_packets() -> None:
 def test_a_polled_packet_shows_the_newest_instant_of_the_loop() -> None:
     """The loop runs on whether or not anybody asks: a poll gets the reading of the last instant, and its ticks."""
     host = bench()
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     began = host.now
     (first,) = host.packets(0.05)
     for seconds in (0.0101, 0.3333, 0.02, 1.7):
         host.now += seconds
         elapsed = host.now - began
-        host.send(GetPacket())
+        host.send(Command.GET_PACKET)
         (packet,) = host.packets(0.05)
         assert numbers([packet]) == [int(elapsed * LOOP_HZ)]
-        expected = round(packet.rates[0] * PERIOD_S / TICK_S) % COUNTER_SPAN
-        assert (first.ticks - packet.ticks - expected + 2) % COUNTER_SPAN <= 4
+        expected = round(packet.rates[0] * PERIOD_S / TICK_S) % SPAN
+        assert (first.ticks - packet.ticks - expected + 2) % SPAN <= 4
 
 
 def test_the_loop_goes_on_between_streams() -> None:
     """A second stream goes on with the loop's own count, on the same grid."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     before = host.packets(0.5)
-    host.send(StopStream())
+    host.send(Command.STOP_STREAM)
     host.wait(0.0333)
     host.now += 0.9667
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     after = host.packets(0.5)
     assert numbers(after)[0] == pytest.approx(1.5 * LOOP_HZ, abs=1.01)
     gap = (after[0].rates[0] - before[0].rates[0]) * PERIOD_S / TICK_S
-    assert (before[0].ticks - after[0].ticks - round(gap) + 2) % COUNTER_SPAN <= 4
+    assert (before[0].ticks - after[0].ticks - round(gap) + 2) % SPAN <= 4
 
 
 @pytest.mark.parametrize("baud", [9600, 19200, 57600])
 def test_a_slow_line_skips_readings(baud: int) -> None:
     """A packet holds the newest reading when the line is free: slower than the loop, readings are left out."""
     host = bench()
-    host.ask(RequestBaud())
+    host.ask(Command.REQUEST_BAUD)
     host.baud = baud
-    assert host.ask(MeasureBaud()) == [BaudSet()]
-    host.send(StartStream())
+    assert host.ask(Command.MEASURE_BAUD) == [Reply.BAUD_SET]
+    host.send(Command.START_STREAM)
     packets = host.packets(10.0)
     rate = min(LOOP_HZ, baud / BITS_PER_BYTE / PACKET_BYTES)
     assert len(packets) == pytest.approx(10.0 * rate, abs=1.5)
     at_most = 1 + (baud < 20000) + (baud < 10000)
     skipped = np.diff(numbers(packets))
     assert set(skipped.tolist()) <= set(range(1, at_most + 1))
-    np.testing.assert_allclose(steps(packets), skipped * PERIOD_S / TICK_S % COUNTER_SPAN, atol=1.01)
+    np.testing.assert_allclose(steps(packets), skipped * PERIOD_S / TICK_S % SPAN, atol=1.01)
 
 
 def test_voltage_mode_may_run_faster() -> None:
     """Its own loop fills the line, and repeats readings of a source that counts in scaled mode's loop."""
     source = Ramp()
     host = bench(source, mode=Mode.VOLTAGE)
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     packets = host.packets(2.0, Mode.VOLTAGE)
     assert len(packets) == pytest.approx(2 * 213.3, abs=1.5)
     assert source.asked == sorted(source.asked)
@@ -308,11 +297,11 @@ def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None
     """The stream goes on in the new mode, and the source is never asked for an earlier reading."""
     source = Ramp()
     host = bench(source)
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     host.wait(1.0)
-    host.send(SetMode(Mode.VOLTAGE))
+    host.send(Command.VOLTAGE_MODE)
     host.wait(1.0)
-    host.send(SetMode(Mode.SCALED))
+    host.send(Command.SCALED_MODE)
     host.wait(1.0)
     assert source.asked == sorted(source.asked)
     assert source.asked[-1] == pytest.approx(3 * LOOP_HZ, abs=2)
@@ -321,7 +310,7 @@ def test_a_mode_change_in_a_stream_changes_the_packets_after_the_reply() -> None
 def test_words_saturate_at_sixteen_bits() -> None:
     """Rates beyond 1.5 times the range stay at the word's end."""
     host = bench(Ramp(rates_dps=(1e4, -1e4)))
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (packet,) = host.packets(0.05)
     assert packet.rates[1:] == (32767, -32768)
 
@@ -329,13 +318,13 @@ def test_words_saturate_at_sixteen_bits() -> None:
 def test_packets_end_with_the_recording() -> None:
     """When the source has no more the stream falls silent, but commands are still answered."""
     host = bench(Ramp(length=10))
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     assert numbers(host.packets(1.0)) == list(range(10))
     assert host.unit.ended
     assert host.unit.next_event(host.now) is None
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     assert host.wait(1.0) == b""
-    assert host.ask(Ping()) == [Pong()]
+    assert host.ask(Command.PING) == [Reply.PONG]
 
 
 def test_the_counter_starts_where_the_seed_says() -> None:
@@ -343,7 +332,7 @@ def test_the_counter_starts_where_the_seed_says() -> None:
 
     def first_ticks(seed: int | None) -> int:
         host = Bench(VirtualUnit(Ramp(), seed=seed), now=0.0)
-        host.send(GetPacket())
+        host.send(Command.GET_PACKET)
         (packet,) = host.packets(0.05)
         return packet.ticks
 
@@ -362,9 +351,9 @@ def test_the_counter_starts_where_the_seed_says() -> None:
 def test_a_ping_does_what_the_option_says(ping: str, mode: Mode, streaming: bool) -> None:
     """Three documents disagree on what `R` does besides answering, and a host must live with all three."""
     host = bench(options=UnitOptions(ping=ping))  # type: ignore[arg-type]
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     host.wait(0.1)
-    host.send(Ping())
+    host.send(Command.PING)
     assert b"H" in host.wait(0.05)
     assert (host.unit.mode, host.unit.streaming) == (mode, streaming)
 
@@ -375,11 +364,11 @@ def test_a_ping_does_what_the_option_says(ping: str, mode: Mode, streaming: bool
 def test_zeroing_takes_its_time_and_then_removes_the_mean() -> None:
     """`z` x averages 10·x readings, answers when done, and subtracts their mean from the rates alone."""
     host = bench(Ramp(rates_dps=(1.0, -2.0)))
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (before,) = host.packets(0.05)
     assert host.ask(ZeroRateSensors(30), seconds=299 * PERIOD_S - 0.01) == []
     assert host.wait(0.03) == b"Z"
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (after,) = host.packets(0.05)
     assert after.rates[1:] == (0, 0)
     assert after.accels == before.accels
@@ -392,7 +381,7 @@ def test_zero_is_the_mean_of_the_readings_while_it_ran() -> None:
     host.send(ZeroRateSensors(2))
     host.wait(1.0)
     assert source.asked == list(range(20))
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (packet,) = host.packets(0.05)
     assert packet.rates[0] == pytest.approx(source.asked[-1] - 9.5, abs=0.51)
 
@@ -400,15 +389,15 @@ def test_zero_is_the_mean_of_the_readings_while_it_ran() -> None:
 def test_zeroing_again_replaces_the_zero_and_nought_erases_it() -> None:
     """The stored zero is never averaged into itself, and `z` 0 brings the raw rates back."""
     host = bench(Ramp(rates_dps=(1.0, -2.0)))
-    host.send(GetPacket())
+    host.send(Command.GET_PACKET)
     (raw,) = host.packets(0.05)
     for _ in range(2):
         host.send(ZeroRateSensors(1))
         assert host.wait(0.2) == b"Z"
-        host.send(GetPacket())
+        host.send(Command.GET_PACKET)
         assert host.packets(0.05)[0].rates[1:] == (0, 0)
-    assert host.ask(ZeroRateSensors(0)) == [RatesZeroed()]
-    host.send(GetPacket())
+    assert host.ask(ZeroRateSensors(0)) == [Reply.RATES_ZEROED]
+    host.send(Command.GET_PACKET)
     assert host.packets(0.05)[0].rates[1:] == raw.rates[1:]
 
 
@@ -416,7 +405,7 @@ def test_no_packets_come_while_the_rates_are_zeroed() -> None:
     """A stream pauses for the average and goes on afterwards with the loop's next reading."""
     source = Ramp()
     host = bench(source)
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     head = host.wait(0.1)
     host.send(ZeroRateSensors(10))
     assert len(head + host.wait(PACKET_S)) % PACKET_BYTES == 0
@@ -432,55 +421,55 @@ def test_no_packets_come_while_the_rates_are_zeroed() -> None:
 def test_the_speed_changes_in_three_steps() -> None:
     """`B` comes at the old speed, `A` at the new one, and from then on the old one is noise."""
     host = bench()
-    assert host.ask(RequestBaud()) == [BaudReady()]
+    assert host.ask(Command.REQUEST_BAUD) == [Reply.BAUD_READY]
     host.baud = 9600
-    assert host.ask(MeasureBaud()) == [BaudSet()]
+    assert host.ask(Command.MEASURE_BAUD) == [Reply.BAUD_SET]
     assert host.unit.baud == 9600
-    assert host.ask(Ping()) == [Pong()]
+    assert host.ask(Command.PING) == [Reply.PONG]
     host.baud = 38400
-    assert host.ask(Ping()) == []
+    assert host.ask(Command.PING) == []
 
 
 def test_a_wrong_speed_is_noise_both_ways() -> None:
     """Bytes at a wrong speed are not understood, and no byte that arrives is the one that was sent."""
     host = bench()
-    host.send(StartStream())
+    host.send(Command.START_STREAM)
     host.baud = 57600
     right = bench()
-    right.send(StartStream())
+    right.send(Command.START_STREAM)
     garbled, sent = host.wait(1.0), right.wait(1.0)
     assert len(garbled) == len(sent)
     assert not any(a == b for a, b in zip(garbled, sent, strict=True))
-    host.send(StopStream())
+    host.send(Command.STOP_STREAM)
     assert host.unit.streaming
 
 
 def test_a_slightly_wrong_speed_is_understood() -> None:
     """UARTs tolerate a few percent."""
     host = Bench(VirtualUnit(Ramp()))
-    for baud, heard in ((38400 * 1.02, [Pong()]), (38400 * 0.98, [Pong()]), (38400 * 1.04, []), (38400 * 0.96, [])):
-        host.baud = round(baud)
-        assert [event for event in host.ask(Ping()) if not isinstance(event, Discarded)] == heard
+    for ratio, heard in ((1.02, [Reply.PONG]), (0.98, [Reply.PONG]), (1.04, []), (0.96, [])):
+        host.baud = round(38400 * ratio)
+        assert [event for event in host.ask(Command.PING) if not isinstance(event, Discarded)] == heard
 
 
 @pytest.mark.parametrize("baud", [300, 12345, 230400])
 def test_a_speed_that_is_none_is_not_taken(baud: int) -> None:
     """The unit stays at its speed when what it measures is not a standard one within its reach."""
     host = bench()
-    host.ask(RequestBaud())
+    host.ask(Command.REQUEST_BAUD)
     host.baud = baud
-    host.send(MeasureBaud())
+    host.send(Command.MEASURE_BAUD)
     host.baud = 38400
-    assert host.ask(Ping()) == [Pong()]
+    assert host.ask(Command.PING) == [Reply.PONG]
 
 
 def test_the_unit_does_not_wait_for_the_new_speed_for_ever() -> None:
     """An `a` that comes too late is a stray one."""
     host = bench()
-    host.ask(RequestBaud())
+    host.ask(Command.REQUEST_BAUD)
     host.wait(11.0)
     host.baud = 9600
-    assert host.ask(MeasureBaud()) == []
+    assert host.ask(Command.MEASURE_BAUD) == []
     assert host.unit.baud == 38400
 
 

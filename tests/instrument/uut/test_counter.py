@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imutui.instrument.uut.counter import SPAN, CounterWatch, Meaning
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.uut.counter import CounterWatch, Meaning
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.messages import PacketS1
 

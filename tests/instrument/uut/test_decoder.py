@@ -12,14 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imutui.instrument.discarded import Discarded
-from imutui.instrument.uut.decoder import Decoder, RequestDecoder
-from imutui.instrument.uut.frame_search import FrameSearch
+from imutui.instrument.frame_search import Discarded, FrameDecoder
+from imutui.instrument.uut.decoder import Decoder, RequestDecoder, UutSearch
 from imutui.instrument.uut.frames import Frame, crc16, framed
 from imutui.instrument.uut.messages import (
+    SCALING,
     Bit,
     Echo,
-    Event,
     FactoryWords,
     Fields,
     FieldsSet,
@@ -31,7 +30,6 @@ from imutui.instrument.uut.messages import (
     OtherFrame,
     PacketS0,
     PacketS1,
-    PacketS2,
     Ping,
     ReadFactoryWords,
     Refused,
@@ -41,10 +39,11 @@ from imutui.instrument.uut.messages import (
     SetFields,
     StatusWords,
     Version,
+    encode,
     names_of_bits,
 )
-from imutui.instrument.uut.payloads import encode
-from imutui.instrument.uut.scaling import Scaling
+
+Event = Measurement | Reply | Discarded
 
 RAM, EEPROM = Memory.RAM, Memory.EEPROM
 
@@ -87,7 +86,6 @@ REAL = [
      (-0.11536, -0.13458, -0.03845), (31.2317, 31.2408), 13762),
 ]  # fmt: skip
 REAL_BYTES = [bytes.fromhex(each[0]) for each in REAL]
-STEPS = PacketS2((1, -2, 2**31 - 1), (-(2**31), 0, 7), 65535, 0x1004)
 MAGNETIC = PacketS0((1, 2, 3), (-1, -2, -3), (32767, -32768, 0), (4, 5, 6), -7, 65535, 0xFFFF)
 OTHERS: list[Reply | Measurement] = [
     Ping(),
@@ -96,7 +94,7 @@ OTHERS: list[Reply | Measurement] = [
     Identification(2008705635, "IMU381ZA-400 5020-1383-01 10.00.01"),
     StatusWords(tuple(range(14))),
     MAGNETIC,
-    STEPS,
+    OtherFrame(b"S2", bytes(28)),
     OtherFrame(b"A1", bytes(32)),
     OtherFrame(b"z1", b"\x55\x55\x55"),
 ]
@@ -149,13 +147,13 @@ def test_frames_of_a_real_unit_have_their_values(
     text: str, accel: tuple[float, ...], rate: tuple[float, ...], temperatures: tuple[float, float], counter: int
 ) -> None:
     """Scales, order and sign of all words; the status word is shown and nothing is dropped for it."""
-    ((packet,), scaling) = decoded([bytes.fromhex(text)])[0], Scaling()
+    (packet,) = decoded([bytes.fromhex(text)])[0]
     assert isinstance(packet, PacketS1)
-    assert scaling.accels_g(packet.accels) == pytest.approx(accel, abs=1e-6)
-    assert scaling.rates_dps(packet.rates) == pytest.approx(rate, abs=1e-5)
-    assert scaling.temperature_degc(packet.rate_temperatures) == pytest.approx([temperatures[0]] * 3, abs=1e-4)
-    assert scaling.temperature_degc(packet.board_temperature) == pytest.approx(temperatures[1], abs=1e-4)
-    assert (packet.counter, packet.flags) == (counter, Bit.HARDWARE_ERROR)
+    assert SCALING.accels_g(packet.accels) == pytest.approx(accel, abs=1e-6)
+    assert SCALING.rates_dps(packet.rates) == pytest.approx(rate, abs=1e-5)
+    assert SCALING.temperature_degc(packet.rate_temperatures) == pytest.approx([temperatures[0]] * 3, abs=1e-4)
+    assert SCALING.temperature_degc(packet.board_temperature) == pytest.approx(temperatures[1], abs=1e-4)
+    assert (packet.counter, packet.bit) == (counter, Bit.HARDWARE_ERROR)
     assert encode(packet) == bytes.fromhex(text)
 
 
@@ -167,11 +165,10 @@ def test_a_recorded_stream_is_decoded_whole(recording: Callable[[str], Path]) ->
     events, decoder = decoded([raw[start : start + 50] for start in range(0, len(raw), 50)])
     packets = [event for event in events if isinstance(event, PacketS1)]
     assert (len(packets), len(events), decoder.discarded_bytes, decoder.bad_checksums) == (1002, 1002, 0, 0)
-    scaling = Scaling()
-    assert np.array_equal(scaling.accels_g([p.accels for p in packets]).astype(np.float32), accel)
-    assert np.array_equal(scaling.rates_dps([p.rates for p in packets]).astype(np.float32), rate)
+    assert np.array_equal(SCALING.accels_g([p.accels for p in packets]).astype(np.float32), accel)
+    assert np.array_equal(SCALING.rates_dps([p.rates for p in packets]).astype(np.float32), rate)
     counts = [[*p.rate_temperatures, p.board_temperature] for p in packets]
-    assert np.array_equal(scaling.temperature_degc(counts).astype(np.float32), temperatures)
+    assert np.array_equal(SCALING.temperature_degc(counts).astype(np.float32), temperatures)
 
 
 def test_a_damaged_recording_keeps_every_whole_frame(recording: Callable[[str], Path]) -> None:
@@ -210,7 +207,7 @@ def test_events_come_byte_by_byte_at_their_last_byte() -> None:
     for place, byte in enumerate(STREAM):
         ends += [place + 1 for _ in decoder.feed(bytes([byte]))]
         assert 1 <= decoder.missing <= 262
-        assert len(decoder._search._held) < 262
+        assert len(decoder._inbox._held) < 262
     lengths = [len(encode(m)) for m in MESSAGES] + [31] * len(REAL_BYTES)
     assert ends == np.cumsum(lengths).tolist()
 
@@ -311,11 +308,11 @@ def test_good_frames_between_noise_are_all_found(line: list[tuple[bytes, bytes]]
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_no_bytes_raise(pieces: list[bytes]) -> None:
     """Either end: everything that came is told, once, and little is held."""
-    search, told = FrameSearch(), b""
+    search, told = FrameDecoder(UutSearch(lambda frame: frame)), b""
     for piece in pieces:
         for found in [*search.feed(piece), *search.pause()]:
             told += found.data if isinstance(found, Discarded) else b"UUPK" if found.type == b"PK" else framed(found)
-        assert len(search._held) < 262
+        assert len(search._inbox._held) < 262
     decoder, requests = Decoder(), RequestDecoder()
     for piece in pieces:
         decoder.feed(piece)

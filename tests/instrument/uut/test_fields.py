@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
+from helpers.units import IMU380ZA_200
 
 from imutui.instrument.uut.fields import (
-    LOW_PASS_380,
     RATE_OF_DIVIDER,
     RATE_OF_DIVIDER_LATER,
     Orientation,
     fits_line,
     in_words,
-    low_pass_hz,
 )
-from imutui.instrument.uut.unit_options import IMU380ZA_200, FieldValues
+from imutui.instrument.uut.unit_options import FieldValues
 
 
 def legal(value: int) -> Orientation | None:
@@ -82,18 +81,3 @@ def test_a_rate_has_to_fit_the_line() -> None:
     assert fits_line(100, 30, 57600)
     assert not fits_line(200, 24, 57600)
     assert fits_line(200, 24, 115200)
-
-
-def test_filters_are_steps_of_their_fields_value() -> None:
-    """Of both tables, at the edges."""
-    assert [low_pass_hz(v) for v in (65535, 18750, 18749, 4018, 2410, 1204, 1)] == [
-        2.0,
-        2.0,
-        5.0,
-        10.0,
-        25.0,
-        50.0,
-        50.0,
-    ]
-    assert low_pass_hz(0) == float("inf")
-    assert [low_pass_hz(v, LOW_PASS_380) for v in (7142, 7141, 3571, 1530, 0)] == [5.0, 10.0, 10.0, 20.0, 50.0]

@@ -2,38 +2,33 @@
 
 import binascii
 import queue
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 import pytest
-from helpers import units
 from helpers.paths import ROOT
 from helpers.processes import wait_until
-from helpers.units import Still
+from helpers.units import Still, served
 
 from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.faults import FaultyLine, LineFault
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.host import InstrumentError
 from imutui.instrument.port import Port
 from imutui.instrument.registry import which_answers
 from imutui.instrument.transmitter import transfer_s
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.fields import Field
-from imutui.instrument.uut.host import UutHost
-from imutui.instrument.uut.instrument import IMU381
-from imutui.instrument.uut.messages import Fields, GetFields, Memory, PacketS1
-from imutui.instrument.uut.packet_makers import MeasuredPackets, PacketMaker, RecordedStream
-from imutui.instrument.uut.payloads import encode
-from imutui.instrument.uut.readings import DataPacket
-from imutui.instrument.uut.requests import Requests
+from imutui.instrument.uut.frames import Frame, framed
+from imutui.instrument.uut.host import IMU381, Requests, UutHost
+from imutui.instrument.uut.messages import Fields, FieldsSet, GetFields, Memory, PacketS1, Ping, encode
+from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
-from imutui.instrument.virtual import serve
 from imutui.session.reader_thread import PacketArrival, Reader, ReaderEvent
 from imutui.session.reconnection import KnownUnit, LineLost, LineReturned
 
@@ -43,40 +38,10 @@ OWN = tuple(int(field) for field, _ in IMU381ZA)
 
 
 @contextmanager
-def served(
-    packets: PacketMaker,
-    options: UnitOptions,
-    speed: float = 1.0,
-    line: FaultyLine | None = None,
-    tap: BinaryIO | None = None,
-) -> Iterator[str]:
-    """Port of a virtual unit on a pseudo-terminal."""
-    ready: queue.SimpleQueue[str] = queue.SimpleQueue()
-    stop = threading.Event()
-    unit = VirtualUnit(packets, options)
-    arguments: dict[str, Any] = {
-        "link": None,
-        "tap": tap,
-        "on_ready": ready.put,
-        "log": lambda _: None,
-        "stop": stop,
-        "speed": speed,
-    }
-    arguments["line"] = line
-    thread = threading.Thread(target=serve, args=(unit,), kwargs=arguments, daemon=True)
-    thread.start()
-    try:
-        yield ready.get(timeout=10.0)
-    finally:
-        stop.set()
-        thread.join(10.0)
-
-
-@contextmanager
 def still(options: UnitOptions | None = None) -> Iterator[str]:
     """Port of a unit at rest, which streams by itself."""
     options = options or UnitOptions()
-    with served(MeasuredPackets(Still(), options), options) as name:
+    with served(VirtualUnit(Still(), options)) as name:
         yield name
 
 
@@ -146,12 +111,12 @@ def test_a_late_answer_is_not_taken_for_that_to_a_later_request(count: int) -> N
     """Answers that a line kept back come with a later one: each that is taken was sampled after it was asked for."""
     line = FaultyLine((LineFault(0.55, "backlog", count=count),))
     options, sampled = UnitOptions(), dict[int, int]()
-    unit = VirtualUnit(MeasuredPackets(Still(), options), options)
+    unit = VirtualUnit(Still(), options)
 
     def sent(packet: PacketS1, sampled_ns: int) -> None:
         sampled[packet.counter] = sampled_ns
 
-    with units.served(unit, line=line, on_packet=sent) as name, Port(name, 115200) as port:
+    with served(unit, line=line, on_packet=sent) as name, Port(name, 115200) as port:
         host = UutHost(port)
         host.open(None)
         poller, answered = host.poller(lambda: False), 0
@@ -255,7 +220,7 @@ def test_a_stream_that_is_refused_ends_in_words_and_leaves_the_unit_as_it_was() 
     stream = RecordedStream(encode(PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, 0, 0)))
     fields = tuple((dict(IMU381ZA) | dict(stream.only) | {Field.RATE_DIVIDER: 0}).items())
     options, events = UnitOptions(fields=fields), queue.SimpleQueue[ReaderEvent]()
-    with served(stream, options) as name, Port(name, 115200) as port:
+    with served(VirtualUnit(stream, options)) as name, Port(name, 115200) as port:
         host = UutHost(port, 20.0)
         reader = Reader(host, None, events.put, KnownUnit(host.open(None), port.baud))
         reader.start()
@@ -302,7 +267,7 @@ def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFau
     # ten times as fast: the counter's tick is a tenth, and the stamps are the arrivals'
     with (
         tap.open("wb", buffering=0) as sink,
-        served(stream, options, 10.0, FaultyLine(damage, seed=5), sink) as name,
+        served(VirtualUnit(stream, options), sink, FaultyLine(damage, seed=5), speed=10.0) as name,
         Port(name, 115200) as port,
     ):
         host = UutHost(port, 20.0)
@@ -310,7 +275,7 @@ def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFau
         found = acquired(host, None, all_came)
         came = whole_frames(tap.read_bytes())
     packets = [each.packet for each in found]
-    assert [packet.source for packet in packets if isinstance(packet, DataPacket)] == Decoder().feed(b"".join(came))
+    assert packets == Decoder().feed(b"".join(came))
     if damage:
         assert 980 <= len(packets) < 990
         assert found[-1].bad_checksums >= 3
@@ -328,7 +293,6 @@ def test_each_whole_frame_of_a_recorded_stream_is_acquired(damage: tuple[LineFau
 def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.00002) -> list[PacketArrival]:
     """Packets of a unit at 20 Hz whose counter counts time, or packets, without those that are lost."""
     found = []
-    packet = DataPacket((0, 0, 0), (0, 0, 0), 0, 0, 0, None)  # type: ignore[arg-type]
     contiguous = False
     for k in range(400):
         ticks = (65000 + (k if step == 1 else round(k * period_s * 65536))) % 65536
@@ -337,8 +301,8 @@ def stream_of(step: int, losing: range, period_s: float = 0.05, skew: float = 1.
             continue
         late_ns = 3_000_000 + (k * 7919) % 400_000
         at = round(1e12 + k * period_s * skew * 1e9) + late_ns
-        named = DataPacket(packet.rates, packet.accels, 0, ticks, 0, packet.source)
-        found.append(PacketArrival(named, at, contiguous, not contiguous, False, 0, 0))
+        packet = PacketS1((0, 0, 0), (0, 0, 0), (0, 0, 0), 0, ticks, 0)
+        found.append(PacketArrival(packet, at, contiguous, not contiguous, False, 0, 0))
         contiguous = True
     return found
 
@@ -362,7 +326,10 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
     """It streams at its own rate from power-up on: that is noticed, and the asked rate comes back."""
     options, events = UnitOptions(), queue.SimpleQueue[ReaderEvent]()
     reset = FaultyLine((LineFault(1.0, "reset"),))
-    with served(MeasuredPackets(Still(), options), options, line=reset) as name, Port(name, 115200) as port:
+    with (
+        served(VirtualUnit(Still(), options), line=reset) as name,
+        Port(name, 115200) as port,
+    ):
         host = UutHost(port, 20.0)
         known = KnownUnit(host.open(None), port.baud, IMU381.power_up_bauds)
         reader = Reader(host, None, events.put, known)
@@ -382,3 +349,28 @@ def test_a_unit_that_was_reset_in_mid_stream_is_set_up_again() -> None:
 def is_packet(event: ReaderEvent) -> TypeGuard[PacketArrival]:
     """Whether a packet was read."""
     return isinstance(event, PacketArrival)
+
+
+def test_packets_that_nobody_has_asked_for_are_told_as_bytes_and_counted() -> None:
+    """S2 and attitudes, of a unit that has other fields than it was told; replies are neither packets nor noise."""
+    stream = UutHost(None, 20.0).packets()  # type: ignore[arg-type]
+    packet, other = PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2), framed(Frame(b"S2", bytes(28)))
+    reply = encode(FieldsSet(Memory.RAM, (Field.RATE_DIVIDER,)))
+    events = stream.feed(encode(packet) + other + reply + encode(packet))
+    assert events == [packet, Discarded(other, bad_checksum=False), packet]
+    assert (stream.discarded_bytes, stream.bad_checksums) == (len(other), 0)
+
+
+@pytest.mark.parametrize("cut_off", range(31))
+def test_answers_amid_a_stream_are_counted_until_the_next_packet(cut_off: int) -> None:
+    """Also behind a packet that was cut off, at any byte, where the line is quiet after the answer."""
+    stream = UutHost(None, 20.0).packets()  # type: ignore[arg-type]
+    packet, ping = encode(PacketS1((1, 2, 3), (4, 5, 6), (7, 8, 9), 10, 11, 2)), encode(Ping())
+    stream.feed(packet + packet[:cut_off] + ping)
+    stream.pause()
+    assert stream.answers == 1
+    stream.feed(ping)
+    stream.pause()
+    assert (stream.answers, stream.discarded_bytes) == (2, cut_off)
+    stream.feed(packet)
+    assert stream.answers == 0

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.units import IMU380ZA_200
 
-from imutui.instrument.discarded import Discarded
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.reading import Reading
+from imutui.instrument.frame_search import Discarded
 from imutui.instrument.uut.counter import Meaning
 from imutui.instrument.uut.decoder import Decoder
 from imutui.instrument.uut.frames import Frame, framed
 from imutui.instrument.uut.messages import (
+    SCALING,
     Echo,
-    Event,
     FactoryWords,
     Fields,
     FieldsSet,
@@ -29,18 +29,21 @@ from imutui.instrument.uut.messages import (
     Ping,
     ReadFactoryWords,
     Refused,
+    Reply,
     Request,
     Reset,
     SetFields,
     StatusWords,
     Version,
+    encode,
 )
-from imutui.instrument.uut.packet_makers import MeasuredPackets, RecordedStream
-from imutui.instrument.uut.payloads import encode
-from imutui.instrument.uut.scaling import Scaling
+from imutui.instrument.uut.packet_makers import RecordedStream
 from imutui.instrument.uut.unit import VirtualUnit
-from imutui.instrument.uut.unit_options import IMU380ZA_200, UnitOptions
+from imutui.instrument.uut.unit_options import UnitOptions
+from imutui.instrument.virtual_instrument import Reading
 from imutui.instrument.wire import Wire
+
+Event = Measurement | Reply | Discarded
 
 RAM, EEPROM = Memory.RAM, Memory.EEPROM
 RATE, BAUD, TYPE, ORIENTATION = 1, 2, 3, 7
@@ -56,7 +59,7 @@ class Ramp:
 
     def reading(self, k: int) -> Reading | None:
         self.asked.append(k)
-        lsb = Scaling().rate_lsb_dps
+        lsb = SCALING.rate_lsb_dps
         return Reading((k * lsb, 1.0, 2.0), (0.0, 0.1, -1.0), 25.0) if k < self.length else None
 
 
@@ -73,8 +76,7 @@ class Host:
     ) -> None:
         options = options or UnitOptions()
         self.sent: list[tuple[Measurement, float]] = []
-        maker = packets if isinstance(packets, RecordedStream) else MeasuredPackets(packets or Ramp(), options)
-        self.unit = VirtualUnit(maker, options, seed=seed)
+        self.unit = VirtualUnit(packets or Ramp(), options, seed=seed)
         self.wire = Wire(self.unit, FaultyLine(faults, seed=5), 1.0, lambda *packet: self.sent.append(packet))
         self.now, self.baud = 0.0, baud
         self.decoder = Decoder()

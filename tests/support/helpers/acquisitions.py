@@ -14,10 +14,9 @@ from helpers.paths import ROOT
 from helpers.processes import LIMIT_S, wait_until
 from helpers.units import Still, served
 from imutui.instrument.imu400 import handshake
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.imu400.host import Imu400Host
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.instrument.port import Port
 from imutui.session import exit_codes
 from imutui.session.engine import Engine
@@ -64,7 +63,7 @@ def acquiring(home: Path, stream: LiveStream | None = None, **fields: Any) -> It
     asked = {"logs": str(logs), "output": str(logs / "a.mcap"), "record": True, "filter": "none"}
     with served(VirtualUnit(Still(), UnitOptions())) as path, Port(path, POWER_UP_BAUD) as port:
         plan = Plan(path, **(asked | fields))
-        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud, say=lambda text: None), stream)
+        engine = Engine(plan, Imu400Host(port), handshake.open_dialogue(port, plan.baud), stream)
         running = Running(engine, logs)
         try:
             engine.start()

@@ -66,7 +66,7 @@ def estimates(**changes: Any) -> FilterSnapshot:
 
 def _counted(values: np.ndarray) -> "ChannelStatistics":
     """Statistics of readings in units."""
-    from imutui.instrument.imu400.messages import Mode, Packet
+    from imutui.instrument.imu400.crossbow import Mode, Packet
     from imutui.instrument.imu400.scaling import Scaling
     from imutui.session.channel_statistics import ChannelStatistics
 

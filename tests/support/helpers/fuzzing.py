@@ -25,17 +25,8 @@ from helpers import traces
 from helpers.logs import recorded
 from helpers.mutations import spoilt_bytes, spoilt_log, spoilt_text
 from imutui import config
-from imutui.instrument.imu400.crossbow import (
-    AskSerialNumber,
-    AskVersion,
-    CommandDecoder,
-    Decoder,
-    Mode,
-    Packet,
-    Ping,
-    SetMode,
-    encode,
-)
+from imutui.instrument.imu400.crossbow import Command, CommandDecoder, Mode, Packet, encode
+from imutui.instrument.imu400.decoder import packet_decoder, reply_decoder
 from imutui.instrument.imu400.host import COUNTER
 from imutui.jobs import check, info, operator_steps, page_data, recover, result_files
 from imutui.logbook import effects_file, import_reference, importer, reference_file
@@ -86,12 +77,9 @@ def _line_seeds(folder: Path) -> list[bytes]:
 
 def _take_line(data: bytes, folder: Path) -> None:
     rng = random.Random(len(data))
-    for command in (True, False, Ping(), AskVersion(), AskSerialNumber(), SetMode(Mode.SCALED)):
-        decoder = Decoder()
-        if isinstance(command, bool):
-            decoder.expect_packets(Mode.SCALED, streaming=command)
-        else:
-            decoder.expect_reply(command)
+    for command in (True, False, Command.PING, Command.VERSION, Command.SERIAL_NUMBER, Command.SCALED_MODE):
+        packets = isinstance(command, bool)
+        decoder = packet_decoder(Mode.SCALED, streaming=command) if packets else reply_decoder(command)
         for piece in _pieces(rng, data):
             for event in decoder.feed(piece):
                 repr(event)
@@ -431,9 +419,9 @@ class _Engine:
         return function(self.acquisition)
 
     def zero(self, argument: int) -> str:
-        from imutui.instrument.imu400 import zeroing
+        from imutui.instrument.imu400.host import check_zeroing
 
-        zeroing.check(argument)
+        check_zeroing(argument)
         self.acquisition.begin_zeroing(argument)
         return ""
 

@@ -2,8 +2,9 @@
 
 from itertools import pairwise
 
-from imutui.instrument.imu400.crossbow import COUNTER_SPAN, Packet
-from imutui.instrument.reading import Reading
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.imu400.crossbow import Packet
+from imutui.instrument.virtual_instrument import Reading
 
 LSB_DPS = 300 / 2**15
 
@@ -32,4 +33,4 @@ def numbers(packets: list[Packet]) -> list[int]:
 
 def steps(packets: list[Packet]) -> list[int]:
     """Return the counter's steps down from packet to packet."""
-    return [(a.ticks - b.ticks) % COUNTER_SPAN for a, b in pairwise(packets)]
+    return [(a.ticks - b.ticks) % SPAN for a, b in pairwise(packets)]

@@ -9,11 +9,20 @@ from typing import Any, BinaryIO
 
 from imutui.cli.virtual_readings import SIMULATED, simulated
 from imutui.instrument.faults import FaultyLine
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
-from imutui.instrument.reading import Reading
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
+from imutui.instrument.uut.fields import Field
 from imutui.instrument.virtual import serve
-from imutui.instrument.virtual_instrument import CommandT, PacketT, VirtualInstrument
+from imutui.instrument.virtual_instrument import CommandT, PacketT, Reading, VirtualInstrument
+
+# "38400 baud, S1, 100 Hz, 10 Hz Butterworth, orientation 0x006B"; the value of the filter is one of those for 10 Hz.
+IMU380ZA_200 = (
+    (Field.RATE_DIVIDER, 1),
+    (Field.BAUD, 2),
+    (Field.PACKET_TYPE, int.from_bytes(b"S1", "big")),
+    (Field.LOW_PASS_5, 5000),
+    (Field.LOW_PASS_6, 5000),
+    (Field.ORIENTATION, 0x006B),
+)
 
 
 class Still:
@@ -30,6 +39,7 @@ def served(
     line: FaultyLine | None = None,
     *,
     link: Path | None = None,
+    speed: float = 1.0,
     log: Callable[[str], None] = lambda _: None,
     on_packet: Callable[[PacketT, int], None] | None = None,
 ) -> Iterator[str]:
@@ -45,7 +55,7 @@ def served(
         up.set()
 
     options: dict[str, Any] = {"link": link, "tap": tap, "on_ready": on_ready, "log": log, "stop": stop}
-    options |= {"line": line, "on_packet": on_packet}
+    options |= {"line": line, "on_packet": on_packet, "speed": speed}
     thread = threading.Thread(target=serve, args=(made,), kwargs=options, daemon=True)
     thread.start()
     try:

@@ -11,11 +11,12 @@ import numpy as np
 from helpers.processes import wait_until
 from helpers.units import Still, served
 
-from imutui.instrument.discarded import Discarded
+from imutui.instrument.counter_spec import SPAN
 from imutui.instrument.faults import FaultyLine, LineFault
-from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Decoder, Mode, Packet, encode
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.frame_search import Discarded
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, Mode, Packet, encode
+from imutui.instrument.imu400.decoder import packet_decoder
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client
@@ -46,8 +47,7 @@ def noise(seed: int, faults: int) -> Noise:
     hurt = [(k + 1) * _SPACING + int(rng.integers(_SPACING // 2)) for k in range(faults)]
     for k in hurt:
         pieces[k] = _SPOILT[int(rng.integers(len(_SPOILT)))](pieces[k], rng)
-    decoder = Decoder()
-    decoder.expect_packets(Mode.SCALED, streaming=True)
+    decoder = packet_decoder(Mode.SCALED, streaming=True)
     stream = b"".join(pieces)
     events = [event for i in range(0, len(stream), 64) for event in decoder.feed(stream[i : i + 64])] + decoder.quiet()
     found = [event for event in events if isinstance(event, Packet)]
@@ -64,7 +64,7 @@ def noise(seed: int, faults: int) -> Noise:
 def _packet(k: int, rng: np.random.Generator) -> Packet:
     # half of the words hold bytes that look like a header
     words = rng.integers(-300, 300, 6).tolist() if k % 2 else rng.choice([-1, 255, -256, 0], 6).tolist()
-    ticks = -round(k * PERIOD_S / TICK_S) % COUNTER_SPAN
+    ticks = -round(k * PERIOD_S / TICK_S) % SPAN
     return Packet(Mode.SCALED, tuple(words[:3]), tuple(words[3:]), 1500 + k % 200, ticks)
 
 

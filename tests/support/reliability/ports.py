@@ -12,7 +12,7 @@ from helpers.commands import imutui
 from helpers.fake_devices import Device, Habits, answers
 from helpers.processes import LIMIT_S, command_line
 
-from imutui.instrument.imu400.messages import POWER_UP_BAUD
+from imutui.instrument.imu400.crossbow import POWER_UP_BAUD
 from imutui.instrument.port import Port, PortError
 
 _NOBODY = 65534

@@ -19,8 +19,7 @@ from helpers.units import served
 from imutui.cli.virtual_readings import SIMULATED, simulated
 from imutui.instrument.faults import FaultyLine
 from imutui.instrument.imu400.crossbow import PACKET_BYTES
-from imutui.instrument.imu400.unit import VirtualUnit
-from imutui.instrument.imu400.unit_options import UnitOptions
+from imutui.instrument.imu400.unit import UnitOptions, VirtualUnit
 from imutui.logbook import reader
 from imutui.session import client
 from imutui.session.client import Client, SessionGoneError

@@ -16,7 +16,8 @@ import numpy as np
 
 from filters.kalman import runner
 from imutui.instrument.clock import Clock
-from imutui.instrument.imu400.crossbow import COUNTER_SPAN, PACKET_BYTES, TICK_S, Mode, Packet
+from imutui.instrument.counter_spec import SPAN
+from imutui.instrument.imu400.crossbow import PACKET_BYTES, TICK_S, Mode, Packet
 from imutui.instrument.imu400.host import COUNTER
 from imutui.instrument.transmitter import BITS_PER_BYTE
 from imutui.logbook.session_info import SessionInfo
@@ -112,7 +113,7 @@ def _packets() -> list[tuple[tuple[int, int, int], tuple[int, int, int], int]]:
 
 def _arrival(words: tuple[tuple[int, int, int], tuple[int, int, int], int], k: int, host_ns: int) -> PacketArrival:
     rates, accels, temperature = words
-    ticks = -round(k * PERIOD_S / TICK_S) % COUNTER_SPAN
+    ticks = -round(k * PERIOD_S / TICK_S) % SPAN
     return PacketArrival(Packet(Mode.SCALED, rates, accels, temperature, ticks), host_ns, k > 0, True, False, 0, 0)
 
 

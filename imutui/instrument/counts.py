@@ -1,0 +1,98 @@
+"""Readings in counts, as packets have them, and what a count is: in the instrument's own axes and signs."""
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Triple: TypeAlias = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class PacketDetails:
+    """What packets of some units have beside their readings, in counts."""
+
+    rate_temperatures: Triple  # of the rate sensors X, Y, Z
+    board_temperature: int
+    status: int  # the unit's status word, 16 bits
+
+
+class DataPacket(Protocol):
+    """One set of readings."""
+
+    @property
+    def rates(self) -> Triple:
+        """X, Y, Z."""
+        ...
+
+    @property
+    def accels(self) -> Triple:
+        """X, Y, Z."""
+        ...
+
+    @property
+    def temperature(self) -> int:
+        """The one that the samples have."""
+        ...
+
+    @property
+    def ticks(self) -> int:
+        """The packet's counter, 0 to 65535."""
+        ...
+
+    @property
+    def details(self) -> PacketDetails | None:
+        """What else it has; None of units whose packets have no more."""
+        ...
+
+
+COUNT_LIMITS = (-(2**15), 2**15 - 1)
+"""Least and largest count of a word of 16 bits with sign; a reading there says only "this or more"."""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Scales of words of 16 bits with sign that are 0 at zero; an instrument whose words are others overrides some.
+
+    Each method takes an int, a tuple or an array of any shape, and returns a numpy scalar or array of that shape.
+    """
+
+    rate_lsb_dps: float  # deg/s a count
+    accel_lsb_g: float  # g a count
+    temperature_lsb_degc: float  # degC a count
+
+    def rates_dps(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Angular rate, deg/s."""
+        return np.asarray(counts, np.float64) * self.rate_lsb_dps
+
+    def accels_g(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Acceleration as the unit reads it, g."""
+        return np.asarray(counts, np.float64) * self.accel_lsb_g
+
+    def temperature_degc(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Temperature, degC."""
+        return np.asarray(counts, np.float64) * self.temperature_lsb_degc
+
+    def rate_counts(self, rates_dps: ArrayLike) -> NDArray[np.int64]:
+        """Nearest counts of an angular rate in deg/s, clipped to the word."""
+        return nearest(rates_dps, self.rate_lsb_dps)
+
+    def accel_counts(self, accels_g: ArrayLike) -> NDArray[np.int64]:
+        """Nearest counts of an acceleration in g, clipped to the word."""
+        return nearest(accels_g, self.accel_lsb_g)
+
+    def temperature_counts(self, temperature_degc: ArrayLike) -> NDArray[np.int64]:
+        """Nearest counts of a temperature in degC, clipped to the word."""
+        return nearest(temperature_degc, self.temperature_lsb_degc)
+
+
+def nearest(values: ArrayLike, lsb: float, limits: tuple[int, int] = COUNT_LIMITS) -> NDArray[np.int64]:
+    """Nearest counts of some values, clipped."""
+    return np.clip(np.rint(np.asarray(values, np.float64) / lsb), *limits).astype(np.int64)
+
+
+def triple(counts: NDArray[np.int64]) -> Triple:
+    """Counts of X, Y and Z as a packet has them."""
+    x, y, z = counts.tolist()
+    return x, y, z
