@@ -1,9 +1,9 @@
 """The Crossbow "DMU" serial protocol of the IMU300CC, IMU400CC and IMU400CD: bytes in, frozen events out.
 
 The module does no input or output, reads no clock, and raises nothing for noise: bytes that mean nothing become a
-`Discarded` event and a counter. It knows both ends of the line: `CommandDecoder` is the unit's side, and `encode` writes
-anything that it or the host's side (`decoder`) reads. Left out is what other members of the family add: magnetometer
-words and angle mode (AHRS, VG), and built-in test.
+`Discarded` event and a counter. It knows both ends of the line: `CommandDecoder` is the unit's side, and `encode`
+writes anything that it or the host's side (`decoder`) reads. Left out is what other members of the family add:
+magnetometer words and angle mode (AHRS, VG), and built-in test.
 """
 
 import enum
