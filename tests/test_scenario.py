@@ -23,7 +23,7 @@ from imutui.cli import virtual as virtual_command
 from imutui.cli.exit_codes import handled
 from imutui.cli.virtual_readings import SIMULATED, SimulatedReadings, on_the_line, simulated
 from imutui.instrument.imu400.crossbow import Mode
-from imutui.logbook import reader
+from imutui.logbook import named_profiles, reader
 from imutui.scenario import ScenarioError, load_profile, load_scenario
 
 DEG = math.pi / 180.0
@@ -403,3 +403,15 @@ def test_a_seed_on_the_command_line_wins_over_the_files(home: Path) -> None:
     assert simulated(path, 0, None).unit.scenario.seed == 3
     assert simulated(path, 0, 9).unit.scenario.seed == 9
     assert simulated(None, 0, None).unit.scenario.seed == 0
+
+
+def test_a_file_is_itself_though_it_has_the_name_of_a_ready_made_profile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without such a file the name is that profile's."""
+    monkeypatch.chdir(tmp_path)
+    name = Path(named_profiles.ready_made()[0].name)
+    ready_made = load_scenario(name).profile
+    name.write_text('[[segment]]\nkind = "dwell"\nangles_deg = [0.0, 0.0, 0.0]\nseconds = 7.0\n')
+    assert load_scenario(name).profile == Profile((Dwell((0.0, 0.0, 0.0), 7.0),))
+    assert ready_made == named_profiles.ready_made()[0].profile

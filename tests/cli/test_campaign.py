@@ -72,6 +72,18 @@ def test_on_a_terminal_a_campaign_is_shown_in_place_until_it_is_over(monkeypatch
     assert "\n" not in screen.getvalue()
 
 
+def test_in_a_file_a_campaign_says_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not one a log: a night's campaign has thousands."""
+    monkeypatch.setattr(sys, "stderr", StringIO())
+    show = campaign._progress()
+    for done in range(1, 4):
+        show({"wanted": 9, "done": done, "errors": 0, "per_minute": 60.0, "left_s": 8.0})
+    assert sys.stderr.getvalue() == ""
+    monkeypatch.setattr(campaign, "_SPARSE_S", 0.0)
+    show({"wanted": 9, "done": 4, "errors": 0, "per_minute": 60.0, "left_s": 5.0})
+    assert sys.stderr.getvalue() == "imutui: 4 of 9 logs, 60 a minute, 5 s left\n"
+
+
 def lines(results: Path) -> int:
     """How many rows are in the journal."""
     journal = results / "rows.jsonl"

@@ -80,6 +80,7 @@ def test_every_request_has_its_reply(server: ipc.Server, kind: str) -> None:
     assert ask(b'{"ask": "mark"}') == {"ok": True, "said": "here"}
     wait_until(lambda: not server.busy and not server.viewers)
     assert reply["error"].startswith("a defect of imutui, ") == (kind == "a failure"), "nor is it the request's fault"
+    assert ('with the field "ask"' in reply["error"]) == (kind in ("a list", "a text", "nothing"))
 
 
 def test_a_viewer_that_was_refused_may_ask_again(server: ipc.Server) -> None:
