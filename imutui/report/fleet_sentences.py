@@ -36,11 +36,6 @@ def name(group: GroupField) -> str:
     return group["instrument"] or "instrument not stated"
 
 
-def unit_name(serial: str) -> str:
-    """A unit in a sentence."""
-    return f"unit {serial}" if serial else "unit not stated"
-
-
 def extent(group: GroupField) -> str:
     """Units, power-ons, logs, and from when to when."""
     units = group["units"]
