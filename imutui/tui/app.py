@@ -1,4 +1,4 @@
-"""The application: keys and pages. What they do: `connecting`, `recording`, `drawing`, `leaving`, `copying`.
+"""The application: keys and pages. What they do: `connecting`, `recording`, `drawing`, `leaving`.
 
 Calls to the acquisition run in threads; the event loop only takes their results. So a slow instrument never
 freezes the screen, and a frozen terminal never delays the acquisition.
@@ -22,7 +22,7 @@ from imutui import defects
 from imutui.plain_text import visible
 from imutui.session.client import Client
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.tui import copying, palette
+from imutui.tui import messages, palette
 from imutui.tui.connecting import Connector, FromPoller
 from imutui.tui.connection.poller import Poller
 from imutui.tui.context import AppContext
@@ -69,7 +69,6 @@ class ImutuiApp(NothingUnseen):
         *(Binding(key, f"missing('{purpose}')", show=False) for key, purpose in _PURPOSES.items()),
         Binding("d", "detach", "detach", show=False, tooltip="Leave the screen, the acquisition goes on"),
         Binding("y", "copy_page", "copy", show=False, tooltip="Copy the numbers of this page as text"),
-        Binding("P", "picture", "picture", show=False, tooltip="Save a picture of the screen (SVG) with the logs"),
         Binding("question_mark", "help", "help", key_display="?", tooltip="Help in plain language"),
         Binding("f1", "help", "help", show=False),
         Binding("q", "quit", "quit", tooltip="Quit, after asking about the acquisition"),
@@ -279,11 +278,10 @@ class ImutuiApp(NothingUnseen):
 
     def action_copy_page(self) -> None:
         """Copy the numbers of the page in front."""
-        copying.copy_page(self.context)
-
-    def action_picture(self) -> None:
-        """Save a picture of the screen."""
-        self.call_after_refresh(copying.save_picture, self.context, self.logs_folder)
+        if self.page is not None:
+            copied = self.page.as_text()
+            self.copy_to_clipboard(copied)
+            self.context.say(messages.copied(self.page.TITLE or "", copied, os.environ), "none")
 
     def action_help(self) -> None:
         """Help in plain language."""

@@ -1,6 +1,4 @@
-"""What every page offers: copy, picture, themes, leaving."""
-
-from pathlib import Path
+"""What every page offers: copy, themes, leaving."""
 
 import pytest
 from helpers.fake_client import FakeClient
@@ -28,26 +26,6 @@ async def test_y_copies_the_numbers_of_the_page(monkeypatch: pytest.MonkeyPatch)
         await pilot.press("4", "y")
         await shows(pilot, "lines of Filter")
         assert "±0.0291" in app.clipboard
-
-
-async def test_a_picture_gets_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SVG files beside the logs, or in the working folder; never over another file."""
-    monkeypatch.chdir(tmp_path)
-    client = FakeClient()
-    client.changes["logs"] = str(tmp_path / "logs")
-    async with _app(client).run_test(size=SMALLEST) as pilot:
-        await shows(pilot, "SIMULATED")
-        await pilot.press("P")
-        await shows(pilot, "picture of the screen")
-        await pilot.press("P")
-        await until(pilot, lambda: len(list((tmp_path / "logs").glob("imutui_live_*.svg"))) == 2)
-        client.changes["logs"] = "/proc/none"
-        await pilot.press("3")
-        await shows(pilot, "NOT RECORDING")
-        polls = client.polls
-        await until(pilot, lambda: client.polls > polls + 2)
-        await pilot.press("P")
-        await until(pilot, lambda: list(tmp_path.glob("imutui_record_*.svg")))
 
 
 async def test_a_theme_of_the_configuration_takes_effect() -> None:

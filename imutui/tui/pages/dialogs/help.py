@@ -41,7 +41,6 @@ KEYS ON EVERY PAGE
            anew with the file, so that a replay gives the same estimates
   m        put a mark with a text into the recording
   y        copy the numbers of the page as text, to the terminal's clipboard
-  P        save a picture of the screen (SVG) in the folder of the logs
   d        detach: leave the screen, the acquisition goes on
   q        quit; asks whether the acquisition goes on. Ctrl+C asks as well
   Ctrl+P   all actions by name, with their keys; themes
