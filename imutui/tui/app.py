@@ -1,4 +1,4 @@
-"""The application: keys and pages. What they do: `connecting`, `recording`, `drawing`, `leaving`.
+"""The application: keys and pages. What they do: `connecting`, `recording`, `drawing`.
 
 Calls to the acquisition run in threads; the event loop only takes their results. So a slow instrument never
 freezes the screen, and a frozen terminal never delays the acquisition.
@@ -6,45 +6,49 @@ freezes the screen, and a frozen terminal never delays the acquisition.
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import events, on
-from textual.app import SystemCommand
+from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.filter import LineFilter
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
 from textual.widgets import Input
 
 from imutui import defects
 from imutui.plain_text import visible
 from imutui.session.client import Client
 from imutui.session.plan import VIRTUAL_PORT, Plan
-from imutui.tui import messages, palette
-from imutui.tui.connecting import Connector, FromPoller
+from imutui.tui import messages
+from imutui.tui.connecting import Connector, FromPoller, Leaving
 from imutui.tui.connection.poller import Poller
 from imutui.tui.context import AppContext
 from imutui.tui.drawing import Drawing
-from imutui.tui.leaving import Leaving
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import PAGES, Page
 from imutui.tui.pages.dialogs.base import Dialog
 from imutui.tui.pages.dialogs.help import HelpDialog
-from imutui.tui.pages.registry import SCREENS
 from imutui.tui.recording import RecordingControl
-from imutui.tui.terminal import glyphs, scroll_bars, textual_private
-from imutui.tui.terminal.appearance import Appearance
+from imutui.tui.terminal import glyphs, textual_private
+from imutui.tui.terminal.appearance import Appearance, ControlCharacterFilter, draw_scroll_bars_with
 from imutui.tui.terminal.driver import Terminal, measured
-from imutui.tui.terminal.nothing_unseen import NothingUnseen
-from imutui.tui.terminal.shown_text import ControlCharacterFilter
+from imutui.tui.widgets.page_frame import is_too_small
+
+if TYPE_CHECKING:
+    from textual.actions import ActionParseResult
 
 _PURPOSES = {"r": "record", "m": "mark", "d": "detach from"}
+_LEAVING = ("quit", "detach", "suspend_process")
+"""What acts in a terminal of any size."""
 _NEEDS_ACQUISITION = ("record", "mark", "detach")
 
 
-class ImutuiApp(NothingUnseen):
+class ImutuiApp(textual_private.WithoutTraceback):
     """The terminal UI.
 
     `client`: acquisition to look at.
@@ -59,10 +63,7 @@ class ImutuiApp(NothingUnseen):
     CSS_PATH = "app.tcss"
     DEFAULT_MODE = "connect"
     BINDINGS: ClassVar[list[BindingType]] = [
-        *(
-            Binding(key, f"page('{name}')", title, show=False)
-            for (key, title), name in zip(PAGES, SCREENS, strict=True)
-        ),
+        *(Binding(key, f"page('{title.lower()}')", title, show=False) for key, title in PAGES),
         Binding("r", "record('begin')", "record", tooltip="Start a recording"),
         Binding("r", "record('finish')", "finish", tooltip="Finish the recording's file"),
         Binding("m", "mark", "mark", tooltip="Put a mark into the recording"),
@@ -107,7 +108,7 @@ class ImutuiApp(NothingUnseen):
         """Lines for the terminal after the UI has gone."""
         self.animation_level = "none"
         self.set_class(glyphs.choose().name == "ascii", "-ascii")
-        scroll_bars.draw_with(glyphs.choose())
+        draw_scroll_bars_with(glyphs.choose())
         self.theme = self.appearance.theme_for(os.environ.get("TERM", "")) or self.theme
 
     def on_mount(self) -> None:
@@ -231,6 +232,22 @@ class ImutuiApp(NothingUnseen):
             return not connected
         return not (action == "help" and typing)
 
+    async def run_action(
+        self,
+        action: "str | ActionParseResult",
+        default_namespace: DOMNode | None = None,
+        namespaces: Mapping[str, DOMNode] | None = None,
+    ) -> bool:
+        """Run what a key means, unless the terminal is too small for a page: nobody sees then what it would do.
+
+        A dialog is seen in any terminal.
+        """
+        name = action if isinstance(action, str) else action[1]
+        hidden = is_too_small(self.size) and not isinstance(self.screen, ModalScreen)
+        if hidden and name.rpartition(".")[2].partition("(")[0] not in _LEAVING:
+            return False
+        return await super().run_action(action, default_namespace, namespaces)
+
     def action_page(self, name: str) -> None:
         """Go to a page."""
         if not self._connector.connecting:
@@ -302,7 +319,7 @@ class ImutuiApp(NothingUnseen):
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """Every action, with its key, and Textual's own except those that imutui has better."""
-        yield from palette.commands(self, self.page, self.action_page)
+        yield from _commands(self)
         yield from (c for c in super().get_system_commands(screen) if c.title not in ("Quit", "Screenshot", "Keys"))
 
 
@@ -326,3 +343,30 @@ def run(
     for line in (*app.farewell, *told):
         print(visible(line), file=sys.stderr)
     return app.return_code or 0 if code is None else code
+
+
+def _commands(app: ImutuiApp) -> Iterable[SystemCommand]:
+    """Pages, then the actions of the page in front, then the application's."""
+    for key, title in PAGES:
+        yield SystemCommand(f"{title} page", f"key {key}", partial(app.action_page, title.lower()))
+    for namespace in (app.page, app):
+        for binding in namespace.BINDINGS if namespace is not None else ():
+            if isinstance(binding, Binding) and (binding.show or binding.tooltip):
+                yield _command(app, namespace, binding)
+
+
+def _command(app: App[Any], namespace: Page | App[Any] | None, binding: Binding) -> SystemCommand:
+    tip = binding.tooltip
+    title = binding.description.capitalize() + (f": {tip[0].lower()}{tip[1:]}" if tip else "")
+
+    async def run() -> None:
+        app.screen.set_focus(None)  # in a field, letters are text and no action answers to them
+        await app.run_action(binding.action, namespace)
+
+    return SystemCommand(title, f"key {binding.key_display or _shown(binding.key)}", run)
+
+
+def _shown(key: str) -> str:
+    """First of a binding's keys as people write it."""
+    *modifiers, last = key.partition(",")[0].split("+")
+    return "-".join([*(modifier.capitalize() for modifier in modifiers), last])

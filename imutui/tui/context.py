@@ -10,8 +10,7 @@ from imutui.session.client import SessionError
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import messages
 from imutui.tui.connection.model import ConnectionModel
-from imutui.tui.pages.base import Page
-from imutui.tui.pages.registry import SCREENS, page_class
+from imutui.tui.pages.base import PAGES, Page, page_class
 
 if TYPE_CHECKING:
     from imutui.tui.pages.connect.page import ConnectPage
@@ -34,12 +33,12 @@ class AppContext:
         self.connection = ConnectionModel()
         self._opened: dict[str, Page] = {}
         self._said_on: Page | None = None
-        for name in SCREENS:
-            app.add_mode(name, partial(self._open, name))
+        for _, title in PAGES:
+            app.add_mode(title.lower(), partial(self._open, title))
 
-    def _open(self, name: str) -> Page:
-        self._opened[name] = page_class(name)()
-        return self._opened[name]
+    def _open(self, title: str) -> Page:
+        page = self._opened[title.lower()] = page_class(title)()
+        return page
 
     @property
     def front(self) -> Page | None:

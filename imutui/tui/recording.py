@@ -13,8 +13,7 @@ from imutui.tui import messages
 from imutui.tui.background import in_thread
 from imutui.tui.context import AppContext
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.mark import MarkDialog, nothing_to_mark
-from imutui.tui.pages.dialogs.note import NoteDialog
+from imutui.tui.pages.dialogs.note import MarkDialog, NoteDialog, nothing_to_mark
 from imutui.tui.pages.record import text
 
 if TYPE_CHECKING:

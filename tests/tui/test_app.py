@@ -490,5 +490,5 @@ async def test_the_palette_has_every_action_with_its_key() -> None:
         commands = {command.title: command.help for command in app.get_system_commands(app.screen)}
         keys = set(commands.values())
         assert {
-            f"key {key}" for key in (*"123456", "r", "m", "d", "y", "P", "?", "q", "Ctrl-z", "space", "a", "g", "+/-")
+            f"key {key}" for key in (*"123456", "r", "m", "d", "y", "?", "q", "Ctrl-z", "space", "a", "g", "+/-")
         } <= keys

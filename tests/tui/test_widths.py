@@ -17,7 +17,7 @@ from imutui.tui.connection.model import ConnectionModel
 from imutui.tui.pages.base import PAGES
 from imutui.tui.pages.connect.text import ZERO_TEXT
 from imutui.tui.pages.dialogs.help import HELP
-from imutui.tui.pages.filter.explanation import explanation
+from imutui.tui.pages.filter.text import explanation
 from imutui.tui.pages.logs import text as logs_text
 from imutui.tui.pages.record import text as record_text
 

@@ -1,1 +1,1 @@
-"""Pages and dialogs, one a folder or a module; `registry` is the table of pages."""
+"""Pages and dialogs, one a folder or a module; `base` has the table of pages."""

@@ -1,6 +1,7 @@
 """What all pages share: header, notice, footer, and the message for a terminal that is too small."""
 
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 
 from textual import events
 from textual.app import ComposeResult
@@ -11,17 +12,19 @@ from textual.widget import Widget
 
 from imutui.session.client import Client
 from imutui.tui.connection.model import View
-from imutui.tui.widgets.debug_line import DebugLine
-from imutui.tui.widgets.header import StatusHeader
-from imutui.tui.widgets.keys_line import KeysLine
-from imutui.tui.widgets.notice import Notice
+from imutui.tui.widgets.page_frame import DebugLine, KeysLine, Notice, StatusHeader, TooSmall, is_too_small
 from imutui.tui.widgets.text_lines import TextLines
-from imutui.tui.widgets.too_small import TooSmall, is_too_small
 
 PAGES = [("1", "Connect"), ("2", "Live"), ("3", "Record"), ("4", "Filter"), ("5", "Table"), ("6", "Logs")]
-"""Keys and titles."""
+"""Keys and titles. A page's class stands in `pages/TITLE/page.py`, as TITLEPage."""
 WIDE = 112
 TALL = 34
+
+
+def page_class(title: str) -> "type[Page]":
+    """The class of a page. It is loaded when it is first opened: the first frame waits for one page, not for six."""
+    found: type[Page] = getattr(import_module(f"imutui.tui.pages.{title.lower()}.page"), f"{title}Page")
+    return found
 
 
 class Page(Screen[None]):

@@ -1,11 +1,16 @@
-"""How the screen is to look: theme, signs, speed, plots, as the configuration's section `screen` says."""
+"""How the screen looks: the configuration's section `screen`, scroll bars, and what stands for control characters."""
 
 from dataclasses import dataclass
 
+from rich.segment import Segment
+from textual.color import Color
+from textual.filter import LineFilter
+from textual.scrollbar import ScrollBar, ScrollBarRender
 from textual.theme import BUILTIN_THEMES
 
 from filters.errors import InputError
-from imutui.tui.terminal.glyphs import GLYPHS
+from imutui.plain_text import masked
+from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
 
 SHORT_THEMES = {"dark": "textual-dark", "light": "textual-light"}
 """Names that a person would try, and the themes they stand for."""
@@ -42,3 +47,28 @@ class Appearance:
 def _one_of(key: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
         raise InputError(f'`screen.{key}` is "{value}"; there are: {", ".join(name for name in known if name)}')
+
+
+class ControlCharacterFilter(LineFilter):
+    """Puts a sign of one cell in the place of every character that would act on the terminal.
+
+    What is known to come from outside was made visible before it was laid out; this is for what nobody thought of.
+    """
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """The line as it may be sent."""
+        if all(segment.control or segment.text.isprintable() for segment in segments):
+            return segments
+        return [s if s.control else Segment(masked(s.text), s.style) for s in segments]
+
+
+class WholeCells(ScrollBarRender):
+    """A bar whose ends are at whole cells: drawn by background colours alone."""
+
+    VERTICAL_BARS = [" "] * len(ScrollBarRender.VERTICAL_BARS)
+    HORIZONTAL_BARS = [" "] * len(ScrollBarRender.HORIZONTAL_BARS)
+
+
+def draw_scroll_bars_with(glyphs: Glyphs) -> None:
+    """Have all scroll bars drawn with a set of signs, of this process."""
+    ScrollBar.renderer = ScrollBarRender if glyphs.name == "braille" else WholeCells

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from imutui.tui.connection import verdict
 from imutui.tui.connection.verdict import HOLD_S, Debounce, judge
-from imutui.tui.pages.filter.badge import two_lines
+from imutui.tui.pages.filter.estimates import two_lines
 from imutui.verdict import rules
 from imutui.verdict.rules import Verdict
 

@@ -12,13 +12,13 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from imutui.tui.app import ImutuiApp
-from imutui.tui.pages.dialogs import quit as questions
+from imutui.tui.pages.dialogs import choice
+from imutui.tui.pages.dialogs.base import FieldDialog
 from imutui.tui.pages.dialogs.choice import ChoiceDialog
 from imutui.tui.pages.dialogs.help import HelpDialog
-from imutui.tui.pages.dialogs.mark import MarkDialog, nothing_to_mark
-from imutui.tui.pages.dialogs.path import PathDialog
-from imutui.tui.pages.dialogs.why import WhyDialog
-from imutui.tui.pages.logs.effects_dialog import EffectsDialog
+from imutui.tui.pages.dialogs.note import MarkDialog, nothing_to_mark
+from imutui.tui.pages.filter.page import WhyDialog
+from imutui.tui.pages.logs.live_effects import EffectsDialog
 
 _LETTERS = "dm1rPgot"
 """Keys of pages and of the application, as somebody types them who believes to be in a field."""
@@ -28,13 +28,13 @@ DIALOGS: dict[str, Callable[[ImutuiApp], ModalScreen[Any]]] = {
     "help": lambda _: HelpDialog(),
     "mark": lambda _: MarkDialog(),
     "no mark": lambda _: nothing_to_mark(),
-    "path": lambda _: PathDialog("Open", "A folder."),
-    "quit": lambda app: questions.quit_dialog(app.context.connection.newest),
-    "jobs": lambda _: questions.jobs_dialog(["trace of a.mcap"]),
-    "stop": lambda app: questions.stop_dialog(app.context.connection.newest),
-    "zero": lambda _: questions.zero_dialog(),
-    "ended": lambda _: questions.ended_dialog("the cable was pulled", typing=True),
-    "cancel": lambda _: questions.cancel_dialog("trace of a.mcap"),
+    "path": lambda _: FieldDialog("Open", "A folder."),
+    "quit": lambda app: choice.quit_dialog(app.context.connection.newest),
+    "jobs": lambda _: choice.jobs_dialog(["trace of a.mcap"]),
+    "stop": lambda app: choice.stop_dialog(app.context.connection.newest),
+    "zero": lambda _: choice.zero_dialog(),
+    "ended": lambda _: choice.ended_dialog("the cable was pulled", typing=True),
+    "cancel": lambda _: choice.cancel_dialog("trace of a.mcap"),
     "effects": lambda _: EffectsDialog([], loaded=True),
 }
 

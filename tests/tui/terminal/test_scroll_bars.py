@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 from textual.scrollbar import ScrollBar
 
-from imutui.tui.terminal import scroll_bars
+from imutui.tui.terminal import appearance
 from imutui.tui.terminal.glyphs import GLYPHS
 
 
@@ -12,7 +12,7 @@ from imutui.tui.terminal.glyphs import GLYPHS
 def test_only_a_terminal_with_eighths_of_blocks_gets_them(name: str) -> None:
     """At every position of the bar; colours tell it from the rest everywhere."""
     try:
-        scroll_bars.draw_with(GLYPHS[name])
+        appearance.draw_scroll_bars_with(GLYPHS[name])
         console = Console(width=3, color_system="truecolor", file=None)
         drawn = ""
         for position in range(0, 80, 3):
@@ -21,4 +21,4 @@ def test_only_a_terminal_with_eighths_of_blocks_gets_them(name: str) -> None:
             drawn += "".join(segment.text for segment in segments)
         assert (drawn.replace("\n", "").strip() == "") == (name != "braille")
     finally:
-        scroll_bars.draw_with(GLYPHS["braille"])
+        appearance.draw_scroll_bars_with(GLYPHS["braille"])

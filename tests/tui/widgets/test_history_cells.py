@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imutui.estimate_history import EstimateHistory
-from imutui.tui.pages.filter.bias_bar import gauge
+from imutui.tui.pages.filter.text import gauge
 from imutui.tui.terminal.glyphs import GLYPHS, Glyphs
 from imutui.tui.widgets import history_cells
 

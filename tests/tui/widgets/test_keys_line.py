@@ -5,7 +5,7 @@ from helpers.pilot import SMALLEST, shows, until
 from textual.widget import Widget
 
 from imutui.tui.app import ImutuiApp
-from imutui.tui.widgets.keys_line import KeysLine
+from imutui.tui.widgets.page_frame import KeysLine
 
 
 async def test_keys_are_made_anew_when_there_are_other_ones_and_only_then() -> None:

@@ -17,7 +17,7 @@ from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.connect.form import ConnectForm
-from imutui.tui.pages.dialogs.quit import zero_dialog
+from imutui.tui.pages.dialogs.choice import zero_dialog
 
 _LOOK_EVERY_S = 2.0
 _ALIVE = ("connecting", "running", "stopping")

@@ -12,7 +12,7 @@ from textual.screen import ModalScreen, ScreenResultType
 from textual.widget import Widget
 from textual.widgets import Input, Static
 
-from imutui.tui.widgets.keys_line import KeysLine
+from imutui.tui.widgets.page_frame import KeysLine
 from imutui.tui.widgets.wrapped_text import WrappedText
 
 

@@ -1,6 +1,7 @@
-"""Asks for a note, and for the operator's name where that can be changed too."""
+"""Asks for what goes into a recording as text: a mark, the note, the operator's name."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -9,7 +10,10 @@ from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Input, Label, Static
 
-from imutui.tui.pages.dialogs.base import Dialog, dismiss_after_typing
+from imutui.session.client import Client
+from imutui.tui.pages.base import Page
+from imutui.tui.pages.dialogs.base import Dialog, FieldDialog, dismiss_after_typing
+from imutui.tui.pages.dialogs.choice import ChoiceDialog
 from imutui.tui.widgets.wrapped_text import WrappedText
 
 
@@ -64,3 +68,54 @@ class NoteDialog(Dialog[tuple[str, str] | None]):
     def _answer(self) -> tuple[str, str]:
         note, operator = [*(field.value.strip() for field in self._fields), ""][:2]
         return note, operator
+
+
+class MarkDialog(FieldDialog):
+    """A field for a mark's text; returns it, "mark" for nothing, None for Esc. The mark is set at Enter."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "submit", "set it", key_display="enter", priority=True),
+    ]
+
+    def __init__(self) -> None:
+        hint = "Enter sets it with the time of Enter."
+        super().__init__("Mark in the recording", hint, placeholder="what happens now, for example: table to 90 deg")
+
+    def answer(self) -> str:
+        """The text; an empty one is "mark"."""
+        return self.field.value.strip() or "mark"
+
+
+def nothing_to_mark() -> ChoiceDialog:
+    """Say why there is no mark. In front of the page, so that what is typed next is taken for no key of it."""
+    said = "There is nothing to mark. Close this; then r starts a recording, and m marks it."
+    return ChoiceDialog("Not recording", said, [], stay="close")
+
+
+_HINT = "Both go into the file that is being written; what stood there before stays in it as an event."
+
+
+def describe_recording(page: Page) -> None:
+    """Ask for note and operator of the recording that runs, and have the acquisition write what was changed.
+
+    `page`: in front of which it is asked; nothing happens where no recording runs.
+    """
+    now = page.view.now if page.view is not None else None
+    recording = now["recording"] if now is not None else None
+    if now is None or recording is None:
+        return
+    name = Path(recording["path"]).name
+    before = now["note"], now["operator"]
+
+    def entered(after: tuple[str, str] | None) -> None:
+        if after is None or after == before:
+            return
+        note, operator = (new if new != old else None for new, old in zip(after, before, strict=True))
+
+        def ask(client: Client) -> str:
+            client.describe(note, operator)
+            return f"written into {name}"
+
+        page.post_message(Page.Ask(ask, ""))
+
+    page.app.push_screen(NoteDialog(f"Note of {name}", _HINT, *before), entered)

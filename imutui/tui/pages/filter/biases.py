@@ -5,7 +5,7 @@ from textual.content import Content
 from imutui.filter_snapshot import BiasSnapshot
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.pages.filter.bias_bar import gauge
+from imutui.tui.pages.filter.text import gauge
 from imutui.tui.widgets.text_lines import TextLines
 from imutui.verdict.rules import MOVES_SD, moved_sd
 

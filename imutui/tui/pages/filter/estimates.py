@@ -6,9 +6,9 @@ from imutui.filter_snapshot import FilterSnapshot, NavigationSdSnapshot, Navigat
 from imutui.report import wrapping
 from imutui.tui import formatting
 from imutui.tui.connection.model import View
-from imutui.tui.pages.filter.explanation import effect_text
-from imutui.tui.widgets.text_lines import TextLines
-from imutui.verdict.rules import NOTICED, held_text, nis_meaning, worst_remainder
+from imutui.tui.pages.filter.text import effect_text
+from imutui.tui.widgets.text_lines import LEVEL_STYLES, TextLines
+from imutui.verdict.rules import LEVEL_MARKS, NOTICED, Check, Verdict, held_text, nis_meaning, worst_remainder
 
 _LABEL = 13
 
@@ -173,3 +173,85 @@ class AlarmLines(GrowingLines):
         if len(wrapped) > self.rows:
             wrapped = [*wrapped[: self.rows - 1], f"{wrapped[self.rows - 1][: width - 14]} … w: more"]
         return [self.line((line, "$text-error")) for line in wrapped]
+
+
+_STYLES = {"good": "$success", "wait": "$warning", "bad": "$error", "none": "$foreground"}
+_LEAST = 16
+_WHY = "  w why "
+
+
+class FilterBadge(TextLines):
+    """The verdict on the filter in two lines: word, reason, and what to do."""
+
+    DEFAULT_CSS = "FilterBadge { height: 2; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """Word, reason, what to do; what does not fit is behind a key."""
+        verdict = view.shown_verdict
+        if verdict is None:
+            return [self.line((" – OFF ", "bold reverse"), "  no acquisition: 1 connects to one")]
+        # without colour, the reverse of a colour is grey on grey
+        style = "bold reverse" if self.app.no_color else f"bold reverse {_STYLES[verdict.level]}"
+        chip = self.line((f" {verdict.badge} ", style))
+        indent = chip.cell_length + 2
+        said = self.glyphs.text(_said(view, verdict))
+        first, second = two_lines(said, width - indent - 1, width - indent - len(_WHY))
+        why = self.line((_WHY, "dim"))
+        return [
+            Content.assemble(chip, "  ", (first, "bold")),
+            self.spread(Content(" " * indent + second), why, width),
+        ]
+
+
+def _said(view: View, verdict: Verdict) -> str:
+    now = view.verdict
+    changed = f"(frozen; now {now.badge}) " if view.frozen and now is not None and now.word != verdict.word else ""
+    return f"{changed}{verdict.reason}\n{verdict.todo}"
+
+
+def two_lines(said: str, first: int, second: int) -> tuple[str, str]:
+    """A reason and what to do as two lines at most: what to do begins a line of its own if the reason leaves one.
+
+    A long reason is cut so that what to do has room beside it; the key `w` has all of it.
+
+    `said`: reason, line feed, what to do.
+    `first`, `second`: characters of the lines.
+    """
+    reason, _, todo = said.partition("\n")
+    if len(reason) <= first:
+        return reason, _cut(todo, second)
+    cut = reason.rfind(" ", 0, first + 1)
+    cut = cut if cut > 0 else first
+    rest = reason[cut:].strip()
+    room = second - len(todo) - 2
+    if not todo or room < _LEAST:
+        return reason[:cut], _cut(rest, second)
+    return reason[:cut], f"{_cut(rest, room)}; {todo}"
+
+
+def _cut(said: str, width: int) -> str:
+    """At most `width` characters, cut behind a word."""
+    if len(said) <= width:
+        return said
+    cut = said.rfind(" ", 0, width - 1)
+    return f"{said[: cut if cut > 0 else width - 2].rstrip(' ;,:')} …"
+
+
+class RuleLines(TextLines):
+    """Why the badge is what it is, beside the table: a head, and each rule with what it found."""
+
+    DEFAULT_CSS = "RuleLines { height: 100%; padding: 0 1; }"
+
+    def lines(self, view: View, width: int) -> list[Content]:
+        """One rule after the other, wrapped."""
+        verdict = view.shown_verdict
+        if verdict is None:
+            return []
+        head = self.line((f"why {verdict.badge}".ljust(width), "bold underline"))
+        return [head, *(line for check in verdict.checks for line in self._rule(check, width))]
+
+    def _rule(self, check: Check, width: int) -> list[Content]:
+        mark = f"{LEVEL_MARKS[check.level]:<5}"
+        said = wrapping.wrap(f"{check.name}: {check.said}", max(width - len(mark), 10))
+        style = LEVEL_STYLES[check.level] if check.level != "none" else ""
+        return [self.line((mark if i == 0 else " " * len(mark), style), line) for i, line in enumerate(said)]

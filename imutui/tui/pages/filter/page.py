@@ -11,18 +11,19 @@ from textual.widget import Widget
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.why import WhyDialog
-from imutui.tui.pages.filter.badge import FilterBadge
+from imutui.tui.pages.dialogs.base import ScrollDialog
 from imutui.tui.pages.filter.bias_history import BiasPlot, BiasPlotSettings
 from imutui.tui.pages.filter.biases import NAMES, BiasTable
 from imutui.tui.pages.filter.estimates import (
     AlarmLines,
     EffectLines,
+    FilterBadge,
     NavigationLines,
     NisLine,
+    RuleLines,
     UnexplainedLine,
 )
-from imutui.tui.pages.filter.rule_lines import RuleLines
+from imutui.tui.pages.filter.text import explanation
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
@@ -162,3 +163,17 @@ class FilterPage(Page):
     def action_effects(self) -> None:
         """Have found effects loaded."""
         self.post_message(requests.ChooseEffects())
+
+
+class WhyDialog(ScrollDialog):
+    """Every rule, alarm and number of the filter, as of the moment it was asked for, to scroll.
+
+    `view`: what is explained.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("w", "cancel", show=False, priority=True),
+    ]
+
+    def __init__(self, view: View) -> None:
+        super().__init__(explanation(view))

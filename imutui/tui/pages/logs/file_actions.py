@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 from filters.errors import InputError
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.describing import describe_recording
+from imutui.tui.pages.dialogs.base import FieldDialog
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.pages.dialogs.note import NoteDialog
-from imutui.tui.pages.dialogs.path import PathDialog
+from imutui.tui.pages.dialogs.note import NoteDialog, describe_recording
 from imutui.tui.pages.logs import text
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ class FileActions:
                 again = partial(self._ask_for_name, brief, value=name)
                 self._run(lambda: _rename(brief.path, name), None, again)
 
-        self._page.app.push_screen(PathDialog(f"Rename {brief.name}", hint, value), entered)
+        self._page.app.push_screen(FieldDialog(f"Rename {brief.name}", hint, value), entered)
 
     # the end
 

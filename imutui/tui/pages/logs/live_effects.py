@@ -1,14 +1,23 @@
 """Loading found effects into the live filter: which, from where, and whether it takes them now."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
+from textual.binding import Binding, BindingType
+from textual.content import Content
+from textual.widget import Widget
+from textual.widgets import OptionList, Static
+
+from imutui.report import effect_words
 from imutui.session.client import Client
+from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.path import PathDialog
+from imutui.tui.pages.dialogs.base import Dialog, FieldDialog
 from imutui.tui.pages.logs import text
-from imutui.tui.pages.logs.effects_dialog import EffectsDialog
+from imutui.tui.widgets.option_rows import OptionRows
+from imutui.tui.widgets.wrapped_text import WrappedText
 
 if TYPE_CHECKING:
     from imutui.jobs.sidecar_files import EffectsFile
@@ -41,7 +50,7 @@ class LiveEffects:
             self.load("no effects", "")
         elif file == "open":
             hint = "A TOML file that a trace wrote. Enter opens it, Esc cancels."
-            self._page.app.push_screen(PathDialog("Effects file", hint, f"{self._folder}/"), self._typed)
+            self._page.app.push_screen(FieldDialog("Effects file", hint, f"{self._folder}/"), self._typed)
         elif file is not None and not isinstance(file, str):
             self.load(file.path.name, file.text)
 
@@ -80,3 +89,77 @@ def _effects_file(path: Path) -> "EffectsFile":
     from imutui.jobs import sidecar_files
 
     return sidecar_files.effects_file(path)
+
+
+_NAME = 64
+_LEAD = "The filter begins anew with them. Files that a trace wrote, newest first; o opens another."
+_NONE = "No effects file here yet: t traces a log, then w on its result writes one. o opens another."
+
+
+class EffectsDialog(Dialog["EffectsFile | str | None"]):
+    """Returns the file, "none" for no effects, "open" to type a path, None for Esc.
+
+    `files`: what there is.
+    `loaded`: whether the filter has effects now.
+    """
+
+    DEFAULT_CSS = "EffectsDialog OptionRows { height: auto; max-height: 10; margin-bottom: 1; }"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "take", "take", key_display="enter"),
+        Binding("o", "open", "other file"),
+    ]
+
+    def __init__(self, files: "list[EffectsFile]", loaded: bool) -> None:
+        super().__init__()
+        self._files = files
+        self._loaded = loaded
+
+    def body(self) -> Iterable[Widget]:
+        """Title, files, what is in the one with the cursor."""
+        yield Static(Content.styled("Load effects into the live filter", "bold"), classes="title")
+        yield WrappedText(_LEAD if self._files else _NONE, classes="text")
+        yield OptionRows(id="files")
+        yield WrappedText("", id="about", classes="text")
+
+    def on_mount(self) -> None:
+        """List the effects files that lie with the recordings."""
+        names = [f" {formatting.shorten(file.path.name, _NAME)}" for file in self._files]
+        self.query_one(OptionRows).fill(
+            [Content(name) for name in [*names, *([" no effects"] if self._loaded else [])]]
+        )
+        self.query_one(OptionRows).focus()
+        self._about()
+
+    def on_option_list_option_highlighted(self) -> None:
+        """Say what is in it."""
+        self._about()
+
+    def on_option_list_option_selected(self, _: OptionList.OptionSelected) -> None:
+        """A file that was clicked is chosen, as by Enter."""
+        self.action_take()
+
+    def _file(self) -> "EffectsFile | str | None":
+        at = self.query_one(OptionRows).cursor
+        if at is None:
+            return None
+        return self._files[at] if at < len(self._files) else "none"
+
+    def _about(self) -> None:
+        file = self._file()
+        if file is None or isinstance(file, str):
+            said = "The filter estimates biases only." if file else ""
+        elif file.error:
+            said = f"can't be used: {file.error}"
+        else:
+            said = f"{effect_words.included(file.effects) or 'no effect'}\n{file.source}"
+        self.query_one("#about", WrappedText).update(said)
+
+    def action_take(self) -> None:
+        """Take it, if it can be used."""
+        file = self._file()
+        if file is not None and (isinstance(file, str) or not file.error):
+            self.dismiss(file)
+
+    def action_open(self) -> None:
+        """Ask for the path of a file that is not listed."""
+        self.dismiss("open")

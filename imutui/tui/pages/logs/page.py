@@ -16,12 +16,11 @@ from imutui.tui.background import in_thread
 from imutui.tui.connection.model import View
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
-from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.pages.dialogs.path import PathDialog
-from imutui.tui.pages.dialogs.quit import cancel_dialog
+from imutui.tui.pages.dialogs.base import FieldDialog
+from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog, cancel_dialog
 from imutui.tui.pages.logs import jobs, text
 from imutui.tui.pages.logs.file_actions import FileActions
-from imutui.tui.pages.logs.job_line import JobLine
+from imutui.tui.pages.logs.jobs import JobLine
 from imutui.tui.pages.logs.live_effects import LiveEffects
 from imutui.tui.pages.logs.recordings import Recordings
 from imutui.tui.pages.logs.result_page import ResultPage
@@ -319,7 +318,7 @@ class LogsPage(Page):
         self._ask_for_path("A folder of recordings, or one recording. Enter opens it, Esc cancels.", f"{self.folder}/")
 
     def _ask_for_path(self, hint: str, value: str) -> None:
-        self.app.push_screen(PathDialog("Open", hint, value), self._opened)
+        self.app.push_screen(FieldDialog("Open", hint, value), self._opened)
 
     def _opened(self, entered: str | None) -> None:
         if entered is None:

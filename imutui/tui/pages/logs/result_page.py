@@ -19,8 +19,8 @@ from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.pages.logs import comparison_text, kept_results, result_text
-from imutui.tui.pages.logs.kept_results import comparison
+from imutui.tui.pages.logs import comparison_text, result_text
+from imutui.tui.pages.logs.comparison_text import comparison
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets import text_plot
@@ -138,7 +138,7 @@ class ResultPage(Page):
     @work(exclusive=True, group="compare")
     async def action_compare(self) -> None:
         """Ask with which other result, and show both."""
-        kept = await in_thread(lambda: kept_results.find(self.outcome))
+        kept = await in_thread(lambda: comparison_text.find(self.outcome))
         others = [*reversed(self._others), *kept][:_MOST]
         if not others:
             name = f"no other {self.outcome.kind} to compare with: make one, or save one with s beside this log"
