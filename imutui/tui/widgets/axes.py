@@ -4,7 +4,7 @@ Data are drawn solid, what they are compared with dotted, so that both are told 
 """
 
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,10 @@ from imutui.report.axes import log_ticks, number_text
 from imutui.tui import formatting
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.raster import Bits, Envelope, Floats
+from imutui.tui.widgets.raster import Bits, Envelope, Floats, Line
 
 GUTTER = 10
 BLANK, DATA, COMPARED, CURSOR = "blank", "data", "compared", "cursor"
-Part = tuple[str, str]
-"""Text, and which of the kinds above it is."""
 
 _DOTTED = 3
 _ROWS_OF_NUMBER = 3
@@ -96,8 +94,8 @@ class Figure:
     cursor: float | None = None  # x that is read
 
 
-def draw(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[list[Part]]:
-    """Lines of a figure, `width` wide and `height` high, the last one with the numbers of the x axis."""
+def draw(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[Line]:
+    """Lines of a figure in parts of the kinds above, in a size; the last one has the numbers of the x axis."""
     rows, cells = height - _AXIS_LINES, width - GUTTER
     if rows < 2 or cells < 10:
         return [[(" " * width, BLANK)]] * max(height, 0)
@@ -114,7 +112,7 @@ def draw(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[list[P
         _put_cursor(figure, found, kinds, glyphs)
     labels = _labels(figure.y, rows, glyphs)
     body = [
-        [(label, BLANK), *_parts(line, kind)]
+        [(label, BLANK), *raster.runs(line, kind)]
         for label, line, kind in zip(labels, raster.lines(found), kinds.tolist(), strict=True)
     ]
     return [*body, [(_numbers(figure, cells).ljust(width)[:width], BLANK)]]
@@ -158,15 +156,6 @@ def _put_cursor(figure: Figure, found: raster.Codes, kinds: npt.NDArray[np.str_]
     column = found[:, at]
     column[column == raster.SPACE] = ord(glyphs.text("│"))
     kinds[:, at] = CURSOR
-
-
-def _parts(line: str, kinds: list[str]) -> list[Part]:
-    parts, begin = [], 0
-    for kind, same in groupby(kinds):
-        end = begin + len(list(same))
-        parts.append((line[begin:end], kind))
-        begin = end
-    return parts
 
 
 def _labels(axis: Axis, rows: int, glyphs: Glyphs) -> list[str]:

@@ -6,11 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from imutui.estimate_history import EstimateHistory
+from imutui.tui import formatting
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.raster import Bits, Envelope
+from imutui.tui.widgets.raster import Bits, Envelope, Limits
 
-Limits = tuple[float, float]
+GUTTER = 10
 SCALES = ("auto", "whole run", "limits")
 """What the scale shows: the settled part, everything, or the data sheet's limits."""
 _SHORTEST_S = 60.0
@@ -47,6 +48,11 @@ class Cells:
     lines: list[str]
     shows: npt.NDArray[np.int64]
     shaded: Bits
+
+    def parts(self) -> list[list[tuple[str, tuple[int, bool]]]]:
+        """The lines in parts that look alike: what they show, and whether the band is behind."""
+        looks = zip(self.lines, self.shows.tolist(), self.shaded.tolist(), strict=True)
+        return [raster.runs(line, zip(shows, shaded, strict=True)) for line, shows, shaded in looks]
 
 
 def span_s(seconds: float) -> float:
@@ -134,7 +140,7 @@ def cells(
     edge = area & False if shades else edges(area)
     settled = estimate & envelope.converged
     for kind, bits in ((LINE, line), (EDGE, edge), (ESTIMATE, estimate), (CONVERGED, settled)):
-        shows[_any(bits, glyphs)] = kind
+        shows[raster.cells_of(bits, glyphs)] = kind
     drawn = shows >= ESTIMATE
     if glyphs.name == "braille":
         lines = raster.cells(estimate | ((edge | line) & ~_whole(drawn, glyphs)), glyphs)
@@ -153,7 +159,7 @@ def _with_band(made: Cells, area: Bits, glyphs: Glyphs) -> Cells:
     """The same with the band behind it; what it covers by half is half a block, if nothing is drawn there."""
     rows = made.shows.shape[0]
     upper, lower = area.reshape(rows, 2, glyphs.rows // 2, -1, glyphs.columns).mean(axis=(2, 4)).swapaxes(0, 1) >= 0.5
-    touched = (made.shows >= ESTIMATE) & _any(area, glyphs)
+    touched = (made.shows >= ESTIMATE) & raster.cells_of(area, glyphs)
     texts = [list(line) for line in made.lines]
     lined = (made.shows == LINE).any(axis=1, keepdims=True)  # halves between the dots of a line would look like it
     for row, column in np.argwhere((upper ^ lower) & (made.shows == EMPTY) & ~lined).tolist():
@@ -178,12 +184,6 @@ def _with_gaps(made: Cells, gaps: tuple[tuple[int, int], ...], glyphs: Glyphs) -
     return Cells(["".join(text) for text in texts], made.shows, made.shaded)
 
 
-def _any(bits: Bits, glyphs: Glyphs) -> Bits:
-    """Whether a cell has a dot."""
-    rows, columns = bits.shape[0] // glyphs.rows, bits.shape[1] // glyphs.columns
-    return np.asarray(bits.reshape(rows, glyphs.rows, columns, glyphs.columns).any(axis=(1, 3)))
-
-
 def _whole(cells: Bits, glyphs: Glyphs) -> Bits:
     """All dots of some cells."""
     return np.repeat(np.repeat(cells, glyphs.rows, axis=0), glyphs.columns, axis=1)
@@ -201,3 +201,18 @@ def duration(seconds: float) -> str:
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
+
+
+def labels(limits: Limits, limit: float | None, rows: int) -> list[str]:
+    """Gutter: both ends of the axis, and zero and the data sheet's limits between them, if there are any."""
+    room, (low, high) = GUTTER - 2, limits
+    decimals = raster.label_decimals(limits)
+    made = [f"{'':<{room}} │"] * rows
+    named = () if limit is None else ((0.0, "0"), (limit, f"+{limit:g}"), (-limit, f"-{limit:g}"))
+    for level, name in named:
+        if low <= level <= high and rows > 1:
+            made[round((high - level) * (rows - 1) / (high - low))] = f"{name:>{room}} ┤"
+    made[0] = f"{formatting.number(high, room, decimals)} ┤"
+    if rows > 1:
+        made[-1] = f"{formatting.number(low, room, decimals)} ┤"
+    return made

@@ -1,40 +1,22 @@
 """Live plot: one lane a series, each with its own scale, so that nothing hides and colour is not needed."""
 
-from itertools import pairwise, repeat
-from typing import NamedTuple
-
-from rich.segment import Segment
-from rich.style import Style  # noqa: TC002 - an attribute's type
-from textual.geometry import Region
-from textual.strip import Strip
-from textual.widget import Widget
-
 from imutui.tui import formatting
 from imutui.tui.connection.packet_series import PacketSeries
-from imutui.tui.terminal.glyphs import Glyphs, choose
+from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.terminal.pacing import NUMBERS, SCROLL, SWEEP
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.plot_lanes import Frame, PlotLanes, Range
+from imutui.tui.widgets.plot_lanes import Frame, PlotLanes
+from imutui.tui.widgets.plot_widget import PlotWidget
+from imutui.tui.widgets.raster import Limits, Line
 
 _NUMBER = 7
 _GUTTER = _NUMBER + 5
 _TALL = 5
-_AXIS = "plot--axis"
-_TITLE = "plot--title"
-_MEAN = "plot--mean"
-_LANE_STYLES = ("plot--first", "plot--second", "plot--third")
+_AXIS, _TITLE, _MEAN = "axis", "title", "mean"
+_LANE_STYLES = ("first", "second", "third")
 
 
-class _Line(NamedTuple):
-    """Gutter and cells of a line, the style of the cells, and at which cells the running mean begins and ends."""
-
-    gutter: str
-    cells: str
-    style: str
-    mean: tuple[int, ...] = ()
-
-
-class Plot(Widget):
+class Plot(PlotWidget):
     """Lanes of one quantity's axes over the last seconds.
 
     `title`: with the unit.
@@ -42,7 +24,8 @@ class Plot(Widget):
     `columns`: of the series, one a lane.
     """
 
-    COMPONENT_CLASSES = {_TITLE, _AXIS, _MEAN, *_LANE_STYLES}  # noqa: RUF012 - Textual's way
+    PREFIX = "plot"
+    COMPONENT_CLASSES = {f"plot--{name}" for name in (_TITLE, _AXIS, _MEAN, *_LANE_STYLES)}  # noqa: RUF012 - Textual's way
     DEFAULT_CSS = """
     Plot { height: 1fr; min-height: 4; }
     Plot > .plot--title { color: $foreground 80%; }
@@ -62,22 +45,18 @@ class Plot(Widget):
         *,
         id: str | None = None,  # noqa: A002 - Textual's name
     ) -> None:
-        super().__init__(id=id)
-        self._glyphs = glyphs or choose()
+        super().__init__(glyphs, id=id)
         self.choose(title, names, columns)
         self._series: PacketSeries | None = None
         self._span = 30.0
         self._mode, self._note = SCROLL, ""
         self._locked = False
         self._frozen = False
-        self._lines: list[_Line] = []
-        self._strips: list[Strip] = []
-        self._styles: dict[str, Style] = {}
 
     def choose(self, title: str, names: tuple[str, ...], columns: slice) -> None:
         """Take other columns; they are drawn with the next `show`."""
         self._title, self._names = title, names
-        self._lanes = PlotLanes(columns, len(names), self._glyphs)
+        self._lanes = PlotLanes(columns, len(names), self.glyphs)
 
     def show(
         self,
@@ -102,56 +81,9 @@ class Plot(Widget):
             self._lanes.follow_scales()
         self._series, self._span, self._mode, self._note = series, span, mode, note
         self._locked, self._frozen = locked, frozen
-        self._redraw()
+        self.redraw()
 
-    def on_resize(self) -> None:
-        """Draw anew for another size."""
-        self._redraw()
-
-    def notify_style_update(self) -> None:
-        """Take the colours of another theme."""
-        super().notify_style_update()
-        self._styles, self._lines, self._strips = {}, [], []
-
-    def render_line(self, y: int) -> Strip:
-        """One line of the widget."""
-        if not self._strips:
-            self._make()
-        return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
-
-    def _redraw(self) -> None:
-        if not self.size or not self.display:
-            return
-        changed = self._make()
-        if len(changed) == len(self._strips):
-            self.refresh()
-        elif changed:
-            self.refresh(*(Region(0, y, self.size.width, 1) for y in changed))
-
-    def _make(self) -> list[int]:
-        """Make the strips of lines that read otherwise than before; returns which."""
-        if not self._styles:
-            names = (_TITLE, _AXIS, _MEAN, *_LANE_STYLES)
-            self._styles = {name: self.get_component_rich_style(name) for name in names}
-        lines = self._drawn(self.size.width, self.size.height)
-        if len(lines) != len(self._lines):
-            self._lines, self._strips = [], []
-        changed = [y for y, line in enumerate(lines) if y >= len(self._lines) or line != self._lines[y]]
-        self._strips = [*self._strips, *(Strip([]) for _ in lines[len(self._strips) :])]
-        for y in changed:
-            self._strips[y] = self._strip(lines[y])
-        self._lines = lines
-        return changed
-
-    def _strip(self, line: _Line) -> Strip:
-        # Every segment has a style: Textual's monochrome filter, under NO_COLOR, fails on one that has none.
-        parts = [Segment(line.gutter, self._styles[_AXIS])]
-        styles = self._styles[line.style], self._styles[_MEAN]
-        for i, (begin, end) in enumerate(pairwise((0, *line.mean, len(line.cells)))):
-            parts.append(Segment(line.cells[begin:end], styles[i % 2]))
-        return Strip([part for part in parts if part.text], len(line.gutter) + len(line.cells))
-
-    def _drawn(self, width: int, height: int) -> list[_Line]:
+    def drawn(self, width: int, height: int) -> list[Line]:
         """Title, lanes, and a time axis if a line is left over."""
         rows, left = divmod(max(height - 1, 0), len(self._names))
         if len(self._names) == 1 and rows > _TALL:  # a lane that is alone can spare the line
@@ -159,39 +91,41 @@ class Plot(Widget):
         gutter = self._gutter(rows)
         if rows < 1 or width <= gutter + 2:
             return []
+        head: Line = [(self._head(width), _TITLE)]
         if self._mode == NUMBERS:
-            return self._without(width, height)
+            return [head, *[[(" " * width, _AXIS)]] * (height - 1)]
         frame = Frame(self._span, width - gutter, rows)
         if self._series is None:
             lanes = [[" " * frame.cells] * rows] * len(self._names)
         else:
             lanes = self._lanes.update(self._series, frame, sweep=self._mode == SWEEP, locked=self._locked)
-        means = self._means(rows)
-        drawn = []
+        drawn = [head]
         for i, name in enumerate(self._names):
             labels = self._labels(name, self._lanes.ranges[i], rows, gutter)
             style = _LANE_STYLES[i % len(_LANE_STYLES)]
-            texts = [self._glyphs.text(label) for label in labels]
-            drawn += [_Line(*line) for line in zip(texts, lanes[i], repeat(style), means, strict=False)]
-        axis = [_Line("", self._time_axis(width, gutter), _AXIS)] if left else []
-        blank = [_Line("", " " * width, _AXIS)] * (left - len(axis))
-        return [_Line("", self._head(width), _TITLE), *drawn, *axis, *blank]
+            drawn += [
+                [(self.glyphs.text(label), _AXIS), *cells]
+                for label, cells in zip(labels, self._cells(lanes[i], style), strict=True)
+            ]
+        if left:
+            drawn.append([(self._time_axis(width, gutter), _AXIS)])
+        return [*drawn, *[[(" " * width, _AXIS)]] * (left - 1)]
 
-    def _means(self, rows: int) -> list[tuple[int, ...]]:
-        """Where the mean has a colour of its own: in a lane that is alone. In several it is told by its dots alone."""
-        runs = self._lanes.mean_runs(0, sweep=self._mode == SWEEP) if len(self._names) == 1 else []
-        return runs or [()] * rows
-
-    def _without(self, width: int, height: int) -> list[_Line]:
-        """Only the title: numbers are enough."""
-        empty = _Line("", " " * width, _AXIS)
-        return [_Line("", self._head(width), _TITLE), *[empty] * (height - 1)]
+    def _cells(self, lane: list[str], style: str) -> list[Line]:
+        """A lane's lines. The mean has a style of its own where the lane is alone; in several, its dots tell it."""
+        means = self._lanes.in_mean(0, sweep=self._mode == SWEEP) if len(self._names) == 1 else []
+        if not means:
+            return [[(line, style)] for line in lane]
+        return [
+            [(text, _MEAN if mean else style) for text, mean in raster.runs(line, row)]
+            for line, row in zip(lane, means, strict=True)
+        ]
 
     def _gutter(self, rows: int) -> int:
         """Width of names and limits: in one row both limits stand beside the name."""
         return _GUTTER if rows > 1 else max(len(name) for name in self._names) + 2 * _NUMBER + 4
 
-    def _labels(self, name: str, limits: Range | None, rows: int, gutter: int) -> list[str]:
+    def _labels(self, name: str, limits: Limits | None, rows: int, gutter: int) -> list[str]:
         """Gutter of a lane: upper limit, name, lower limit; in a tall one the value in the middle as well."""
         room = gutter - 2
         if limits is None:
@@ -213,12 +147,12 @@ class Plot(Widget):
 
     def _head(self, width: int) -> str:
         """Title at the left; span, mode and scale at the right, shorter where there is no room."""
-        left = self._glyphs.text(f"── {self._title} ")
+        left = self.glyphs.text(f"── {self._title} ")
         for right in self._said():
-            right = self._glyphs.text(f" {right} ──")
+            right = self.glyphs.text(f" {right} ──")
             if len(left) + len(right) <= width:
                 break
-        return (left + self._glyphs.text("─") * (width - len(left) - len(right)) + right)[:width].ljust(width)
+        return (left + self.glyphs.text("─") * (width - len(left) - len(right)) + right)[:width].ljust(width)
 
     def _said(self) -> list[str]:
         """What the title says of the plot, from long to short."""

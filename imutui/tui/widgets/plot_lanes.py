@@ -5,7 +5,6 @@ sweep; turned until the newest cell is last, it is the scrolling plot. Both show
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -13,9 +12,8 @@ import numpy as np
 from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import raster
-from imutui.tui.widgets.raster import Bits, Codes, Envelope, Floats
+from imutui.tui.widgets.raster import Bits, Codes, Envelope, Floats, Limits
 
-Range = tuple[float, float]
 Cells = TypeVar("Cells", Codes, Bits)
 _BAR_SHARE = 40
 _MEAN_SHARE = 20
@@ -53,7 +51,7 @@ class PlotLanes:
         self._columns = columns
         self._count = count
         self._glyphs = glyphs
-        self.ranges: list[Range | None] = [None] * count
+        self.ranges: list[Limits | None] = [None] * count
         """Scale of each lane, None without data."""
         self.outside: list[bool] = [False] * count
         """Whether a locked scale leaves something out."""
@@ -90,14 +88,12 @@ class PlotLanes:
         self._draw(frame, first, sweep=sweep, locked=locked)
         return [raster.lines(self._arranged(lane, frame.cells, raster.SPACE, sweep=sweep)) for lane in self._codes]
 
-    def mean_runs(self, lane: int, *, sweep: bool) -> list[tuple[int, ...]]:
-        """For each line of a lane the cells at which the running mean begins and ends to be in it, in turn."""
+    def in_mean(self, lane: int, *, sweep: bool) -> list[list[bool]]:
+        """Whether the running mean is in each cell of a lane's lines; empty without data."""
         if self._frame is None:
             return []
         shown = self._arranged(self._through[lane], self._frame.cells, False, sweep=sweep)
-        rows, cells = np.nonzero(np.diff(shown, axis=1, prepend=False, append=False))
-        ends = np.searchsorted(rows, np.arange(len(shown) + 1))
-        return [tuple(cells[a:b].tolist()) for a, b in pairwise(ends)]
+        return shown.tolist()  # type: ignore[no-any-return]
 
     def _first(self, series: PacketSeries, frame: Frame, newest: int) -> int:
         """Number of the first dot column to work out: the last one drawn, or all if anything else has changed."""
@@ -114,7 +110,7 @@ class PlotLanes:
         self._high, self._mean = self._low.copy(), self._low.copy()
         self._codes = np.full((self._count, frame.rows, frame.cells), raster.SPACE, np.uint32)
         self._through = np.zeros(self._codes.shape, bool)
-        self._drawn: list[Range | None] = [None] * self._count
+        self._drawn: list[Limits | None] = [None] * self._count
         return whole
 
     def _take(self, t: Floats, values: Floats, width: float, first: int, newest: int) -> None:
@@ -157,7 +153,7 @@ class PlotLanes:
             self._drawn[lane] = limits
             self._draw_cells(lane, frame, max(begin, end - frame.cells), end, limits)
 
-    def _draw_cells(self, lane: int, frame: Frame, begin: int, end: int, limits: Range) -> None:
+    def _draw_cells(self, lane: int, frame: Frame, begin: int, end: int, limits: Limits) -> None:
         per_cell = self._glyphs.columns
         columns = np.arange(begin * per_cell, end * per_cell) % self._low.shape[1]
         band = Envelope(self._low[lane, columns], self._high[lane, columns])

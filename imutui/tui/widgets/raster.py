@@ -1,6 +1,9 @@
 """Series to character cells: minimum and maximum of every dot column, so that no spike is hidden. Pure numpy."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +13,10 @@ from imutui.tui.terminal.glyphs import Glyphs
 Floats = npt.NDArray[np.floating]
 Bits = npt.NDArray[np.bool_]
 Codes = npt.NDArray[np.uint32]
+Limits = tuple[float, float]
+Line = list[tuple[str, str]]
+"""Texts with their styles, from left to right."""
+Look = TypeVar("Look")
 SPACE = 0x20
 
 # Braille dots of a cell, by row and column: Unicode 2800 + sum.
@@ -30,27 +37,11 @@ class Envelope:
     low: Floats
     high: Floats
 
-    def limits(self) -> tuple[float, float] | None:
+    def limits(self) -> Limits | None:
         """Lowest and highest of all, or None without data."""
         if np.isnan(self.low).all():
             return None
         return float(np.nanmin(self.low)), float(np.nanmax(self.high))
-
-
-def envelope(t: Floats, values: Floats, end: float, span: float, columns: int) -> Envelope:
-    """Minimum and maximum of each column of a window.
-
-    Columns stand at whole multiples of their width in absolute time: a moving window then shows the same
-    columns shifted, and does not shimmer.
-
-    `t`, `values`: instants, increasing, s, and values.
-    `end`, `span`: the window's end and length, s.
-    `columns`: number of columns.
-    """
-    width = span / columns
-    first = int(np.floor(end / width)) - columns + 1
-    low, high = column_extremes(t, values[:, None], width, first, columns, gap_columns(t, width))
-    return Envelope(low[0], high[0])
 
 
 def column_extremes(
@@ -100,7 +91,7 @@ def _bridge(low: Floats, high: Floats, filled: npt.NDArray[np.int64], most: floa
     low[bridged] = high[bridged] = middle[bridged]
 
 
-def nice_range(low: float, high: float) -> tuple[float, float]:
+def nice_range(low: float, high: float) -> Limits:
     """Round limits that contain both values."""
     spread = high - low
     if spread <= 0.0:
@@ -126,13 +117,13 @@ def keep_range(current: tuple[float, float] | None, low: float, high: float) -> 
     return nice_range(low - room, high + room)
 
 
-def label_decimals(limits: tuple[float, float]) -> int:
+def label_decimals(limits: Limits) -> int:
     """Decimals that tell both ends of an axis apart."""
     spread = limits[1] - limits[0]
     return int(np.clip(1 - np.floor(np.log10(spread)), 0, 4)) if spread > 0 else 3
 
 
-def dots(band: Envelope, limits: tuple[float, float], rows: int) -> Bits:
+def dots(band: Envelope, limits: Limits, rows: int) -> Bits:
     """Dots (rows, columns) of an envelope, neighbours joined; what is outside the limits is cut off."""
     low, high = limits
     known = ~np.isnan(band.low)
@@ -208,3 +199,13 @@ def lines(characters: Codes) -> list[str]:
 def cells(bits: Bits, glyphs: Glyphs) -> list[str]:
     """Dots to lines of characters."""
     return lines(codes(bits, glyphs))
+
+
+def runs(line: str, looks: Iterable[Look]) -> list[tuple[str, Look]]:
+    """A line in parts that look alike; `looks` has one for each character."""
+    parts, begin = [], 0
+    for look, same in groupby(looks):
+        end = begin + sum(1 for _ in same)
+        parts.append((line[begin:end], look))
+        begin = end
+    return parts

@@ -4,20 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from imutui.estimate_history import EstimateHistory
-from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
 from imutui.tui.terminal.glyphs import Glyphs
 from imutui.tui.widgets import history_cells, raster
-from imutui.tui.widgets.history_cells import BiasEnvelope, Cells, Limits
-from imutui.tui.widgets.raster import Envelope, Floats
+from imutui.tui.widgets.history_cells import GUTTER, BiasEnvelope, Cells
+from imutui.tui.widgets.raster import Envelope, Floats, Limits, Line
 
-Line = list[tuple[str, str]]
-"""Texts with their styles, from left to right."""
-
-_GUTTER = 10
 _SHORTEST_S = 10.0
 _QUIET, _SHADE = "$foreground 60%", "on $primary 35%"
 _STYLES = {
@@ -45,7 +39,7 @@ def of_history(history: EstimateHistory, column: int, title: str, rows: int, loo
     `rows`: lines of the plot itself.
     `look`: how it is drawn.
     """
-    cells = look.width - _GUTTER
+    cells = look.width - GUTTER
     # a result is over: its axis ends where it does
     span = max(float(history.newest - history.begin), _SHORTEST_S) if len(history) else _SHORTEST_S
     envelope = (
@@ -71,7 +65,7 @@ def of_curve(
     `rows`: lines of the plot itself.
     `look`: how it is drawn.
     """
-    columns = (look.width - _GUTTER) * look.glyphs.columns
+    columns = (look.width - GUTTER) * look.glyphs.columns
     at, values = np.array(x, float), np.array([np.nan if value is None else value for value in y], float)
     known = np.isfinite(values)
     if not known.any():
@@ -88,7 +82,7 @@ def of_band(
     rows: int, look: PlotLook,
 ) -> list[Line]:  # fmt: skip
     """A curve through knots with three standard deviations around it; parameters as of `of_curve`."""
-    columns = (look.width - _GUTTER) * look.glyphs.columns
+    columns = (look.width - GUTTER) * look.glyphs.columns
     at = np.linspace(x[0], x[-1], columns)
     middle, half = np.interp(at, x, y), 3.0 * np.interp(at, x, sd)
     band = Envelope(middle - half, middle + half)
@@ -133,32 +127,22 @@ def _plot(
     glyphs, width = look.glyphs, look.width
     head = glyphs.text(f"── {title} ".ljust(width, "─"))[:width]
     if extent is None:
-        return [[(head, _QUIET)], [("no estimate".rjust(_GUTTER + 13).ljust(width), _QUIET)]]
+        return [[(head, _QUIET)], [("no estimate".rjust(GUTTER + 13).ljust(width), _QUIET)]]
     limits = raster.nice_range(*extent)
     made = history_cells.cells(envelope, limits, [0.0], rows, glyphs, shades=look.shades)
     begin, end = (glyphs.text(label) for label in ends)
-    axis = " " * _GUTTER + begin + end.rjust(width - _GUTTER - len(begin))
+    axis = " " * GUTTER + begin + end.rjust(width - GUTTER - len(begin))
     return [[(head, _QUIET)], *_rows(made, limits, glyphs), [(axis[:width].ljust(width), _QUIET)]]
 
 
 def _rows(made: Cells, limits: Limits, glyphs: Glyphs) -> list[Line]:
-    room, decimals = _GUTTER - 2, raster.label_decimals(limits)
-    labels = [f"{'':<{room}} │"] * len(made.lines)
-    labels[0] = f"{formatting.number(limits[1], room, decimals)} ┤"
-    labels[-1] = f"{formatting.number(limits[0], room, decimals)} ┤"
+    labels = history_cells.labels(limits, None, len(made.lines))
     return [
-        [(glyphs.text(label), _QUIET), *_parts(line, made.shows[row], made.shaded[row])]
-        for row, (label, line) in enumerate(zip(labels, made.lines, strict=True))
+        [(glyphs.text(label), _QUIET), *((said, _style(*look)) for said, look in parts)]
+        for label, parts in zip(labels, made.parts(), strict=True)
     ]
 
 
-def _parts(line: str, shows: npt.NDArray[np.int64], shaded: npt.NDArray[np.bool_]) -> Line:
-    looks = list(zip(shows.tolist(), shaded.tolist(), strict=True))
-    made, begin = [], 0
-    for i in range(1, len(looks) + 1):
-        if i == len(looks) or looks[i] != looks[begin]:
-            kind, behind = looks[begin]
-            style = _STYLES.get(kind, _QUIET)
-            made.append((line[begin:i], f"{style} {_SHADE}" if behind else style))
-            begin = i
-    return made
+def _style(kind: int, shaded: bool) -> str:
+    style = _STYLES.get(kind, _QUIET)
+    return f"{style} {_SHADE}" if shaded else style

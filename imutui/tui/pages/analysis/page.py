@@ -16,7 +16,9 @@ from imutui.tui.connection.model import View
 from imutui.tui.pages.analysis import figures, text
 from imutui.tui.pages.base import Page
 from imutui.tui.pages.dialogs.choice import Answer, ChoiceDialog
-from imutui.tui.widgets.axes_plot import AxesPlot
+from imutui.tui.widgets import axes
+from imutui.tui.widgets.plot_widget import PlotWidget
+from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_lines import TextLines
 
 NAMES = ("gx", "gy", "gz", "ax", "ay", "az", "T")
@@ -60,6 +62,42 @@ class ReadingLines(TextLines):
         del view
         value, compared, meaning = (f" {said}"[:width] for said in self.said)
         return [self.line((value, "bold")), self.line(compared), self.line((meaning, "dim"))]
+
+
+class AxesPlot(PlotWidget):
+    """Curves over axes with numbers, or words as long as there are none."""
+
+    PREFIX = "axes"
+    COMPONENT_CLASSES = {f"axes--{kind}" for kind in (axes.BLANK, axes.DATA, axes.COMPARED, axes.CURSOR)}  # noqa: RUF012
+    DEFAULT_CSS = """
+    AxesPlot { height: 1fr; min-height: 4; }
+    AxesPlot > .axes--blank { color: $foreground 70%; }
+    AxesPlot > .axes--data { color: $text-primary; }
+    AxesPlot > .axes--compared { color: $text-warning; }
+    AxesPlot > .axes--cursor { color: $foreground; text-style: bold; }
+    """
+
+    figure: axes.Figure | None = None
+    words = ""
+
+    @property
+    def cells(self) -> int:
+        """Characters between both ends of the x axis."""
+        return max(self.size.width - axes.GUTTER, 1)
+
+    def show(self, figure: axes.Figure | None, words: str = "") -> None:
+        """Show a figure; without one, words in its place."""
+        self.figure, self.words = figure, words
+        self.redraw()
+
+    def drawn(self, width: int, height: int) -> list[Line]:
+        """The figure, or the words in the middle."""
+        if self.figure is not None:
+            return axes.draw(self.figure, width, height, self.glyphs)
+        lines = [[(" " * width, axes.BLANK)] for _ in range(height)]
+        if lines:
+            lines[height // 2] = [(self.glyphs.text(self.words)[:width].center(width), axes.BLANK)]
+        return lines
 
 
 class AnalysisPage(Page):

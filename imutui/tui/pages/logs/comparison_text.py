@@ -10,7 +10,8 @@ from imutui.tui import formatting
 from imutui.tui.pages.logs import result_plots
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.widgets import text_plot
-from imutui.tui.widgets.text_plot import Line, PlotLook
+from imutui.tui.widgets.raster import Line
+from imutui.tui.widgets.text_plot import PlotLook
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import FindingEntry, ResultDocument, TraceDocument

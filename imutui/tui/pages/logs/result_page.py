@@ -24,6 +24,7 @@ from imutui.tui.pages.logs.comparison_text import comparison
 from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.terminal.glyphs import choose
 from imutui.tui.widgets import text_plot
+from imutui.tui.widgets.raster import Line
 from imutui.tui.widgets.text_plot import PlotLook
 
 _WIDEST = 110
@@ -96,7 +97,7 @@ class ResultPage(Page):
         self.query_one("#result", Static).update(Content.assemble(*parts))
         self.refresh_bindings()
 
-    def _plots(self) -> list[text_plot.Line]:
+    def _plots(self) -> list[Line]:
         glyphs, app = choose(), self.app
         shades = not (app.no_color or app.native_ansi_color or glyphs.name == "ascii")
         return self.outcome.plots(PlotLook(min(app.size.width - 4, _WIDEST_PLOTS), glyphs, shades))

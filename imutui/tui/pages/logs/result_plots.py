@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from imutui.estimate_history import EstimateHistory
 from imutui.tui import formatting
 from imutui.tui.widgets import history_cells, text_plot
-from imutui.tui.widgets.history_cells import Limits
-from imutui.tui.widgets.text_plot import Line, PlotLook
+from imutui.tui.widgets.raster import Limits, Line
+from imutui.tui.widgets.text_plot import PlotLook
 
 T = TypeVar("T")
 

@@ -12,7 +12,8 @@ from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
 from imutui.tui.pages.logs import result_plots
 from imutui.tui.terminal.glyphs import choose
-from imutui.tui.widgets.text_plot import Line, PlotLook
+from imutui.tui.widgets.raster import Line
+from imutui.tui.widgets.text_plot import PlotLook
 from imutui.verdict import sources
 from imutui.verdict.rules import nis_meaning
 
