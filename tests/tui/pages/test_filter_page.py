@@ -92,6 +92,21 @@ async def test_a_bias_is_chosen_and_its_plot_enlarged() -> None:
         await shows(pilot, "velocity N", ">z accel")
 
 
+async def test_without_a_filter_no_unit_has_the_limits_of_another() -> None:
+    """Estimates of before are shown; what a data sheet allows is not known, so neither its lines nor its scale are."""
+    client = FakeClient()
+    client.changes.update(filter=None, instrument="IMU440CA-200")
+    client.past = RunHistory()
+    for k in range(0, 600, 2):
+        client.past.estimates.add(float(k), np.full(6, 0.3), np.full(6, 0.1))
+    async with ImutuiApp(client).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "SIMULATED")
+        await pilot.press("4", "enter", "a", "a")
+        screen = await shows(pilot, "─> x gyro", "no limits known", "0.45 ┤")
+        assert "+1 ┤" not in screen
+        assert "Table 1" not in screen
+
+
 async def test_the_enlarged_plot_has_pauses_and_temperature_of_the_whole_run() -> None:
     """From the first sample, though the screen came later; without a past of the temperature there is no plot."""
     client = client_with()

@@ -143,7 +143,8 @@ class BiasPlot(PlotWidget):
             else f"{history_cells.duration(history.begin)} to {history_cells.duration(history.begin + span)}"
         )
         since = "since attached" if history.attached_late else ""
-        scale = {"auto": "", "whole run": "scale: whole run", "limits": "scale: limits"}[settings.scale]
+        limits = "no limits known" if settings.limit is None else "scale: limits"
+        scale = {"auto": "", "whole run": "scale: whole run", "limits": limits}[settings.scale]
         left = f"{'─>' if settings.chosen else '──'} {settings.name}, {settings.unit} "
         rights = (
             (settings.hint, self._band_name(settings), scale, since, axis),

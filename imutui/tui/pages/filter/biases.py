@@ -15,7 +15,7 @@ _HEAD = (
     ("  bias", 13),
     ("value", 5),
     (" ± 3 sd", 16),
-    ("zero ±{} limit", 21),
+    ("zero ±{}", 21),
     ("in 10 s", 13),
     ("converged at", 12),
 )
@@ -49,9 +49,9 @@ class BiasTable(TextLines):
     def lines(self, view: View, width: int) -> list[Content]:
         """Head and biases; dashes while nothing is known."""
         biases = view.estimates["biases"] if view.estimates is not None else []
-        source = view.estimates.get("limits_of", _TABLE_1) if view.estimates is not None else _TABLE_1
-        short = source.partition(" data")[0]
-        head = "".join(self._cell(title.format(short), cells) for title, cells in _HEAD)
+        source = view.estimates.get("limits_of", _TABLE_1) if view.estimates is not None else ""
+        limit = f"{source.partition(' data')[0]} limit".lstrip()
+        head = "".join(self._cell(title.format(limit), cells) for title, cells in _HEAD)
         lines = [self.line((head.ljust(width), "bold underline"))]
         if view.estimates is not None and view.estimates["waiting"]:
             biases = []  # what stands there is what the filter begins with

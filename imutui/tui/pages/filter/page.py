@@ -27,7 +27,6 @@ from imutui.tui.pages.filter.text import explanation
 from imutui.tui.widgets import history_cells
 
 _UNITS = ("deg/s",) * 3 + ("mg",) * 3
-_LIMITS = (1.0,) * 3 + (12.0,) * 3
 _TEMPERATURE = BiasPlotSettings("temperature", "°C", None, 0, "whole run", "", chosen=False, observable=True)
 # side by side: gyro and accelerometer of one axis
 _ORDER = (0, 3, 1, 4, 2, 5)
@@ -109,7 +108,8 @@ class FilterPage(Page):
     def _settings(self, view: View, index: int) -> BiasPlotSettings:
         biases = view.estimates["biases"] if view.estimates is not None else []
         hint = "Esc back, a scale" if self.has_class("-plot") else "↑↓ choose, Enter enlarges" if self._alone else ""
-        name, unit, limit, observable = NAMES[index], _UNITS[index], _LIMITS[index], True
+        # limits are of the filter's kind of unit: without a filter there are none
+        name, unit, limit, observable = NAMES[index], _UNITS[index], None, True
         if len(biases) == len(NAMES):
             bias = biases[index]
             waits = view.estimates is not None and bool(view.estimates["waiting"])
