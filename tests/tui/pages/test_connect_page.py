@@ -83,7 +83,7 @@ async def test_v_starts_the_demo_from_the_first_screen(machine: list[Plan], tmp_
 async def test_a_demo_that_runs_is_shown_again(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     """A second v starts nothing."""
     monkeypatch.setattr(session, "running", lambda: ["demo"])
-    monkeypatch.setattr(session, "attach", FakeClient)
+    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "An acquisition is running")
         await pilot.press("v")
@@ -256,7 +256,7 @@ async def test_a_failed_start_shows_the_whole_reason(machine: list[Plan], monkey
 async def test_a_running_acquisition_is_offered_first(machine: list[Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     """Enter looks at it again and starts nothing."""
     monkeypatch.setattr(session, "running", lambda: ["default"])
-    monkeypatch.setattr(session, "attach", FakeClient)
+    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, 'running acquisition "default"')
         await pilot.press("enter")
@@ -270,7 +270,7 @@ async def test_an_acquisition_that_begins_meanwhile_is_what_enter_takes(
     """As the page then says; a line that somebody has chosen stays chosen."""
     running: list[str] = []
     monkeypatch.setattr(session, "running", lambda: list(running))
-    monkeypatch.setattr(session, "attach", FakeClient)
+    monkeypatch.setattr(session, "attach", lambda name, stays: FakeClient(name))
     async with _app(None).run_test(size=SMALLEST) as pilot:
         await shows(pilot, "virtual, 133 Hz")
         running.append("default")
