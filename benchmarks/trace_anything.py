@@ -14,7 +14,6 @@ A case ends with a result, with words about the input (each kind is listed), or 
 import argparse
 import collections
 import json
-import linecache
 import os
 import re
 import sys
@@ -31,11 +30,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 import machine
 import numpy as np
 from helpers.commands import imutui
-from helpers.paths import DATA, ROOT
+from helpers.paths import DATA
 
+from filters.errors import InputError
 from imutui.jobs.trace import TraceOptions, trace
 from imutui.logbook.json_text import dumps
-from imutui.report import sentences
+from imutui.report import trace_tables
 
 # adis16405_static_d is kept for another count, and the IMU381's 50 s are less than a trace takes
 RECORDINGS = (
@@ -180,25 +180,20 @@ def ends(case: Case, folder: Path) -> tuple[str, str]:
     try:
         logs, refused = logs_of(case, folder)
         if refused:
-            return ("defect" if "RuntimeWarning" in refused or "imutui's own" in refused else "input"), refused.strip()
+            return (
+                "defect" if "RuntimeWarning" in refused or "a defect of imutui" in refused else "input"
+            ), refused.strip()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             holdout = None if case.holdout is None else logs[case.holdout]
             traced = trace(logs, TraceOptions(holdout, seed=case.seed))
             dumps(traced.document)
-            sentences.text(traced.document, traced.source, 80)
+            trace_tables.text(traced.document, traced.source, 80)
             return "result", traced.document["sentence"]
     except Exception as error:  # noqa: BLE001 - whatever it is, is counted
-        if _in_words(error):
+        if isinstance(error, InputError):
             return "input", str(error)
         return "defect", "".join(traceback.format_exception(error))
-
-
-def _in_words(error: Exception) -> bool:
-    """Whether a program of ours said so of its own accord, not numpy or Python on its behalf."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    ours = Path(last.filename).is_relative_to(ROOT)
-    return ours and linecache.getline(last.filename, last.lineno or 0).strip().startswith("raise ")
 
 
 def kind_of(words: str) -> str:

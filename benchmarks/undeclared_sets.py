@@ -18,7 +18,7 @@ from filters.channels import CHANNELS
 from filters.imu import IMU400CD_200, LOOP_HZ, STANDARD_GRAVITY
 from filters.simulation import Unit
 from imutui.cli.spoil import Spoiled, load
-from imutui.cli.virtual_readings import SimulatedReadings, on_the_line
+from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings, on_the_line
 from imutui.instrument.virtual_instrument import Reading
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -207,6 +207,8 @@ def unit_of(effect: Undeclared, folder: Path, power_on: int) -> Unit:
     source = RECORDING if effect.measured else None
     start = part_start(effect.part, power_on) if effect.measured else 0.0
     readings = on_the_line(file, power_on, None, source, start, None).readings
+    if isinstance(readings, TurnedReadings):
+        readings = readings.still
     assert isinstance(readings, SimulatedReadings)
     return readings.unit
 

@@ -28,9 +28,8 @@ _NOTHING = "–"
 USE = "usable; unseen: faster oscillation, temperature, motion: t"
 """What GREEN allows and has not looked for, as short as a badge."""
 USE_AT_LENGTH = (
-    "the biases can be used: corrected reading = reading − bias. Looked at were alarms, limits, convergence, means over"
-    " 10 s against the reference and white noise; not oscillations faster than 10 s, effects of temperature, or effects"
-    " that show only in motion: a trace looks for those"
+    "the biases can be used: corrected reading = reading − bias. Looked at: alarms, limits, convergence, 10 s means,"
+    " noise; not: faster oscillations, effects of temperature and motion, which a trace looks for"
 )
 TRACE_KEY = "t traces this recording"
 """What to do on the screen; a command says the same in its words."""

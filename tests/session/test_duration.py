@@ -55,9 +55,9 @@ def test_the_duration_is_over_by_the_clock_though_the_unit_is_silent(home: Path,
     assert engine.lifecycle.error is None
     assert engine.lifecycle.state == "stopped"
     assert engine.exit_code == 4
-    [finding] = engine.lifecycle.findings
+    # on a busy machine a polled rate may not have been kept before, which is told too
+    [finding] = [each for each in engine.lifecycle.findings if "silent at the end" in each["text"]]
     assert finding["exit_code"] == 4
-    assert "silent at the end" in finding["text"]
     assert engine.result is not None
     log = reader.read(Path(engine.result["log"]))
     assert log.finished

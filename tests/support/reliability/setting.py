@@ -50,20 +50,31 @@ class Sent:
         for at_ns, part in list(self._parts):
             data += part
             ends += [at_ns] * len(part)
-        start = _first_packet(data)
-        whole = range(start, len(data) - PACKET_BYTES + 1, PACKET_BYTES)
-        rows = [(ends[i + PACKET_BYTES - 1], *struct.unpack(">6h2H", data[i + 1 : i + 17])) for i in whole]
+        at, rows = _first_packet(data), []
+        while at + PACKET_BYTES <= len(data):
+            # between packets stands the answer to whether a unit that is late streams still
+            if not _is_packet(data, at):
+                at += 1
+                continue
+            rows.append((ends[at + PACKET_BYTES - 1], *struct.unpack(">6h2H", data[at + 1 : at + 17])))
+            at += PACKET_BYTES
         return np.array(rows, np.int64).reshape(-1, 9)
+
+
+def _is_packet(data: bytes, at: int) -> bool:
+    return data[at] == 0xFF and sum(data[at + 1 : at + 17]) % 256 == data[at + 17]
 
 
 def _first_packet(data: bytes) -> int:
     """Where the stream begins: after the last reply, `C` to the command for scaled mode."""
     start = data.find(b"C", 7) + 1
-    while start and (data[start : start + 1] != b"\xff" or sum(data[start + 1 : start + 17]) % 256 != data[start + 17]):
-        start = data.find(b"C", start) + 1
+    while start:
         if start + PACKET_BYTES > len(data):
             return len(data)
-    return start or len(data)
+        if _is_packet(data, start):
+            return start
+        start = data.find(b"C", start) + 1
+    return len(data)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import json
 import shutil
 import signal
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from imutui.tui.pages.logs.result_text import Outcome
 from imutui.tui.widgets.option_rows import OptionRows
 
 SIZES = [SMALLEST, (120, 40)]
+Held = list[subprocess.Popen[bytes]]
 
 
 def _app(client: FakeClient | None) -> ImutuiApp:
@@ -43,6 +45,21 @@ def client(home: Path) -> FakeClient:
     made = FakeClient()
     made.changes["logs"] = str(logs)
     return made
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Held:
+    """Processes of jobs that are stopped as they start, for else a job could be done before the screen is looked at."""
+    start, stopped = Worker.start, Held()
+
+    def start_and_hold(worker: Worker) -> None:
+        start(worker)
+        assert worker._process is not None
+        stopped.append(worker._process)
+        worker._process.send_signal(signal.SIGSTOP)
+
+    monkeypatch.setattr(Worker, "start", start_and_hold)
+    return stopped
 
 
 async def to_logs(pilot: Pilot[Any], name: str = "whole") -> LogsPage:
@@ -132,13 +149,14 @@ def test_what_a_trace_takes_is_told_in_the_room_there_is() -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
-    client: FakeClient, home: Path, size: tuple[int, int]
+    client: FakeClient, home: Path, held: Held, size: tuple[int, int]
 ) -> None:
     """The same job in another process: the document saved is that of `imutui replay --json` in all but timings."""
     async with _app(client).run_test(size=size) as pilot:
         await to_logs(pilot)
         await pilot.press("p")
         await shows(pilot, "replay of whole.mcap", "Esc cancels")
+        held.pop().send_signal(signal.SIGCONT)
         await until(pilot, over(pilot.app))
         await shows(pilot, "converged", "x gyro", "z accel", "Table 1", "of limit", "y copies")
         await pilot.press("s")
@@ -168,7 +186,7 @@ async def test_a_replay_shows_its_result_and_saves_what_headless_gives(
     assert saved == json.loads(json.dumps(expected))
 
 
-async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, home: Path) -> None:
+async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, home: Path, held: Held) -> None:
     """A real job over a small log of a table that turns; the screen stays alive meanwhile, and 6 shows the result."""
     log = traces.imported(home / "logs" / "turns.mcap", traces.arrays(seed=4))
     async with _app(client).run_test(size=SMALLEST) as pilot:
@@ -180,6 +198,7 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
         await shows(pilot, "one at a time")
         await pilot.press("2")
         await shows(pilot, "gx", "counts")
+        held.pop().send_signal(signal.SIGCONT)
         await until(pilot, lambda: not page.busy())
         await shows(pilot, "is done: 6 shows it")
         await pilot.press("6")
@@ -193,17 +212,8 @@ async def test_a_trace_from_the_page_is_that_of_the_command(client: FakeClient, 
     assert (home / "logs" / "turns_effects.toml").read_text() == expected.effects
 
 
-async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, held: Held) -> None:
     """And it leaves no result behind. The job is held, or it could be done before it is cancelled."""
-    start, held = Worker.start, []
-
-    def start_and_hold(worker: Worker) -> None:
-        start(worker)
-        assert worker._process is not None
-        held.append(worker._process)
-        worker._process.send_signal(signal.SIGSTOP)
-
-    monkeypatch.setattr(Worker, "start", start_and_hold)
     before = sorted((home / "logs").iterdir())
     async with _app(client).run_test(size=SMALLEST) as pilot:
         page = await to_logs(pilot)
@@ -212,7 +222,7 @@ async def test_esc_cancels_a_job_after_asking(client: FakeClient, home: Path, mo
         await pilot.press("escape")
         await shows(pilot, "Cancel replay of whole.mcap?", "nothing of it is kept", "let it go on")
         await pilot.press("y")
-        held[0].send_signal(signal.SIGCONT)
+        held.pop().send_signal(signal.SIGCONT)
         await until(pilot, lambda: not page.busy())
         await shows(pilot, "cancelled: replay of whole.mcap")
     assert sorted((home / "logs").iterdir()) == before
