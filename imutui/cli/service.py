@@ -9,7 +9,7 @@ import typer
 from imutui.cli.options import Force, Json, Output
 
 if TYPE_CHECKING:
-    from imutui.service.usb_adapter import UsbAdapter
+    from imutui.service.udev_rule import UsbAdapter
 
 _NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 
@@ -53,7 +53,7 @@ def command(
     Example: imutui service --install --name table --port /dev/ttyUSB0
     """
     from imutui.cli.exit_codes import USAGE, fail, tell
-    from imutui.service import user_unit
+    from imutui.service import udev_rule, user_unit
 
     if not re.fullmatch(_NAME, name):
         raise fail(USAGE, f'--name "{name}": letters, digits, "_", "." and "-" only, since it is part of file names.')
@@ -64,22 +64,16 @@ def command(
     elif install:
         _install(name, port, force=force)
     elif unit or udev:
-        _write(user_unit.text() if unit else _rule(_adapter(port), name), output, force=force)
+        _write(user_unit.text() if unit else udev_rule.text(_adapter(port), name), output, force=force)
     else:
         tell(_steps(name, port))
 
 
 def _adapter(port: str | None) -> "UsbAdapter | None":
     from imutui.instrument.port import resolve
-    from imutui.service import usb_adapter
-
-    return None if port is None else usb_adapter.of_port(resolve(port))
-
-
-def _rule(adapter: "UsbAdapter | None", name: str) -> str:
     from imutui.service import udev_rule
 
-    return udev_rule.text(adapter, name)
+    return None if port is None else udev_rule.of_port(resolve(port))
 
 
 def _write(text: str, output: Path | None, *, force: bool) -> None:
@@ -179,31 +173,27 @@ def _checked_unit() -> CheckedFile:
     path = user_unit.unit_path()
     installed = path.is_file()
     said = user_unit.verified(path.read_text() if installed else user_unit.text())
-    if said is None:
-        return {
-            "path": str(path),
-            "installed": installed,
-            "verified_by": [],
-            "problems": ["this machine has no systemd-analyze (Debian's package systemd), so that it was not verified"],
-        }
-    problems = said.splitlines()
-    return {
-        "path": str(path),
-        "installed": installed,
-        "verified_by": ["systemd-analyze verify --user"],
-        "problems": problems,
-    }
+    missing = "this machine has no systemd-analyze (Debian's package systemd), so that it was not verified"
+    by = [] if said is None else ["systemd-analyze verify --user"]
+    problems = [missing] if said is None else said.splitlines()
+    return {"path": str(path), "installed": installed, "verified_by": by, "problems": problems}
 
 
 def _checked_rule(adapter: "UsbAdapter | None", name: str) -> CheckedFile:
+    """What udev says of the rule where it can verify; else whether it is the one that imutui makes."""
     from imutui.service import udev_rule
 
     path = udev_rule.FOLDER / udev_rule.file_name(name)
-    installed = path.is_file()
-    text = path.read_text() if installed else _rule(adapter, name)
-    by, problems = ["imutui"], udev_rule.problems(text)
+    installed, made = path.is_file(), udev_rule.text(adapter, name)
+    text = path.read_text() if installed else made
+    by, problems = ["imutui"] if text == made else [], []
     said = udev_rule.verified_by_udevadm(text)
     if said is not None:
         by.append("udevadm verify")
-        problems += said.splitlines()
+        problems = said.splitlines()
+    elif text != made:
+        problems = [
+            "it is not what `imutui service --udev` prints with the same options, and this machine has no `udevadm"
+            " verify` (systemd 254 and later), so that it was not verified"
+        ]
     return {"path": str(path), "installed": installed, "verified_by": by, "problems": problems}

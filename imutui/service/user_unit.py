@@ -11,7 +11,7 @@ from pathlib import Path
 import platformdirs
 
 from filters.errors import InputError
-from imutui.service import programs
+from imutui import service
 
 FILE = "imutui@.service"
 LINGER = Path("/var/lib/systemd/linger")
@@ -50,7 +50,7 @@ def settings_path(name: str) -> Path:
 
 def verified(unit: str) -> str | None:
     """What `systemd-analyze verify --user` says of a unit: "" if nothing, None if this machine does not have it."""
-    program = programs.find("systemd-analyze")
+    program = service.program("systemd-analyze")
     if program is None:
         return None
     with tempfile.TemporaryDirectory(prefix="imutui-") as folder:

@@ -9,9 +9,10 @@ import pytest
 from helpers.commands import imutui
 
 from filters.errors import InputError
-from imutui.service import rule_syntax, udev_rule, usb_adapter, user_unit
-from imutui.service.usb_adapter import UsbAdapter
+from imutui.service import udev_rule, user_unit
+from imutui.service.udev_rule import UsbAdapter
 
+_KEY = r'[A-Z_]+(\{[^}"]+\})?(==|!=|\+=|=)"[^"]*"'
 FTDI = UsbAdapter("0403", "6001", "A50285BI", "00", "1-1.2")
 
 
@@ -63,7 +64,7 @@ def test_without_systemd_analyze_nothing_is_called_verified(
     home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is said, and the exit code says it too."""
-    monkeypatch.setattr("imutui.service.programs.shutil.which", lambda *_, **__: None)
+    monkeypatch.setattr("imutui.service.shutil.which", lambda *_, **__: None)
     done = imutui("service", "--check", "--json", check=1)
     document = json.loads(done.stdout)
     assert document["unit"]["verified_by"] == []
@@ -136,7 +137,13 @@ def test_both_can_be_written_to_a_file(home: Path) -> None:
 def test_the_rule_is_one_that_udev_understands(adapter: UsbAdapter | None) -> None:
     """For all usual adapters, and for one; group, latency and what keeps others away are in each."""
     rule = udev_rule.text(adapter, "table")
-    assert udev_rule.problems(rule) == []
+    lines = [line for line in rule.splitlines() if line and not line.startswith("#")]
+    keys = re.compile(rf"{_KEY}(, ?{_KEY})*,?")
+    assert [line for line in lines if not keys.fullmatch(line)] == []
+    jumps, labels = re.findall(r'GOTO="(\w+)"', rule), re.findall(r'^LABEL="(\w+)"', rule, re.MULTILINE)
+    assert set(jumps) == set(labels)
+    assert len(labels) == len(set(labels))
+    assert all(rule.rindex(f'GOTO="{label}"') < rule.index(f'LABEL="{label}"') for label in labels)
     assert "@" not in rule
     for part in ('ENV{ID_MM_DEVICE_IGNORE}="1"', 'ATTR{device/latency_timer}="1"', 'MODE="0660"', "BRLTTY"):
         assert part in rule
@@ -160,41 +167,12 @@ def test_a_rule_for_one_adapter_knows_it_by_its_number_or_its_socket() -> None:
 def test_the_adapter_of_a_port_is_what_the_kernel_says(tmp_path: Path) -> None:
     """Of the device or a link to it; a port on no USB adapter needs no rule, and that is said."""
     plugged_in(tmp_path, "A50285BI")
-    assert usb_adapter.of_port("/dev/ttyUSB0", tmp_path) == FTDI
+    assert udev_rule.of_port("/dev/ttyUSB0", tmp_path) == FTDI
     (tmp_path / "imutui-table").symlink_to("/dev/ttyUSB0")
-    assert usb_adapter.of_port(str(tmp_path / "imutui-table"), tmp_path) == FTDI
+    assert udev_rule.of_port(str(tmp_path / "imutui-table"), tmp_path) == FTDI
     (tmp_path / "class/tty/ttyS0/device").mkdir(parents=True)
     with pytest.raises(InputError, match="needs no rule"):
-        usb_adapter.of_port("/dev/ttyS0", tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("rule", "words"),
-    [
-        ('KERNEL="ttyUSB0", MODE="0660"', "KERNEL takes no ="),
-        ('KERNEL=="ttyUSB0", GRUOP="dialout"', "there is no key GRUOP"),
-        ('KERNEL=="ttyUSB0" MODE="0660"', "a comma is expected"),
-        ('KERNEL=="ttyUSB0, MODE="0660"', "a comma is expected"),
-        ('KERNEL==ttyUSB0, MODE="0660"', "not KEY"),
-        ('ATTR=="1", MODE="0660"', "lacks its attribute"),
-        ('MODE{x}="0660"', "has no attribute"),
-        ('MODE="rw-"', "no mode"),
-        ('GOTO="away"', "leads nowhere"),
-        ('LABEL="back"\nGOTO="back"', "leads nowhere"),
-        ('LABEL="here"', "is unused"),
-        ('KERNEL=="a", \\\n  MODE=="0660"', "line 1: MODE takes no =="),
-    ],
-)
-def test_what_udev_would_not_understand_is_found(rule: str, words: str) -> None:
-    """By line, in words."""
-    (found, *_) = udev_rule.problems(rule)
-    assert words in found
-
-
-def test_comments_and_rules_over_several_lines_are_read() -> None:
-    """As udev reads them; the line that is told is the rule's first."""
-    assert rule_syntax.problems('# MODE==\n\nKERNEL=="a", \\\n  MODE="0660"\n') == []
-    assert [at for at, _ in rule_syntax.problems('\n#\nKERNEL=="a", \\\n  MODE="x"\n')] == [3]
+        udev_rule.of_port("/dev/ttyS0", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -209,3 +187,23 @@ def test_udev_itself_is_asked_where_it_can_verify(program: Path, answer: str, sa
     """Before systemd 254 it cannot, and what it says then is no finding."""
     script(program / "udevadm", answer)
     assert udev_rule.verified_by_udevadm(udev_rule.text()) == said
+
+
+def test_a_rule_that_was_edited_is_verified_by_udev_or_not_at_all(
+    home: Path, program: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That it is what imutui makes is known without udev; of another one it is said that nothing verified it."""
+    monkeypatch.setattr(udev_rule, "FOLDER", Path("rules.d"))
+    made = Path("rules.d") / udev_rule.file_name("default")
+    made.parent.mkdir()
+    made.write_text(udev_rule.text())
+    script(program / "udevadm", "echo Unknown command verb verify. >&2; exit 1")
+    rule = json.loads(imutui("service", "--check", "--json", check=None).stdout)["rule"]
+    assert rule == {"path": str(made), "installed": True, "verified_by": ["imutui"], "problems": []}
+    made.write_text(udev_rule.text().replace("MODE=", "MOED="))
+    rule = json.loads(imutui("service", "--check", "--json", check=1).stdout)["rule"]
+    assert rule["verified_by"] == []
+    assert "not verified" in rule["problems"][0]
+    script(program / "udevadm", "echo line 3: MOED is unknown; exit 1")
+    rule = json.loads(imutui("service", "--check", "--json", check=1).stdout)["rule"]
+    assert rule == rule | {"verified_by": ["udevadm verify"], "problems": ["line 3: MOED is unknown"]}
