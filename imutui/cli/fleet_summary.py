@@ -35,9 +35,9 @@ def summarise(results: Path, report: Path | None, *, force: bool, json: bool) ->
     rows = row_file.read(results)
     document = summary.summary(rows, str(row_file.path_of(results)))
     if report is not None:
-        from imutui.report import fleet_page
+        from imutui.report import fleet_report
 
-        say(f"imutui: {fleet_page.write(report, document)[0]}: page of the fleet")
+        say(f"imutui: {fleet_report.write(report, document)[0]}: page of the fleet")
     if json:
         print(dumps(document))
     else:
@@ -64,9 +64,9 @@ def print_summary(document: "SummaryDocument") -> None:
 
 def _print_group(console: "Console", group: "GroupField") -> None:
     from filters import specification
-    from imutui.report import fleet_sentences
+    from imutui.report import fleet_sentences, numbers
 
-    console.rule(f"{fleet_sentences.name(group)}, {fleet_sentences.KINDS[group['kind']]}", align="left", characters="─")
+    console.rule(f"{fleet_sentences.name(group)}, {numbers.ORIGIN[group['kind']]}", align="left", characters="─")
     _lines(console, [fleet_sentences.extent(group), *group["notes"]])
     source = specification.of_model(group["instrument"]).source
     if not group["units"]:  # no estimate can be: what is held to the limits is each log

@@ -24,7 +24,7 @@ def command(
     """Make pages to hand over from results of replay and trace, and compare them where there are several.
 
     Unit and files, verdict, what to do, error before and after, figures, how to apply it, data quality, provenance: as
-    HTML in one file that requests nothing, as Markdown, as JSON, as PDF where chromium or chrome is at hand, with the
+    HTML in one file that requests nothing, as JSON, as PDF where chromium or chrome is at hand, with the
     figures as SVG and PNG. Figures over time need the logs, where the results say that they are, unchanged.
 
     Example: imutui report before.json after.json -o page
@@ -61,19 +61,19 @@ def write_page(
     Returns what was left out, sentences.
     """
     from imutui.jobs import page_data
-    from imutui.report import page, printing
+    from imutui.report import page
 
     stories = [page.Story(d, page_data.of_result(d, lambda name: progress(f"reading {name}"))) for d in documents]
     progress("drawing")
     written = page.write(folder, stories)
     notes = [sentence.rstrip(".") for story in stories for sentence in story.log.missing]
-    program = printing.browser()
+    program = page.browser()
     if program is None:
         return written, [*notes, "no PDF: it takes chromium or chrome, and neither is here"]
     progress("printing")
     try:
-        printing.print_page(written[0], folder / page.PRINT, program)
-    except printing.PrintError as error:
+        page.print_page(written[0], folder / page.PRINT, program)
+    except page.PrintError as error:
         return written, [*notes, f"no PDF: {error}"]
     return [*written, folder / page.PRINT], notes
 

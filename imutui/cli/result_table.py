@@ -23,15 +23,15 @@ def print_result(document: "ResultDocument") -> None:
 
 
 def _headline(d: "ResultDocument") -> str:
+    from imutui.report import numbers
     from imutui.verdict import sources
 
     if "final" not in d:
         said = f"{d['log']}: {d['samples']} samples, no filter"
         return f"{said}\n{sources.reasons(d)}" if d["alarms"] else said
     rate = f"{d['rate_hz']:.2f} Hz" if d["rate_hz"] else "one sample"
-    kind = {"simulated": "SIMULATED readings", "measured": "measured"}.get(d["kind"], "origin of readings not stated")
     size = f"{d['samples']} samples, {d['duration_s']:.1f} s at {rate}"
-    about = f"{size}, {kind}, filter {d['filter']}, reference {d['reference']}"
+    about = f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}"
     return f"{sources.headline(d)}\n{sources.reasons(d)}\n{about}"
 
 

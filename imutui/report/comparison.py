@@ -18,14 +18,13 @@ from imutui.report import comparison_figures, identity
 from imutui.report.blocks import Article, Block, Column, Paragraph, Section, Table
 from imutui.report.comparison_figures import Compared
 from imutui.report.identity import NOT_STATED, LogFacts
-from imutui.report.numbers import plus_minus, three_digits
+from imutui.report.numbers import ORIGIN, plus_minus, three_digits
 from imutui.verdict import sources
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
 _DASH = "–"
-_KINDS = {"measured": "measured", "simulated": "SIMULATED"}
 
 
 class _Bias(NamedTuple):
@@ -102,7 +101,7 @@ def _told(logs: Sequence[LogFacts]) -> tuple[str, str, str, str]:
     units = dict.fromkeys(_unit(log) for log in logs)
     dates = sorted({log.start_utc[:16].replace("T", " ") for log in logs if log.start_utc})
     files = ", ".join(PurePath(log.log).name for log in logs) or NOT_STATED
-    kind = _KINDS.get(identity.kind_of(logs), "origin not stated")
+    kind = ORIGIN[identity.kind_of(logs)]
     return ", ".join(units), " to ".join(dict.fromkeys([*dates[:1], *dates[-1:]])) or NOT_STATED, files, kind
 
 

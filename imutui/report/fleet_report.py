@@ -1,11 +1,13 @@
 """A fleet's summary as articles, one a group: what fails, what drifts, what stands out, parts, charts, effects."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from filters import specification
 from imutui.jobs.campaign.summary_document import ChannelField, EffectField, GroupField, SummaryDocument
 from imutui.jobs.quantities import plural
-from imutui.report import fleet_figures, fleet_sentences, identity
+from imutui.logbook import json_text
+from imutui.report import figures, fleet_figures, fleet_report, fleet_sentences, html, identity
 from imutui.report.blocks import Article, Block, Column, Facts, Items, Page, Paragraph, Section, Subheading, Table
 from imutui.report.fleet_sentences import DASH
 
@@ -202,3 +204,30 @@ def _method(document: SummaryDocument) -> Iterator[Block]:
         " 68 %. Simulated and measured logs are never in one estimate. All values are in the unit's own axes and sign."
     )
     yield Facts((("Rows", document["results"]), ("Made with", document["library"])))
+
+
+# --------------------------------------------------------------------------------------------------------- fleet page
+# A folder to hand over: the page of a fleet, its figures as files, the summary.
+
+INDEX, SUMMARY = "index.html", "summary.json"
+
+
+def write(folder: Path, document: SummaryDocument) -> list[Path]:
+    """Write page, figures and summary into a folder.
+
+    `folder`: made if absent; files of these names are replaced.
+    `document`: of `imutui.jobs.campaign.summary`.
+    Returns what was written, the page first.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    made = fleet_report.page(document)
+    contents = {INDEX: html.document(made).encode("utf-8", "replace")}
+    contents[SUMMARY] = (json_text.dumps(document) + "\n").encode()
+    for number, article in enumerate(made.articles, 1):
+        prefix = "" if len(made.articles) == 1 else f"{number}-"
+        for figure in article.figures():
+            for kind in ("svg", "png"):
+                contents[f"{prefix}{figure.name}.{kind}"] = figures.file(figure, kind)
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    return [folder / name for name in contents]

@@ -20,7 +20,6 @@ from imutui.jobs.campaign.summary_document import (
 from imutui.jobs.quantities import plural
 from imutui.report.numbers import plus_minus, three_digits
 
-KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 DASH = "–"
 LEVELS = {
     "model": "the model's: in half of the units or more",

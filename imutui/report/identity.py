@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from filters.tracing.trace_document import IdentityEntry, RunEntry
 from imutui.report.blocks import Column, Facts, Section, Table
-from imutui.report.numbers import duration
+from imutui.report.numbers import ORIGIN, duration
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
@@ -20,7 +20,6 @@ ORIGINS = {
     ),
     "unknown": "Whether these readings were measured or simulated is unknown.",
 }
-_KINDS = {"measured": "measured", "simulated": "SIMULATED"}
 _UNKNOWN = ("", "unknown", "none")
 _LABELS: tuple[tuple[str, str], ...] = (
     ("Unit", "instrument"),
@@ -157,7 +156,7 @@ def _stated(values: list[str]) -> str:
 def _readings(logs: Sequence[LogFacts]) -> str:
     sources: dict[str, dict[str, None]] = {}
     for log in logs:
-        sources.setdefault(_KINDS.get(log.kind, "origin " + NOT_STATED), {})[log.source] = None
+        sources.setdefault(ORIGIN.get(log.kind, ORIGIN["unknown"]), {})[log.source] = None
     named = {word: ", ".join(source for source in own if source) for word, own in sources.items()}
     return "; ".join(f"{word} ({own})" if own else word for word, own in named.items())
 

@@ -5,10 +5,10 @@ import textwrap
 from imutui.jobs.documents import LogRow
 from imutui.jobs.quantities import plural
 from imutui.plain_text import in_line
+from imutui.report.numbers import ORIGIN
 
 _HEADS = ("name", "start, UTC", "length", "unit", "Hz", "lost", "kind", "state")
 _RIGHT = {"length", "Hz", "lost"}
-_KINDS = {"measured": "measured", "simulated": "SIMULATED"}
 _LEAST_NAME, _LEAST_NOTE = 12, 16
 _NOTHING = "–"
 
@@ -50,7 +50,7 @@ def _cells(row: LogRow, *, year: bool) -> list[str]:
         unit(row["instrument"], row["serial_number"]) or _NOTHING,
         _NOTHING if row["rate_asked_hz"] is None else f"{row['rate_asked_hz']:.4g}",
         _NOTHING if row["lost_packets"] is None else f"{row['lost_packets']}",
-        _KINDS.get(row["kind"], _NOTHING),
+        _NOTHING if row["kind"] == "unknown" else ORIGIN[row["kind"]],
         row["state"],
     ]
 

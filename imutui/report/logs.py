@@ -15,7 +15,6 @@ from imutui.jobs.documents import (
 from imutui.jobs.quantities import plural
 from imutui.report import effect_words, numbers, wrapping
 
-_KINDS = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
 _LABEL = 13
 _MARKS = 50
 _NOTHING = "–"
@@ -78,7 +77,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
     firmware = f", says {d['firmware']}" if d["firmware"] else ""
     yield "instrument", f"{d['instrument']}{serial}{firmware}" if d["instrument"] else ""
     yield "found with", d["configuration"]
-    yield "readings", f"{_KINDS[d['kind']]}{': ' if d['source'] else ''}{d['source']}"
+    yield "readings", f"{numbers.ORIGIN[d['kind']]}{': ' if d['source'] else ''}{d['source']}"
     yield "operator", d["operator"]
     yield "place", d["place"]
     yield "table", d["table"]

@@ -1,6 +1,14 @@
-"""Numbers as people read them."""
+"""Numbers as people read them, and whose readings they are."""
 
 import math
+
+ORIGIN = {"measured": "measured", "simulated": "SIMULATED", "unknown": "origin not stated"}
+"""Who made the readings, beside a result's name: what is simulated stands out."""
+
+
+def readings(kind: str) -> str:
+    """The same within a sentence."""
+    return "origin of readings not stated" if kind not in ORIGIN or kind == "unknown" else f"{ORIGIN[kind]} readings"
 
 
 def plus_minus(value: float, sd: float | None, unit: str) -> str:

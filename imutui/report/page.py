@@ -1,33 +1,42 @@
-"""A folder to hand over: the page as HTML, Markdown and JSON, its figures as files, the results, what goes beside."""
+"""A folder to hand over: the page as HTML, JSON and PDF, its figures as files, the results, what goes beside.
 
+The only place that starts a browser, which prints the page if one is at hand.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
+from filters.errors import InputError
 from filters.tracing.trace_document import CommonEntry, TraceDocument
+from imutui import outside_file
 from imutui.jobs.page_data import LogData
 from imutui.logbook import json_text
 from imutui.plain_text import in_line
-from imutui.report import (
-    comparison,
-    figures,
-    how_to_apply,
-    html,
-    markdown,
-    page_document,
-    replay_report,
-    trace_report,
-    trace_tables,
-)
-from imutui.report.blocks import Article, Figure, Page
+from imutui.report import comparison, figures, how_to_apply, html, replay_report, trace_report, trace_tables
+from imutui.report.blocks import Article, Block, Code, Facts, Figure, Items, Page, Paragraph, Subheading, Table
 
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-INDEX, RESULT, MARKDOWN, REPORT, PRINT = "index.html", "result.json", "report.md", "report.json", "report.pdf"
-NAMES = (INDEX, MARKDOWN, REPORT, RESULT, PRINT)
+INDEX, RESULT, REPORT, PRINT = "index.html", "result.json", "report.json", "report.pdf"
+NAMES = (INDEX, REPORT, RESULT, PRINT)
 """What every page has; the last where a browser is at hand."""
+VERSION = 1
+"""Of the JSON."""
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+_LIMIT = 2**26
+# versions before this one wrote the page as Markdown too
+_REPLACED = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*\.(svg|png)|report\.md")
+_LONGEST_S = 120.0
+_WORDS = 160
+
 Result: TypeAlias = "TraceDocument | ResultDocument"
 
 
@@ -70,7 +79,6 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
     made = page(stories)
     contents: dict[str, bytes] = {INDEX: html.document(made).encode("utf-8", "replace")}
     names = _Names(made, len(stories))
-    contents[MARKDOWN] = markdown.document(made, names.of).encode("utf-8", "replace")
     results = [story.result for story in stories]
     contents[RESULT] = (json_text.dumps(results[0] if len(results) == 1 else results) + "\n").encode()
     for number, article in enumerate(made.articles, 1):
@@ -81,9 +89,9 @@ def write(folder: Path, stories: Sequence[Story]) -> list[Path]:
         prefix = "" if len(stories) == 1 else f"{number}-"
         contents |= {prefix + name: text.encode("utf-8", "replace") for name, text in _beside(story).items()}
     contents[REPORT] = b""
-    contents[REPORT] = (json_text.dumps(page_document.document(made, names.of, list(contents))) + "\n").encode()
+    contents[REPORT] = (json_text.dumps(_document(made, names, list(contents))) + "\n").encode()
     folder.mkdir(parents=True, exist_ok=True)
-    for name in page_document.figures_of(folder / REPORT):
+    for name in _replaced(folder / REPORT):
         (folder / name).unlink(missing_ok=True)
     for name, content in contents.items():
         (folder / name).write_bytes(content)
@@ -101,6 +109,55 @@ class _Names:
         """Name without suffix of a figure of an article, which are numbered from 1."""
         own = number - self._first
         return figure.name if self._single or own < 1 else f"{own}-{figure.name}"
+
+
+def _document(page: Page, names: "_Names", files: Sequence[str]) -> dict[str, Any]:
+    """A page as JSON, for programs: blocks are those of the page, in order, each with its kind."""
+    articles = [
+        {
+            "title": article.title,
+            "kind": article.kind,
+            "origin": article.origin,
+            "sections": [
+                {"title": section.title, "blocks": [_block(block, n, names) for block in section.blocks]}
+                for section in article.sections
+            ],
+        }
+        for n, article in enumerate(page.articles, 1)
+    ]
+    return {"version": VERSION, "title": page.title, "articles": articles, "files": list(files)}
+
+
+def _block(block: Block, number: int, names: "_Names") -> dict[str, Any]:
+    match block:
+        case Paragraph() | Subheading() | Code():
+            text = block.text
+            return {"block": type(block).__name__.lower(), "text": text}
+        case Items():
+            return {"block": "items", "texts": list(block.texts), "numbered": block.numbered}
+        case Facts():
+            return {"block": "facts", "rows": [list(row) for row in block.rows]}
+        case Table():
+            columns = [column.heading for column in block.columns]
+            return {
+                "block": "table", "caption": block.caption, "columns": columns, "rows": [list(r) for r in block.rows],
+            }  # fmt: skip
+        case Figure():
+            name = names.of(number, block)
+            return {
+                "block": "figure", "title": block.title, "caption": block.caption,
+                "panels": [panel.name for panel in block.panels], "files": [f"{name}.svg", f"{name}.png"],
+            }  # fmt: skip
+
+
+def _replaced(path: Path) -> list[str]:
+    """Names of the figures, and of the Markdown, of a page before this one; none where its JSON is none of ours."""
+    try:
+        found = outside_file.read_json(path, _LIMIT)
+    except (OSError, InputError):
+        return []
+    files = found.get("files") if isinstance(found, dict) else None
+    return [name for name in files or () if isinstance(name, str) and _REPLACED.fullmatch(name)]
 
 
 def _article(story: Story) -> Article:
@@ -135,9 +192,42 @@ def course(entry: CommonEntry) -> str:
     head = "t_s,value" + (",run" if runs else "")
     lines = [f"{t:.3f},{y:.9g}" for t, y in zip(curve["t_s"], curve["y"], strict=True)]
     if runs:
-        lines = [f'{line},"{_cell(run)}"' for line, run in zip(lines, runs, strict=True)]
+        cells = (in_line(run).replace('"', '""') for run in runs)
+        lines = [f'{line},"{cell}"' for line, cell in zip(lines, cells, strict=True)]
     return "\n".join([head, *lines]) + "\n"
 
 
-def _cell(text: str) -> str:
-    return in_line(text).replace('"', '""')
+class PrintError(Exception):
+    """A browser that is there did not print; the message says what it said."""
+
+
+def browser() -> str | None:
+    """Path of a browser that can print without a screen; None without one."""
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def print_page(page: Path, output: Path, program: str) -> None:
+    """Print a page on A4.
+
+    `page`: HTML.
+    `output`: PDF, in a folder that there is; replaced.
+    `program`: as `browser` gives it.
+    Raises PrintError if nothing was printed.
+    """
+    # beside the page: a browser in a container of its own sees no other temporary folder
+    with tempfile.TemporaryDirectory(prefix=".print-", dir=output.parent) as own:
+        made = Path(own) / "page.pdf"
+        command = [program, "--headless", "--disable-gpu", "--no-first-run", f"--user-data-dir={own}/profile"]
+        command += ["--disable-background-networking", "--no-pdf-header-footer", f"--print-to-pdf={made.resolve()}"]
+        # as root there is no sandbox, and the page has no script
+        command += ["--no-sandbox"] if os.geteuid() == 0 else []
+        try:
+            done = subprocess.run(
+                [*command, page.resolve().as_uri()], capture_output=True, text=True, timeout=_LONGEST_S, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise PrintError(f"{Path(program).name}: {error}"[:_WORDS]) from error
+        if not made.is_file() or not made.stat().st_size:
+            said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+            raise PrintError(f"{Path(program).name} printed nothing: {said}"[:_WORDS])
+        made.replace(output)

@@ -10,7 +10,6 @@ import numpy as np
 from filters.channels import CHANNELS, DPS
 from imutui.jobs.page_data import LogData
 from imutui.report import (
-    advice,
     axes,
     data_quality,
     effect_words,
@@ -64,7 +63,7 @@ def article(d: "ResultDocument", log: LogData = NO_DATA) -> Article:
     made = [identity.section(logs, d.get("library", "")), Section("Verdict", tuple(_verdict(d)))]
     if "final" in d:
         made += [
-            Section("What to do", (Items(tuple(advice.after_replay(d)), numbered=True),)),
+            Section("What to do", (Items(tuple(after_replay(d)), numbered=True),)),
             Section("Error before and after", (Paragraph(_MEANING), _biases(d))),
             Section("Figures", tuple(_figures(d, log))),
             how_to_apply.of_replay(d, log),
@@ -241,3 +240,51 @@ def _noise(d: "ResultDocument") -> str:
         values = " ".join(_DASH if value is None else f"{value:.3g}" for value in own)
         parts.append(f"{name} {values} {unit} ({_specification(limit)})")
     return ", ".join(parts) + (f", each {sure}" if sure is not None else "")
+
+
+# ------------------------------------------------------------------------------------------------------------- advice
+# What to do after a replay, in the order in which to do it: sentences made of the result document alone.
+
+
+def after_replay(d: "ResultDocument") -> list[str]:
+    """What to do after a replay.
+
+    `d`: the result; one in which a filter ran.
+    """
+    log = PurePath(d["log"]).name
+    told = []
+    if "damage" in d:
+        told.append(
+            f"The file is damaged. `imutui recover {log} -o WHOLE.mcap` makes a whole file of what can be read."
+        )
+    found = sources.of_document(d)
+    if found.level == "bad":
+        told.append(
+            f"Do not use these biases as they are: readings and model contradict each other. `imutui trace {log}` looks"
+            " for the cause."
+        )
+    elif found.passes:
+        told.append(
+            "Subtract the biases of the table below: corrected reading = reading − bias, in the unit's own axes."
+        )
+    else:
+        told.append(
+            "Do not use a bias that has not converged: record longer, with the unit warmed up. A bias that keeps moving"
+            f" follows something; `imutui trace {log}` looks for what it is."
+        )
+    if d.get("unobservable"):
+        told.append(
+            f"To see {', '.join(_plain(name) for name in d['unobservable'])} as well, record on a table whose attitude"
+            " is known (`--reference level`, or a table profile)."
+        )
+    told += [f"{sentence}: another motion tells them apart." for sentence in d.get("confounded", [])]
+    if d["lost_packets"] or d["bad_checksums"]:
+        told.append(
+            f"{d['lost_packets']} packets were lost and {d['bad_checksums']} had bad checksums: look at cable, adapter"
+            " and supply."
+        )
+    return told
+
+
+def _plain(name: str) -> str:
+    return name.replace("_bias", " bias").replace("_", " ")

@@ -11,14 +11,9 @@ from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import ParameterEntry, RivalEntry, TraceDocument
 from imutui.report import plain, trace_glance, wrapping
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Table
-from imutui.report.numbers import duration, plus_minus, share, three_digits
+from imutui.report.numbers import duration, plus_minus, readings, share, three_digits
 from imutui.report.trace_glance import TERMINAL, Places
 
-_KINDS = {
-    "simulated": "SIMULATED readings",
-    "measured": "measured readings",
-    "unknown": "origin of readings not stated",
-}
 _IN_LABEL = ("order", "at", "run", "start", "switches", "frequency")
 """Parameters that the label of a finding says."""
 _FEW = 3
@@ -40,7 +35,7 @@ _AVERAGED = "Where forms are averaged, the figures are those of the likeliest on
 def headline(d: TraceDocument, source: str) -> list[str]:
     """What was traced, and whose readings, how long."""
     runs = d["runs"]
-    words = ", ".join(_KINDS.get(kind, kind) for kind in sorted({run["kind"] for run in runs}))
+    words = ", ".join(readings(kind) for kind in sorted({run["kind"] for run in runs}))
     rates = sorted({round(run["rate_hz"], 2) for run in runs})
     rate = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g}"
     references = ", ".join(sorted({run["reference"] for run in runs if "reference" in run}))

@@ -15,8 +15,8 @@ from imutui import cli
 from imutui.cli import installed_from
 from imutui.jobs.replay import ReplayOptions, replay
 from imutui.logbook import added_notes
-from imutui.report import figures, printing
-from imutui.report.html_style import STYLE
+from imutui.report import figures, page
+from imutui.report.html import STYLE
 
 REPLAY = Path(traces.__file__).with_name("replay_result.json")
 
@@ -34,7 +34,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "available", lambda: True)
     monkeypatch.setattr(figures, "file", lambda figure, kind: b"")
     monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "<svg></svg>")
-    monkeypatch.setattr(printing, "browser", lambda: None)
+    monkeypatch.setattr(page, "browser", lambda: None)
 
 
 def test_results_of_both_kinds_make_one_page(
@@ -49,7 +49,7 @@ def test_results_of_both_kinds_make_one_page(
     assert "<h1>2 results</h1>" in text
     assert "was made by an older imutui" in text
     names = {path.name for path in (home / "page").iterdir()}
-    assert {"1-error.svg", "2-biases.png", "report.md", "2-imu.yaml"} <= names
+    assert {"1-error.svg", "2-biases.png", "2-imu.yaml"} <= names
     assert len(json.loads((home / "page" / "result.json").read_text())) == 2
     assert set(json.loads(out.out)["files"]) == names
     assert "/data/sample.mcap is not there: biases and NIS over time" in out.err
@@ -84,8 +84,8 @@ def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
     assert run(monkeypatch, "r.json", "-o", "page") == 0
     names = {path.name for path in (home / "page").iterdir()}
     assert {"convergence.svg", "nis.png", "allan.svg", "residual.svg"} <= names
-    text = (home / "page" / "report.md").read_text()
-    assert "| Operator | ben (added later) |" in text
+    text = (home / "page" / "index.html").read_text()
+    assert "<dt>Operator</dt><dd>ben (added later)</dd>" in text
     assert "sample.mcap: on the oven (added later)" in text
     assert "start 2 s, end 22 s, filter ekf" in text
     assert "Left out of this page" not in text
@@ -98,18 +98,18 @@ def test_a_log_at_hand_gives_its_page_what_the_result_has_not(
 
 def test_a_page_is_printed_where_a_browser_is(tmp_path: Path) -> None:
     """On A4; a browser that prints nothing ends in words, and leaves nothing."""
-    program = printing.browser()
+    program = page.browser()
     if program is None:
         pytest.skip("no chromium here: apt-get install chromium")
     (tmp_path / "index.html").write_text(f"<!doctype html><style>{STYLE}</style><p>one page")
-    printing.print_page(tmp_path / "index.html", tmp_path / "report.pdf", program)
+    page.print_page(tmp_path / "index.html", tmp_path / "report.pdf", program)
     content = (tmp_path / "report.pdf").read_bytes()
     assert content.startswith(b"%PDF")
     box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)
     assert box is not None
     assert [round(float(side) / 72.0 * 25.4) for side in box.groups()] == [210, 297]
-    with pytest.raises(printing.PrintError, match="false"):
-        printing.print_page(tmp_path / "index.html", tmp_path / "other.pdf", "/bin/false")
+    with pytest.raises(page.PrintError, match="false"):
+        page.print_page(tmp_path / "index.html", tmp_path / "other.pdf", "/bin/false")
     assert {path.name for path in tmp_path.iterdir()} == {"index.html", "report.pdf"}
 
 

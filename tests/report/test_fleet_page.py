@@ -9,7 +9,7 @@ from helpers import fleets
 
 from imutui.jobs.campaign import summary
 from imutui.jobs.campaign.summary_document import SummaryDocument
-from imutui.report import fleet_page, fleet_report, fleet_sentences, html
+from imutui.report import fleet_report, fleet_sentences, html
 
 UNITS = ("0101", "0102", "0103")
 
@@ -86,7 +86,7 @@ def test_a_page_has_a_part_for_measured_and_one_for_simulated(document: SummaryD
 def test_a_page_is_written_with_its_figures_and_numbers(tmp_path: Path) -> None:
     """One file that requests nothing, pictures beside it, and the summary."""
     pytest.importorskip("matplotlib")
-    written = fleet_page.write(tmp_path / "page", summed([*fleets.fleet(("a<b>",), 4), fleets.bad("<i>.mcap")]))
+    written = fleet_report.write(tmp_path / "page", summed([*fleets.fleet(("a<b>",), 4), fleets.bad("<i>.mcap")]))
     assert sorted(written) == sorted((tmp_path / "page").iterdir())
     text = written[0].read_text()
     assert text.count("<svg") == 6

@@ -22,7 +22,7 @@ from imutui.jobs.page_data import LogData
 from imutui.jobs.residual_noise import NoiseLevel
 from imutui.logbook import effects_file
 from imutui.logbook.session_info import SessionInfo
-from imutui.report import correction, how_to_apply, kalibr
+from imutui.report import how_to_apply
 from imutui.report.blocks import Code, Items, Paragraph
 
 INCLUDED = (
@@ -83,7 +83,7 @@ def wanted(made: LinearCorrection) -> np.ndarray:
 
 def test_lines_of_python_correct_a_reading_as_the_model_and_the_filter_do(made: LinearCorrection) -> None:
     """To nine digits: bias, temperature, scale, the other axes, specific force, on a unit that is mounted turned."""
-    lines = correction.python(made)
+    lines = how_to_apply.python(made)
     assert len(lines.splitlines()) == 3
     scope: dict[str, Any] = {"reading": READING, "temperature": TEMPERATURE}
     exec(lines, scope)
@@ -95,7 +95,7 @@ def test_lines_of_c_correct_a_reading_as_the_model_and_the_filter_do(made: Linea
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler here: apt-get install gcc")
-    lines = correction.c_lines(made)
+    lines = how_to_apply.c_lines(made)
     assert len(lines.splitlines()) == 3
     source = tmp_path / "lines.c"
     source.write_text(
@@ -131,8 +131,8 @@ def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
 def test_constant_biases_alone_take_no_more_than_they_need() -> None:
     """Bias, subtracted; an unobservable one is a zero."""
     plain = linear_correction.of_terms((*BIAS[:5], None), ())
-    assert correction.python(plain).splitlines()[2] == "corrected = reading - bias"
-    assert "temperature" not in correction.c_lines(plain)
+    assert how_to_apply.python(plain).splitlines()[2] == "corrected = reading - bias"
+    assert "temperature" not in how_to_apply.c_lines(plain)
     assert plain.bias.tolist() == [0.5, -0.25, 0.125, 2e-3, -3e-3, 0.0]
 
 
@@ -143,7 +143,7 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
         "gz": NoiseLevel(2e-3, 1e-5, 0.0),
         "ay": NoiseLevel(1.5e-2, 1e-4, 3e-4),
     }
-    found = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap")
+    found = how_to_apply.imu_yaml(levels, 133.25, 600.0, "a.mcap")
     rows = dict(line.split("#")[0].split(": ") for line in found.text.splitlines()[1:])
     assert {key: value.strip() for key, value in rows.items()} == {
         "accelerometer_noise_density": "1.500e-02",
@@ -155,15 +155,15 @@ def test_kalibr_gets_its_units_and_what_the_log_cannot_give_is_left_out() -> Non
     assert [lack.partition(":")[0] for lack in found.lacks] == ["gyroscope_random_walk"]
     levels["gz"] = NoiseLevel(2e-3, 1e-5, 5e-5)
     terms = [Term((c,), name, "k", "", 1.0) for c, name in (("ay", "thermal_lin"), ("gz", "random_walk"))]
-    moved = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap", terms)
+    moved = how_to_apply.imu_yaml(levels, 133.25, 600.0, "a.mcap", terms)
     assert "accelerometer_random_walk" not in moved.text
     assert "gyroscope_random_walk: 5.000e-05" in moved.text  # a walk that was found is the walk
     assert "look like a walk (ay: bias follows temperature)" in moved.lacks[0]
     levels["gz"] = replace(levels["gz"], follows_temperature=True)
-    warm = kalibr.imu_yaml(levels, 133.25, 600.0, "a.mcap")
+    warm = how_to_apply.imu_yaml(levels, 133.25, 600.0, "a.mcap")
     assert "accelerometer_random_walk: 3" in warm.text
     assert warm.lacks[0].startswith("gyroscope_random_walk: the readings follow the temperature")
-    assert "update_rate" in kalibr.imu_yaml({}, None, None, "a.mcap").lacks[-1]
+    assert "update_rate" in how_to_apply.imu_yaml({}, None, None, "a.mcap").lacks[-1]
 
 
 def test_a_residual_that_follows_the_temperature_is_told_from_noise() -> None:

@@ -17,13 +17,11 @@ from imutui.jobs import driver_curves, residual_curves
 from imutui.jobs.driver_course import DriverCourse
 from imutui.jobs.page_data import LogData
 from imutui.report import (
-    advice,
     axes,
     figures,
     how_to_apply,
     html,
     identity,
-    markdown,
     page,
     replay_report,
     trace_figures,
@@ -99,7 +97,7 @@ def test_a_page_has_all_rows_and_figures_in_one_file(folder: Path) -> None:
     made = traced(common=[COMMON])
     drawn = ("residual-1", "driver-1", "common-1", "spectrum", "allan", "error")
     pictures = {f"{name}.{kind}" for name in drawn for kind in ("svg", "png")}
-    beside = {"index.html", "report.md", "report.json", "result.json", "experiment.toml", "common_1.csv", "imu.yaml"}
+    beside = {"index.html", "report.json", "result.json", "experiment.toml", "common_1.csv", "imu.yaml"}
     assert {path.name for path in folder.iterdir()} == pictures | beside
     text = (folder / "index.html").read_text()
     for table in [block for s in trace_report.article(made).sections for block in s.blocks if isinstance(block, Table)]:
@@ -348,35 +346,37 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "picture", lambda panel, label, prefix: "")
 
 
-def test_markdown_and_json_say_what_the_page_says(tmp_path: Path, undrawn: None) -> None:
+def test_the_json_says_what_the_page_says(tmp_path: Path, undrawn: None) -> None:
     """All sections and figures, and the names of all files."""
     folder = tmp_path / "r"
     page.write(folder, [page.Story(traced(common=[COMMON]))])
     told = json.loads((folder / "report.json").read_text())
     assert set(told["files"]) == {path.name for path in folder.iterdir()}
     (article,) = told["articles"]
-    text = (folder / "report.md").read_text()
+    text = (folder / "index.html").read_text()
     for section in article["sections"]:
-        assert f"## {section['title']}\n" in text
+        assert f"<h2>{html.text(section['title'])}</h2>" in text
     figures_told = [b for s in article["sections"] for b in s["blocks"] if b["block"] == "figure"]
     assert len(figures_told) == 6
     for figure in figures_told:
-        assert f"]({figure['files'][0]})" in text
+        assert html.text(figure["caption"]) in text
         assert set(figure["files"]) <= set(told["files"])
-    assert markdown.text("a_b | `x_y` <i>") == r"a\_b \| `x_y` \<i\>"
 
 
 def test_a_page_takes_away_the_figures_of_the_page_before_it(tmp_path: Path, undrawn: None) -> None:
-    """Those only: no file of another name, and nothing outside of the folder."""
+    """And the Markdown of an older version; no file of another name, and nothing outside of the folder."""
     (tmp_path / "own.txt").write_text("mine")
     (tmp_path / "outside.png").write_text("mine")
     made = tmp_path / "r"
     made.mkdir()
-    (made / "report.json").write_text(json.dumps({"files": ["driver-9.svg", "../outside.png", "own.txt", 3]}))
-    for name in ("driver-9.svg", "own.txt"):
+    (made / "report.json").write_text(
+        json.dumps({"files": ["driver-9.svg", "report.md", "../outside.png", "own.txt", 3]})
+    )
+    for name in ("driver-9.svg", "report.md", "own.txt"):
         (made / name).write_text("")
     page.write(made, [page.Story(document())])
     assert not (made / "driver-9.svg").exists()
+    assert not (made / "report.md").exists()
     assert (made / "own.txt").exists()
     assert (tmp_path / "outside.png").exists()
 
@@ -389,7 +389,7 @@ def test_an_alarm_is_never_above_converged() -> None:
     verdict = [block for block in article.sections[1].blocks if isinstance(block, Paragraph)]
     assert verdict[0].text.startswith("RED: ")
     assert not any("converged" in block.text for block in verdict)
-    assert advice.after_replay(d)[0].startswith("Do not use these biases")
+    assert replay_report.after_replay(d)[0].startswith("Do not use these biases")
     apply = next(s for s in article.sections if s.title == "How to apply it")
     assert isinstance(apply.blocks[0], Paragraph)
     assert "RED" in apply.blocks[0].text

@@ -20,7 +20,6 @@ from imutui.verdict.rules import nis_meaning
 if TYPE_CHECKING:
     from imutui.jobs.documents import ResultDocument
 
-_KINDS = {"simulated": "SIMULATED readings", "measured": "measured", "unknown": "origin of readings not stated"}
 _GAPS = 5
 _PLACES = Places(
     "w writes them beside the log, e loads them into the filter",
@@ -93,7 +92,7 @@ def replayed(d: "ResultDocument", writing: Collection[Path] = ()) -> str:
     lines = [
         sources.headline(d),
         sources.reasons(d),
-        f"{size}, {_KINDS.get(d['kind'], d['kind'])}, filter {d['filter']}, reference {d['reference']}",
+        f"{size}, {numbers.readings(d['kind'])}, filter {d['filter']}, reference {d['reference']}",
         *([_as_written(f"{d['log']}: {d['damage']}", writing)] if "damage" in d else []),
         "",
         f"{'bias':<8} {'estimate':>9} {'± 3 sd':>8} unit    {spec.source.partition(' data')[0]:>8}"
