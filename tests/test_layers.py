@@ -69,7 +69,6 @@ FLOORS = {
     "imutui.tui": {
         "imutui.filter_snapshot",
         "imutui.session.client",
-        "imutui.session.offers",
         "imutui.session.plan",
         "imutui.session.snapshot",
         "imutui.jobs",

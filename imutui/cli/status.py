@@ -1,6 +1,8 @@
 """`imutui status`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -9,10 +11,20 @@ from imutui.cli.exit_codes import INSTRUMENT, tell
 from imutui.cli.options import Json, Name
 
 if TYPE_CHECKING:
-    from imutui.session.overview import Answer
     from imutui.session.snapshot import GuideSnapshot, Snapshot
 
 _HOUR_S = 3600.0
+_CONNECTING, _SILENT = "connecting", "does not answer"
+_AT_ONCE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What an acquisition says of itself."""
+
+    name: str  # of the acquisition
+    snapshot: "Snapshot | None"  # without series; None if there is none to be had
+    missing: str = ""  # why there is none: "connecting" or "does not answer"
 
 
 def command(name: Name = None, json: Json = False) -> None:
@@ -23,32 +35,54 @@ def command(name: Name = None, json: Json = False) -> None:
 
     Example: imutui status
     """
-    from imutui.session import client, overview
+    from imutui.session import client
 
     names = client.running()
     if name is not None and name not in names:
         client.attach(name)  # says what runs instead
-    answers = overview.ask(names if name is None else [name])
+    answers = _ask_all(names if name is None else [name])
     if json:
         from imutui.logbook.json_text import dumps
 
         print(dumps([_document(answer) for answer in answers]))
     else:
         tell("\n".join(_text(answer) for answer in answers) or "no acquisition is running")
-    if any(answer.missing == overview.SILENT for answer in answers):
+    if any(answer.missing == _SILENT for answer in answers):
         raise typer.Exit(INSTRUMENT)
 
 
-def _document(answer: "Answer") -> Mapping[str, object]:
+def _ask_all(names: Sequence[str]) -> list[Answer]:
+    """Ask acquisitions, all at once, how they are; one that hangs, connects or has just ended costs no other's line."""
+    if not names:
+        return []
+    with ThreadPoolExecutor(min(_AT_ONCE, len(names))) as pool:
+        return [answer for answer in pool.map(_ask, names) if answer is not None]
+
+
+def _ask(name: str) -> Answer | None:
+    from imutui.session import client
+    from imutui.session.snapshot import NO_SERIES
+
+    try:
+        return Answer(name, client.attach(name).snapshot(since=NO_SERIES))
+    except client.SessionConnectingError:
+        return Answer(name, None, _CONNECTING)
+    except client.SessionGoneError:
+        return None
+    except client.SessionError:
+        return Answer(name, None, _SILENT) if name in client.running() else None
+
+
+def _document(answer: Answer) -> Mapping[str, object]:
     if answer.snapshot is None:
         return {"name": answer.name, "state": answer.missing}
     return {key: value for key, value in answer.snapshot.items() if key != "series"}
 
 
-def _text(answer: "Answer") -> str:
+def _text(answer: Answer) -> str:
     if answer.snapshot is not None:
         return "\n  ".join([_line(answer.snapshot), *_more(answer.snapshot)])
-    if answer.missing == "connecting":
+    if answer.missing == _CONNECTING:
         return f"{answer.name}: connecting to its instrument"
     return f"{answer.name}: its process lives, but does not answer; it may be busy. Try again in a few seconds."
 

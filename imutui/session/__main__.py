@@ -23,7 +23,7 @@ from imutui.instrument.names import DEFAULT
 from imutui.instrument.port import Port, PortError
 from imutui.instrument.registry import INSTRUMENTS, nor_the_others, which_answers
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, visible
-from imutui.session import end_report, exit_codes, ipc, request_fields
+from imutui.session import end_report, exit_codes, ipc, requests
 from imutui.session.disk_space import DiskGuard, disk_message
 from imutui.session.end_report import EndReport
 from imutui.session.engine import Engine
@@ -161,54 +161,54 @@ def carry_out(engine: Engine, request: Request) -> Reply:
     """Do what a viewer asks; raises InputError with what is wrong with it, or what stands against it."""
     match request["ask"]:
         case "snapshot":
-            since = request_fields.whole(request, "since", 0)
+            since = requests.whole(request, "since", 0)
             return {"snapshot": engine.call(lambda acquisition: acquisition.snapshot(since), late=True)}
         case "history":
             has = HistoryWish(
-                request_fields.whole(request, "run", 0),
-                request_fields.instant(request, "estimates_s"),
-                request_fields.instant(request, "temperature_s"),
+                requests.whole(request, "run", 0),
+                requests.instant(request, "estimates_s"),
+                requests.instant(request, "temperature_s"),
             )
             return {"history": engine.call(lambda acquisition: acquisition.history(has), late=True)}
         case "statistics":
-            channel = request_fields.whole(request, "channel")
+            channel = requests.whole(request, "channel")
             return {"statistics": engine.call(lambda acquisition: acquisition.channel_statistics(channel), late=True)}
         case "begin_statistics":
             engine.call(lambda acquisition: acquisition.begin_statistics())
             return {}
         case "mark":
-            text = request_fields.text(request, "text")
+            text = requests.text(request, "text")
             engine.call(lambda acquisition: acquisition.mark(text))
             return {}
         case "record":
-            wish = request_fields.wish(request)
+            wish = requests.wish(request)
             return {"path": engine.call(lambda acquisition: acquisition.record(wish))}
         case "describe":
-            note = request_fields.text_or_none(request, "note", NOTE_LIMIT)
-            operator = request_fields.text_or_none(request, "operator", NAME_LIMIT)
+            note = requests.text_or_none(request, "note", NOTE_LIMIT)
+            operator = requests.text_or_none(request, "operator", NAME_LIMIT)
             engine.call(lambda acquisition: acquisition.describe(note, operator))
             return {}
         case "configure":
-            changes = request_fields.changes(request)
+            changes = requests.changes(request)
             engine.call(lambda acquisition: acquisition.configure(changes))
             return {}
         case "zero":
-            argument = request_fields.whole(request, "argument")
+            argument = requests.whole(request, "argument")
             return {"said": engine.zero(argument)}
         case "profile":
             return {"profile": engine.call(lambda acquisition: acquisition.profile(), late=True)}
         case "guide":
-            do, wish = request_fields.text(request, "do"), request_fields.wish(request)
+            do, wish = requests.text(request, "do"), requests.wish(request)
             engine.call(lambda acquisition: acquisition.guide(do, wish))
             return {}
         case "stop_recording":
             return {"result": engine.call(lambda acquisition: acquisition.stop_recording())}
         case "stop":
-            engine.request_stop(request_fields.text(request, "by") if "by" in request else _NOBODY_SAID)
+            engine.request_stop(requests.text(request, "by") if "by" in request else _NOBODY_SAID)
             return _ending(engine)
         case "wait":
             # a thread that waited on for a viewer that has gone would stay, and its socket with it
-            limit = request_fields.seconds(request, "timeout_s")
+            limit = requests.seconds(request, "timeout_s")
             return _ending(engine) if engine.lifecycle.ended.wait(limit) else {"runs": True}
     raise InputError(f'no such request: "{str(request["ask"])[:NAME_LIMIT]}"')
 

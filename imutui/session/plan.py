@@ -1,4 +1,4 @@
-"""What is asked of an acquisition, as one record that travels to its process as JSON."""
+"""What is asked of an acquisition, as one record that travels to its process as JSON, and what can be asked."""
 
 import json
 import math
@@ -9,7 +9,7 @@ from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
-from imutui.instrument.registry import INSTRUMENTS
+from imutui.instrument.registry import INSTRUMENTS, of_model
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
 
 MIN_RATE_HZ = 0.1
@@ -24,6 +24,33 @@ MIN_FREE_MB = 200.0
 """Megabytes that recording leaves free, unless configured."""
 VIRTUAL_PORT = "virtual"
 """Port name that starts a virtual instrument of the acquisition's own."""
+
+
+INSTRUMENT_NAMES = tuple(INSTRUMENTS)
+"""What files of all units begin with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What a kind of unit gives."""
+
+    name: str  # what files of such units begin with
+    # least_rate_hz, most_rate_hz: bounds of the output rate
+    least_rate_hz: float
+    most_rate_hz: float
+    # rates, rising, at which each packet of a stream is a sample; at others samples are means of packets
+    rates_hz: tuple[float, ...]
+    # mode, mode_words: what its packets are, in two words and in a line
+    mode: str
+    mode_words: str
+    zeroes_rates: bool  # whether it has a command that zeroes its rate sensors
+
+
+def offer_of(model: str) -> Offer:
+    """What a unit of some model gives; that of the usual instrument where it is none of those known."""
+    it = of_model(model)
+    rates_hz = tuple(sorted(it.rates_hz))
+    return Offer(it.name, MIN_RATE_HZ, it.most_rate_hz, rates_hz, it.mode, it.mode_words, it.zeroes_rates)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@ from collections.abc import Collection
 import numpy as np
 import pytest
 
-from imutui.session.averaging import Averager, Sample
+from imutui.session.sample_pipeline import Averager, Sample
 
 PERIOD_NS = 7_500_000
 

@@ -19,8 +19,7 @@ from imutui.session import live_filter
 from imutui.session.disk_space import FreeSpace, GrowthRate
 from imutui.session.metadata import effects_of
 from imutui.session.plan import Plan
-from imutui.session.recording import Recording
-from imutui.session.rotation import RecordingParts
+from imutui.session.recording import Recording, RecordingParts
 from imutui.session.sample_pipeline import SamplePipeline
 from imutui.session.timebase import Timebase
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from imutui.session import offers
 from imutui.session.client import SessionError
+from imutui.session.plan import offer_of
 from imutui.tui import messages
 from imutui.tui.pages.connect import text
 from imutui.tui.pages.connect.text import Choice
@@ -61,14 +61,14 @@ def test_an_acquisition_that_does_not_answer_may_still_run() -> None:
 @pytest.mark.parametrize(("entered", "rate"), [("133", 133.0), ("0.1", 0.1), (" 0,5 ", 0.5)])
 def test_rates_are_read(entered: str, rate: float) -> None:
     """The whole range, and a decimal comma."""
-    assert text.parse_rate(entered, offers.of_model("")) == rate
+    assert text.parse_rate(entered, offer_of("")) == rate
 
 
 @pytest.mark.parametrize("entered", ["", "fast", "0.05", "134", "nan"])
 def test_impossible_rates_are_refused(entered: str) -> None:
     """The message has the range."""
     with pytest.raises(ValueError, match=r"0\.1 to 133 Hz"):
-        text.parse_rate(entered, offers.of_model(""))
+        text.parse_rate(entered, offer_of(""))
 
 
 def test_enter_takes_what_is_most_likely_meant() -> None:

@@ -16,7 +16,7 @@ from imutui.session.snapshot import MarkLine, ProfileDescription, RecordingSnaps
 
 if TYPE_CHECKING:
     from imutui.session.channel_statistics import ChannelStatistics
-    from imutui.session.run_history import RunHistory
+    from imutui.session.live_filter import RunHistory
 
 RATE_HZ = 133.0
 MEANS = np.array([0.3461, -0.4702, -0.2688, -6.112, -0.402, 1000.981, 24.96])

@@ -8,7 +8,7 @@ from helpers.fake_client import PATH, FakeClient, bias, estimates
 from helpers.pilot import SMALLEST, shows, text_of, until
 from textual.pilot import Pilot
 
-from imutui.session.run_history import RunHistory
+from imutui.session.live_filter import RunHistory
 from imutui.session.snapshot import Snapshot
 from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import ConnectionModel

@@ -18,9 +18,7 @@ from textual.widgets.option_list import Option
 
 from filters.errors import InputError
 from imutui.session import client as session
-from imutui.session import offers
-from imutui.session.offers import Offer
-from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Plan
+from imutui.session.plan import MAX_RATE_HZ, VIRTUAL_PORT, Offer, Plan, offer_of
 from imutui.tui import formatting
 from imutui.tui.background import in_thread
 from imutui.tui.pages import requests
@@ -104,7 +102,7 @@ class ConnectForm(Vertical):
     def _offered(self) -> Offer:
         """What the unit gives that answered at the port that is chosen; the usual one's where none was asked."""
         choice = self._choice()
-        return offers.of_model("" if choice is None else self._models.get(choice.value, ""))
+        return offer_of("" if choice is None else self._models.get(choice.value, ""))
 
     def _say_summary(self) -> None:
         """What the Connect button would do."""

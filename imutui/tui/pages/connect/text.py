@@ -4,9 +4,7 @@ import re
 from dataclasses import dataclass
 
 from filters.errors import InputError
-from imutui.session import offers
-from imutui.session.offers import Offer
-from imutui.session.plan import VIRTUAL_PORT
+from imutui.session.plan import VIRTUAL_PORT, Offer, offer_of
 from imutui.session.snapshot import ProbeAnswer, Snapshot
 from imutui.tui import formatting
 from imutui.tui.formatting import StyledText
@@ -143,7 +141,7 @@ def _demo(before: str) -> StyledText:
 def connected(now: Snapshot) -> StyledText:
     """What is connected, and how it is read."""
     reference, filter_ = now["reference"], now["filter"]
-    mode = offers.of_model(now["instrument"]).mode
+    mode = offer_of(now["instrument"]).mode
     how = f"{now['rate_hz']:g} Hz, {now['sampling']}, {mode}, {now['baud']} baud"
     estimates = f"{filter_['name']}, reference {filter_['reference']}" if filter_ else "none: record only"
     if reference["file"]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imutui.plain_text import in_line
 from imutui.report import log_table
-from imutui.session import offers
+from imutui.session.plan import INSTRUMENT_NAMES
 from imutui.session.snapshot import RecordingSnapshot
 from imutui.tui import formatting
 
@@ -81,7 +81,7 @@ def short(path: Path) -> str:
     """A recording's name as rows have it: without what every name has."""
     name = in_line(path.name).removesuffix(".mcap")
     kind, _, rest = name.partition("_")
-    return rest if rest and kind in offers.NAMES else name
+    return rest if rest and kind in INSTRUMENT_NAMES else name
 
 
 def takes(chosen: Sequence[Path], here: Path | None, width: int) -> str:

@@ -3,8 +3,7 @@
 from pathlib import PurePath
 
 from filters.errors import InputError
-from imutui.session import offers
-from imutui.session.plan import RecordingWish
+from imutui.session.plan import RecordingWish, offer_of
 from imutui.session.snapshot import MarkLine, RecordingSnapshot, Snapshot
 from imutui.tui import formatting, messages
 from imutui.tui.messages import RecordingResult
@@ -165,7 +164,7 @@ def _number(name: str, entered: str) -> float:
 
 def will_write(now: Snapshot) -> str:
     """Where a file would go."""
-    name, number = offers.of_model(now["instrument"]).name, now["serial_number"] or "serial"
+    name, number = offer_of(now["instrument"]).name, now["serial_number"] or "serial"
     return str(PurePath(now["logs"] or "the logs folder") / f"{name}_{number}_UTC_note.mcap")
 
 
