@@ -186,7 +186,7 @@ def carry_out(engine: Engine, request: Request) -> Reply:
         case "describe":
             note = requests.text_or_none(request, "note", NOTE_LIMIT)
             operator = requests.text_or_none(request, "operator", NAME_LIMIT)
-            engine.call(lambda acquisition: acquisition.describe(note, operator))
+            engine.call(lambda acquisition: acquisition.recorder.describe(note, operator))
             return {}
         case "configure":
             changes = requests.changes(request)

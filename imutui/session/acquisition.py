@@ -15,27 +15,26 @@ from imutui.instrument.clock import Clock, Stamp
 from imutui.instrument.registry import INSTRUMENTS
 from imutui.logbook.line_advice import LossAdvice
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import exit_codes, observe, operator_guide, zeroing
+from imutui.session import observe, operator_guide, zeroing
 from imutui.session.channel_statistics import ChannelStatistics
 from imutui.session.event_log import INFORMATION, WARNING
-from imutui.session.gravity_check import GravityCheck
 from imutui.session.identity import not_said
 from imutui.session.lifecycle import Lifecycle
-from imutui.session.line_watch import LineState, LineWatch
+from imutui.session.line_watch import LineWatch
 from imutui.session.live_stream import LiveStream
 from imutui.session.metadata import reconfigured
 from imutui.session.observe import AcquisitionView
 from imutui.session.packet_stamps import PacketStamps, StampedPacket, gap_text
 from imutui.session.plan import HistoryWish, Plan, RecordingWish
-from imutui.session.reader_thread import LeftOtherwise, PacketArrival, Reader, ZeroingFinished
+from imutui.session.reader_thread import PacketArrival, Reader, ZeroingFinished
 from imutui.session.recent_packets import RecentPackets
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.recorder import Recorder
 from imutui.session.requests import FilterChanges
 from imutui.session.snapshot import ProfileDescription, Snapshot, StatisticsSnapshot
-from imutui.session.status_words import StatusWords
 from imutui.session.table_turner import TableTurner
-from imutui.session.timebase import ClockStepMonitor, Timebase
+from imutui.session.timebase import Timebase
+from imutui.session.watches import ClockStepMonitor, GravityCheck, Moment, StatusWords, StreamWatch, Watch
 
 if TYPE_CHECKING:
     from imutui.logbook.results import ResultDocument
@@ -51,6 +50,7 @@ class Acquisition:
     `lifecycle`: where it stands.
     `stream`: gets what is recorded, for other viewers.
     `turner`: turns the table under a virtual unit.
+    `recorder`: of its samples and files.
     Raises InputError if the filter could not run with what is asked; the message names it.
     """
 
@@ -69,8 +69,7 @@ class Acquisition:
         self._lifecycle = lifecycle
         self._started_ns = time.monotonic_ns()
         self._timebase = Timebase.now()
-        self._clock_steps = ClockStepMonitor(self._timebase)
-        self._recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
+        self.recorder = Recorder(plan, info, lifecycle, self._timebase, stream)
         self._instrument = INSTRUMENTS[plan.instrument]
         scaling = self._instrument.scaling(plan.rate_range_dps, plan.accel_range_g)
         self._recent, self._statistics = (
@@ -82,15 +81,11 @@ class Acquisition:
         self._turner = turner
         self._zeroing: Future[str] | None = None
         self._line_errors = (0, 0)
-        self._gravity = GravityCheck(self._instrument)
         self._last_stamp_ns = self._started_ns
         self._line = LineWatch(info, self._timebase, self._instrument.packets_hz(plan.rate_hz))
+        self._watches: list[Watch] = [self._line, self._status, GravityCheck(self._instrument)]
+        self._watches += [ClockStepMonitor(self._timebase), *([] if stream is None else [StreamWatch(stream)])]
         self._loss_advice = LossAdvice(info.port, info.firmware)
-
-    @property
-    def result(self) -> "ResultDocument | None":
-        """Of the last recording that was finished."""
-        return self._recorder.result
 
     # -- what comes from the reader -------------------------------------------------------------------------------
 
@@ -105,12 +100,12 @@ class Acquisition:
     def _use(self, packets: list[StampedPacket]) -> None:
         for one in packets:
             # what was read while the worker was held up may be of after the end
-            if not self._recorder.duration.has_all():
-                with self._recorder.event_clock.at(one.arrival.host_ns):
+            if not self.recorder.duration.has_all():
+                with self.recorder.event_clock.at(one.arrival.host_ns):
                     self._use_one(one.arrival, one.stamp)
 
     def _use_one(self, arrival: PacketArrival, stamp: Stamp) -> None:
-        packet, recorder = arrival.packet, self._recorder
+        packet, recorder = arrival.packet, self.recorder
         if recorder.begins_with_packet:
             self._line.begin_recording()
             recorder.begin_planned()
@@ -132,7 +127,7 @@ class Acquisition:
             self._statistics.interrupt()
         self._statistics.add(t, packet)
         if arrival.requested_ns is not None:
-            self._line.answered(arrival.requested_ns)
+            self._line.polled_rate.answered(arrival.requested_ns)
         if not self._lifecycle.streaming.is_set():
             self._first_packet()
         back = self._line.back(stamp)
@@ -141,26 +136,26 @@ class Acquisition:
         recorder.duration.add(stamp.monotonic_ns)
 
     def _first_packet(self) -> None:
-        info = self._recorder.info
+        info = self.recorder.info
         self._lifecycle.first_packet()
         self.event("acquisition", f"connected to {info.port}, first packet")
         unsaid = not_said(info.serial_number, info.firmware)
         if unsaid is not None:
             self.event("acquisition", unsaid, WARNING)
-        plan = self._recorder.plan
+        plan = self.recorder.plan
         if "baud" in plan.explicit and plan.baud != info.baud:
             said = f"the unit keeps its own speed, {info.baud} baud: {plan.baud} baud is only where it was looked for"
             self.event("acquisition", said, WARNING)
         if plan.ends_unwatched_s is not None:
             self.event("acquisition", f"a virtual unit: all ends {plan.ends_unwatched_s:g} s after the last viewer")
-        if self._recorder.stream is not None:
-            self.event("acquisition", f"what is recorded is streamed to Foxglove at {self._recorder.stream.url}")
+        if self.recorder.stream is not None:
+            self.event("acquisition", f"what is recorded is streamed to Foxglove at {self.recorder.stream.url}")
 
     def poll_unanswered(self) -> None:
         """Take note of a poll that was not answered."""
-        self._recorder.pipeline.poll_unanswered()
+        self.recorder.pipeline.poll_unanswered()
         self._statistics.interrupt()
-        self._line.unanswered()
+        self._line.polled_rate.unanswered()
 
     def zeroing_finished(self, event: ZeroingFinished) -> None:
         """Go on after the pause: packets on either side of it do not belong together, nor do their biases."""
@@ -168,8 +163,8 @@ class Acquisition:
         self._use(self._stamps.interrupt())
         self._recent.interrupt()
         self._statistics.interrupt()
-        self._line.interrupt()
-        self._recorder.begin_run()
+        self._line.polled_rate.interrupt()
+        self.recorder.begin_run()
         pending, self._zeroing = self._zeroing, None
         if event.seconds is None:
             said = zeroing.unanswered(event.argument, self._instrument.zeroing_patience_s(event.argument))
@@ -190,7 +185,7 @@ class Acquisition:
                 if self._zeroing is not None:
                     self.abandon_zeroing(f"{event.message} Zero the rate sensors when the unit is back.")
                     self._zeroing = None
-                    self._recorder.begin_run()  # whether they are zeroed is not known
+                    self.recorder.begin_run()  # whether they are zeroed is not known
             case StillAway():
                 said = self._line.still_away(event)
             case LineReturned():
@@ -202,84 +197,55 @@ class Acquisition:
         if said is not None:
             self.event("acquisition", said, WARNING)
 
-    def left_otherwise(self, event: LeftOtherwise) -> None:
-        """Say that the unit is not as it was found: the next host will see."""
-        self._recorder.find(exit_codes.FINDINGS, event.message, is_said=False)
-
     def every_second(self) -> None:
         """See everything onto the disk, advance the guide, and look whether packets stopped or the clock was set."""
         now = time.monotonic_ns()
-        with self._recorder.event_clock.at(now):
-            self._recorder.pipeline.flush(now)
-            if self._recorder.look_after_file(now):
+        with self.recorder.event_clock.at(now):
+            self.recorder.pipeline.flush(now)
+            if self.recorder.look_after_file(now):
                 self._end_recording()
             if self._guide is not None:
                 self._guide.advance(now)
                 if self._turner is not None and self._turner.has_arrived(now):
                     self.event("mark", self._guide.arrive(now))
-            line = self._line_state(now)
-            if self._line.is_to_be_asked(line):
+            moment = self._moment(now)
+            if self._line.is_to_be_asked(moment):
                 self._reader.ask_again()
-            for text, warns in self._line.each_second(line):
-                self.event("acquisition", text, WARNING if warns else INFORMATION)
-            unexpected = self._gravity.news(self._recent.accels_g(), self._recorder.info, self._recorder.motion)
-            for text in (*self._status.news(), *unexpected):
-                self.event("acquisition", text, WARNING)
-            self._look_after_stream()
-            step = self._clock_steps.check()
-            if step is not None:
-                self.event(
-                    "acquisition", f"the system clock stepped by {step:+.3f} s; stamps are not affected", WARNING
-                )
+            for watch in self._watches:
+                for text, level in watch.news(moment):
+                    self.event("acquisition", text, level)
 
-    def _look_after_stream(self) -> None:
-        stream = self._recorder.stream
-        said = None if stream is None else stream.look()
-        if said is not None:
-            self.event("acquisition", said, WARNING)
-
-    def _line_state(self, now_ns: int) -> LineState:
+    def _moment(self, now_ns: int) -> Moment:
         silent_s = (now_ns - self._reader.last_packet_ns) / 1e9
         expected = self._zeroing is not None or not self._lifecycle.streaming.is_set()
-        return LineState(silent_s, expected)
-
-    def why_over(self, now_ns: int) -> str | None:
-        """That the plan's duration is over, or the disk's room, in words; None if neither is."""
-        return self._recorder.why_over(now_ns)
+        recorder = self.recorder
+        return Moment(silent_s, expected, self._recent.accels_g(), recorder.info, recorder.motion)
 
     def look_back(self) -> None:
         """Take note, before the file is finished, of what must be said at the end; raises OSError."""
         # as it was when the end was asked for: since then the unit was told to be quiet
         asked_ns = self._lifecycle.stopping_since_ns
-        line = None if asked_ns is None else self._line_state(asked_ns)
-        for finding, is_said in self._line.at_the_end(time.monotonic_ns(), line):
-            self._recorder.find(finding["exit_code"], finding["text"], is_said=is_said)
+        then = None if asked_ns is None else self._moment(asked_ns)
+        for finding, is_said in self._line.at_the_end(time.monotonic_ns(), then):
+            self.recorder.find(finding["exit_code"], finding["text"], is_said=is_said)
         if self._lifecycle.ended_by:
             self.event("acquisition", f"ended by {self._lifecycle.ended_by}")
 
     def finish(self) -> None:
         """Finish the file, if there is one; nothing comes any more. Raises OSError."""
         self._use(self._stamps.release())
-        self._recorder.finish()
+        self.recorder.finish()
 
     def abandon_zeroing(self, message: str) -> None:
         """Let whoever waits for the unit to zero its rate sensors know that nothing comes any more."""
         if self._zeroing is not None:
             self._zeroing.set_exception(InputError(message))
 
-    def disk_message(self, error: OSError) -> str:
-        """Words for a disk that does not take what is written."""
-        return self._recorder.disk_message(error)
-
-    def disk_failed(self, error: OSError) -> None:
-        """Go on in another file if the disk of the present one has gone; raises the error if that is not what it is."""
-        self._recorder.disk_failed(error)
-
     # -- what viewers ask for -------------------------------------------------------------------------------------
 
     def snapshot(self, since: int) -> Snapshot:
         """State for viewers, with packets from number `since` on."""
-        now, recorder = time.monotonic_ns(), self._recorder
+        now, recorder = time.monotonic_ns(), self.recorder
         view = AcquisitionView(
             now_ns=now,
             started_ns=self._started_ns,
@@ -309,7 +275,7 @@ class Acquisition:
 
     def history(self, wish: HistoryWish) -> HistorySnapshot:
         """The past of the present run of samples, as far as a viewer lacks it."""
-        pipeline = self._recorder.pipeline
+        pipeline = self.recorder.pipeline
         return pipeline.history.piece(pipeline.first_stamp_ns or 0, wish)
 
     def channel_statistics(self, channel: int) -> StatisticsSnapshot:
@@ -328,7 +294,7 @@ class Acquisition:
 
         Raises InputError if nothing is being recorded.
         """
-        if self._recorder.recording is None:
+        if self.recorder.recording is None:
             raise InputError(
                 "nothing is being recorded, so there is no file to put the mark into; start recording first"
             )
@@ -340,17 +306,13 @@ class Acquisition:
         Raises InputError if something is being recorded, the unit is zeroing, or the disk does not take it.
         """
         self._refuse_while_zeroing()
-        if self._recorder.recording is not None:
-            raise InputError(f"already recording to {self._recorder.recording.writer.path}")
-        self._recorder.record(wish)
+        if self.recorder.recording is not None:
+            raise InputError(f"already recording to {self.recorder.recording.writer.path}")
+        self.recorder.record(wish)
         self._guide = None
         self._line.begin_recording()
-        assert self._recorder.recording is not None
-        return str(self._recorder.recording.writer.path)
-
-    def describe(self, note: str | None, operator: str | None) -> None:
-        """Change note and operator of the file that is being written; see `Recorder.describe`."""
-        self._recorder.describe(note, operator)
+        assert self.recorder.recording is not None
+        return str(self.recorder.recording.writer.path)
 
     def stop_recording(self) -> "ResultDocument":
         """Finish the file; the acquisition, its filter included, goes on without one.
@@ -358,7 +320,7 @@ class Acquisition:
         Raises InputError if nothing is being recorded, or the file is lost.
         Raises OSError if the disk does not take the end.
         """
-        recording = self._recorder.recording
+        recording = self.recorder.recording
         result = self._end_recording()
         if recording is not None and recording.vanished is not None and not result["finished"]:
             raise InputError(recording.vanished.words)
@@ -370,7 +332,7 @@ class Acquisition:
         Raises InputError if something is being recorded, the unit is zeroing, or the filter could not run with them.
         """
         self._refuse_while_zeroing()
-        recorder = self._recorder
+        recorder = self.recorder
         if recorder.recording is not None:
             raise InputError("finish the recording first: r. A file has one reference and one set of effects")
         # refuses, before anything is changed, what the filter could not run with
@@ -390,7 +352,7 @@ class Acquisition:
         Raises InputError if something is being recorded, it is zeroing already, or the acquisition is ending.
         """
         self._refuse_while_zeroing()
-        if self._recorder.recording is not None:
+        if self.recorder.recording is not None:
             raise InputError("finish the recording first: r. Zeroing would put a step into the file")
         if self._lifecycle.state != "running":
             raise InputError(f"the acquisition is {self._lifecycle.state}; zero the rate sensors while it runs")
@@ -403,7 +365,7 @@ class Acquisition:
 
     def profile(self) -> ProfileDescription | None:
         """The profile that the reference comes from, if it comes from one."""
-        recorder = self._recorder
+        recorder = self.recorder
         if not isinstance(recorder.motion, Profile):
             return None
         return operator_guide.describe(recorder.motion, *recorder.plan.reference_file)
@@ -413,7 +375,7 @@ class Acquisition:
 
         Raises InputError if that cannot be done now; the message says what next.
         """
-        recorder = self._recorder
+        recorder = self.recorder
         recording = recorder.recording is not None
         if do == "begin":
             begun = operator_guide.begin_guide(recorder.motion, recorder.info.filter, self._guide, recording=recording)
@@ -438,7 +400,7 @@ class Acquisition:
 
     def event(self, name: str, text: str, level: int = INFORMATION) -> None:
         """Write an event or a mark into the file, if there is one, and show it to viewers; raises OSError."""
-        self._recorder.event(name, text, level)
+        self.recorder.event(name, text, level)
 
     def _refuse_while_zeroing(self) -> None:
         if self._zeroing is not None:
@@ -447,7 +409,7 @@ class Acquisition:
     def _end_recording(self) -> "ResultDocument":
         """Finish the recording; the acquisition goes on without one."""
         self._use(self._stamps.release())
-        result = self._recorder.end_recording()
+        result = self.recorder.end_recording()
         if self._guide is not None:
             if self._turner is not None:
                 self._turner.leave()

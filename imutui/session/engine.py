@@ -99,7 +99,7 @@ class Engine:
     @property
     def result(self) -> "ResultDocument | None":
         """Result of the last recording; to be asked for after the end."""
-        return self._acquisition.result
+        return self._acquisition.recorder.result
 
     @property
     def ended_by_itself(self) -> bool:
@@ -214,8 +214,8 @@ class Engine:
                     self._acquisition.every_second()
                     next_second = max(next_second + 1.0, time.monotonic())
             except OSError as error:
-                self._acquisition.disk_failed(error)
-            over = None if self._duration_over else self._acquisition.why_over(time.monotonic_ns())
+                self._acquisition.recorder.disk_failed(error)
+            over = None if self._duration_over else self._acquisition.recorder.why_over(time.monotonic_ns())
             if over is not None:
                 self._duration_over = self.lifecycle.stopping_since_ns is None
                 self.request_stop(over)
@@ -234,7 +234,8 @@ class Engine:
             case LineLost() | StillAway() | LineReturned():
                 self._acquisition.line_changed(item)
             case LeftOtherwise():
-                self._acquisition.left_otherwise(item)
+                # the next host will see that the unit is not as it was found
+                self._acquisition.recorder.find(exit_codes.FINDINGS, item.message)
             case QueuedCall():
                 self._carry_out(item)
 
@@ -264,4 +265,4 @@ class Engine:
 
     def _fail_for_disk(self, error: OSError) -> None:
         self._disk_error = error
-        self._fail(exit_codes.DISK, self._acquisition.disk_message(error))
+        self._fail(exit_codes.DISK, self._acquisition.recorder.disk_message(error))

@@ -1,27 +1,28 @@
 """What is to be said of the line and of the unit: away, silent, slower than asked; each second, and at the end."""
 
+import math
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
-from imutui.instrument.clock import Stamp
+from imutui.instrument.clock import Gap, Stamp
 from imutui.logbook import line_advice
 from imutui.logbook.polled_rate import PolledRate
 from imutui.logbook.session_info import SessionInfo
-from imutui.session import exit_codes, reconnection, silence
-from imutui.session.absence import Absence
+from imutui.session import exit_codes, reconnection
+from imutui.session.event_log import INFORMATION, WARNING
+from imutui.session.packet_stamps import gap_text
 from imutui.session.reconnection import LineLost, LineReturned, StillAway
 from imutui.session.requests import EndFinding
-from imutui.session.silence import SilenceMonitor
 from imutui.session.snapshot import ReconnectingSnapshot
 from imutui.session.timebase import Timebase
+from imutui.session.watches import Moment, News
 
-
-@dataclass(frozen=True, slots=True)
-class LineState:
-    """How the line stands."""
-
-    silent_s: float  # since the last packet
-    expected: bool  # whether no packet is expected now
+# the unit's own rate is known to less than a percent
+_FASTEST = 1.01
+# no pause between two packets: so long at least, and so many periods of polling
+_SILENCE_S = 1.0
+_SILENT_PERIODS = 3.0
 
 
 class LineWatch:
@@ -30,90 +31,125 @@ class LineWatch:
     `info`: port, unit, sampling and rate.
     `timebase`: monotonic to UTC.
     `stream_hz`: packets a second that the unit sends where it streams, at most.
+    `polled_rate`: takes note of requests, answered or not, and of pauses between them.
     """
 
     def __init__(self, info: SessionInfo, timebase: Timebase, stream_hz: float) -> None:
         self._info = info
+        self._timebase = timebase
         polled_hz = info.rate_hz if info.sampling == "polled" else None
-        self._absence = Absence(timebase, polled_hz or stream_hz)
-        self._silence = SilenceMonitor(1.0 / polled_hz if polled_hz else 0.0)
+        self._rate_hz = polled_hz or stream_hz  # packets that would have come while the unit was away
+        self._silence_s = max(_SILENCE_S, _SILENT_PERIODS / polled_hz if polled_hz else 0.0)
         self._ask_again_s = reconnection.ask_again_after_s(polled_hz)
-        self._rate = PolledRate(info.rate_hz)
+        self._is_silent = False
+        self.polled_rate = PolledRate(info.rate_hz)
         self._rate_said = False
+        self._away_since_ns: int | None = None  # when the last packet was read; None while the unit is there
+        self._waits_for = ""
+        self._refused: set[str] = set()
+        self._found = ""
+
+    def begin_recording(self) -> None:
+        """Judge the rate of polling anew."""
+        self.polled_rate, self._rate_said = PolledRate(self._info.rate_hz), False
+
+    # -- the unit goes, and comes back ----------------------------------------------------------------------------
 
     @property
     def is_away(self) -> bool:
         """Whether the unit is waited for."""
-        return self._absence.since_ns is not None
-
-    def begin_recording(self) -> None:
-        """Judge the rate of polling anew."""
-        self._rate, self._rate_said = PolledRate(self._info.rate_hz), False
-
-    def answered(self, requested_ns: int) -> None:
-        """Take note of a poll that was answered."""
-        self._rate.answered(requested_ns)
-
-    def unanswered(self) -> None:
-        """Take note of a poll that was not answered."""
-        self._rate.unanswered()
-
-    def interrupt(self) -> None:
-        """Take note that nothing was asked for meanwhile."""
-        self._rate.interrupt()
+        return self._away_since_ns is not None
 
     def lost(self, event: LineLost) -> str:
         """The line is lost; returns what to say."""
-        return self._absence.lost(event)
+        if self._away_since_ns is None:
+            self._away_since_ns = event.since_ns
+            self._refused.clear()
+        self._waits_for = "the same unit to come back"
+        return f"{event.message} The acquisition goes on and waits for the same unit."
 
     def still_away(self, event: StillAway) -> str | None:
-        """Something else is waited for; returns what to say, if there is anything new."""
-        return self._absence.still(event)
+        """Something else is waited for; returns what to say, once of each unit that is refused."""
+        self._waits_for = event.waits_for
+        if not event.refused or event.waits_for in self._refused:
+            return None
+        self._refused.add(event.waits_for)
+        return f"refused: {event.waits_for}"
 
     def returned(self, event: LineReturned, before_ns: int) -> None:
         """The unit is back; its first packet is awaited to say more. `before_ns` is the last stamp before."""
-        self._absence.returned(event, before_ns)
-        self._rate.interrupt()
+        self._away_since_ns = before_ns
+        self._found = event.found
+        self.polled_rate.interrupt()
 
     def back(self, stamp: Stamp) -> str | None:
         """A packet has come; returns what to say if it is the first one after the unit was away."""
-        return self._absence.over(stamp)
-
-    def is_to_be_asked(self, line: LineState) -> bool:
-        """Whether the unit has been silent for so long that it has to be asked who it is."""
-        return line.silent_s > self._ask_again_s and not line.expected and not self.is_away
-
-    def each_second(self, line: LineState) -> Iterator[tuple[str, bool]]:
-        """What is new, and whether it is a warning."""
-        silent = None if self.is_away else self._silence.check(line.silent_s, expected=line.expected)
-        if silent:
-            yield f"no packets for {line.silent_s:.1f} s: {self._advice()}", True
-        elif silent is not None:
-            yield "packets again", False
-        slow = self._rate.finding()
-        if slow is not None and not self._rate_said:
-            self._rate_said = True
-            yield slow, True
-
-    def at_the_end(self, now_ns: int, line: LineState | None) -> Iterator[tuple[EndFinding, bool]]:
-        """What must be said when the acquisition ends, and whether that has been said before.
-
-        `now_ns`: monotonic.
-        `line`: as it was when the end was asked for; None if that is not to be judged.
-        """
-        slow = self._rate.finding()
-        if slow is not None:
-            yield {"exit_code": exit_codes.FINDINGS, "text": slow}, self._rate_said
-        gone = self._absence.at_the_end(now_ns)
-        if gone is not None:
-            yield {"exit_code": exit_codes.INSTRUMENT, "text": gone}, False
-        elif line is not None and not line.expected and self._silence.is_silent(line.silent_s):
-            text = silence.at_the_end(line.silent_s, self._advice())
-            yield {"exit_code": exit_codes.INSTRUMENT, "text": text}, False
+        if not self._found or self._away_since_ns is None:
+            return None
+        before_ns, found = self._away_since_ns, self._found
+        self._away_since_ns, self._found = None, ""
+        if stamp.gap is None:
+            seconds = (stamp.monotonic_ns - before_ns) / 1e9
+            stamp = replace(stamp, gap=Gap(seconds, 0, math.floor(seconds * self._rate_hz * _FASTEST)))
+        between = f"{self._utc(before_ns)} to {self._utc(stamp.monotonic_ns)} UTC"
+        return f"{gap_text(stamp)}, {between}; the unit is back: {found}"
 
     def snapshot(self, now_ns: int) -> ReconnectingSnapshot | None:
         """What is waited for, for viewers; None while the unit is there."""
-        return self._absence.snapshot(now_ns)
+        if self._away_since_ns is None:
+            return None
+        return {"seconds": (now_ns - self._away_since_ns) / 1e9, "waits_for": self._waits_for}
+
+    # -- what is said of it ---------------------------------------------------------------------------------------
+
+    def is_to_be_asked(self, moment: Moment) -> bool:
+        """Whether the unit has been silent for so long that it has to be asked who it is."""
+        return moment.silent_s > self._ask_again_s and not moment.expected and not self.is_away
+
+    def news(self, moment: Moment, /) -> News:
+        """That the unit fell silent or speaks again, and, once, that it is polled more slowly than asked."""
+        silent = self._falls_silent(moment)
+        if not self.is_away and silent != self._is_silent:
+            self._is_silent = silent
+            if silent:
+                yield f"no packets for {moment.silent_s:.1f} s: {self._advice()}", WARNING
+            else:
+                yield "packets again", INFORMATION
+        slow = self.polled_rate.finding()
+        if slow is not None and not self._rate_said:
+            self._rate_said = True
+            yield slow, WARNING
+
+    def at_the_end(self, now_ns: int, moment: Moment | None) -> Iterator[tuple[EndFinding, bool]]:
+        """What must be said when the acquisition ends, and whether that has been said before.
+
+        `now_ns`: monotonic.
+        `moment`: as it was when the end was asked for; None if that is not to be judged.
+        """
+        slow = self.polled_rate.finding()
+        if slow is not None:
+            yield {"exit_code": exit_codes.FINDINGS, "text": slow}, self._rate_said
+        if self._away_since_ns is not None:
+            last, away_s = self._utc(self._away_since_ns), (now_ns - self._away_since_ns) / 1e9
+            text = (
+                f"the unit was gone at the end: its last packet came at {last} UTC, {away_s:.0f} s before; waited for"
+                f" {self._waits_for}. What came is recorded and the file is finished."
+            )
+        elif moment is not None and self._falls_silent(moment):
+            text = (
+                f"the unit was silent at the end: its last packet came {moment.silent_s:.1f} s before. What came is"
+                f" recorded and the file is finished. Before the next one: {self._advice()}"
+            )
+        else:
+            return
+        yield {"exit_code": exit_codes.INSTRUMENT, "text": text}, False
+
+    def _falls_silent(self, moment: Moment) -> bool:
+        return moment.silent_s > self._silence_s and not moment.expected
 
     def _advice(self) -> str:
         return line_advice.of_silence(self._info.port, self._info.firmware)
+
+    def _utc(self, monotonic_ns: int) -> str:
+        utc_ns = self._timebase.utc_ns(monotonic_ns)
+        return f"{time.strftime('%H:%M:%S', time.gmtime(utc_ns // 1_000_000_000))}.{utc_ns // 1_000_000 % 1000:03d}"

@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_STEP_NS = 100_000_000
 _READINGS = 5
 
 
@@ -23,25 +22,6 @@ class Timebase:
     def utc_ns(self, monotonic_ns: int) -> int:
         """UTC of a monotonic instant, ns."""
         return monotonic_ns + self.utc_minus_monotonic_ns
-
-
-class ClockStepMonitor:
-    """Notices when the system's clock is set.
-
-    `timebase`: that of the acquisition, which keeps to the clock as it was at the start.
-    """
-
-    def __init__(self, timebase: Timebase) -> None:
-        self._timebase = timebase
-        self._known_ns = 0
-
-    def check(self) -> float | None:
-        """Seconds by which the clock was set since the last look, None if it was not (or by less than 0.1 s)."""
-        step = utc_minus_monotonic_ns() - self._timebase.utc_minus_monotonic_ns - self._known_ns
-        if abs(step) <= _STEP_NS:
-            return None
-        self._known_ns += step
-        return step / 1e9
 
 
 class EventClock:

@@ -19,7 +19,7 @@ from imutui.instrument.uut.unit import VirtualUnit
 from imutui.instrument.uut.unit_options import IMU381ZA, UnitOptions
 from imutui.logbook import reader
 from imutui.logbook.session_info import SessionInfo
-from imutui.session.gravity_check import GravityCheck, unexpected_gravity
+from imutui.session.watches import GravityCheck, Moment, unexpected_gravity
 
 OVER = Orientation(signs=(1, -1, -1))
 
@@ -82,11 +82,12 @@ def test_gravity_is_looked_at_once_where_the_table_begins_level(motion: Profile 
     """Of a unit that turns its own axes; of another one nothing is said here."""
     info = SessionInfo(accel_sign=1, reference="level" if motion is None else "profile", own_mount=OVER.mount)
     upside_down = np.array([0.0, 0.0, 1.0])
+    before, then = (Moment(0.0, False, accels_g, info, motion) for accels_g in (None, upside_down))
     watch = GravityCheck(INSTRUMENTS["imu381"])
-    assert watch.news(None, info, motion) == []
-    assert bool(watch.news(upside_down, info, motion)) is is_told
-    assert watch.news(upside_down, info, motion) == []
-    assert GravityCheck(INSTRUMENTS["imu400cd"]).news(upside_down, info, motion) == []
+    assert list(watch.news(before)) == []
+    assert bool(list(watch.news(then))) is is_told
+    assert list(watch.news(then)) == []
+    assert list(GravityCheck(INSTRUMENTS["imu400cd"]).news(then)) == []
 
 
 def test_what_a_unit_is_configured_as_is_in_its_log(tmp_path: Path) -> None:
