@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import ipaddress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,57 @@ from imutui.config import Config
 from imutui.session.plan import Plan
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from imutui.logbook.session_info import SessionInfo
+
+
+_SETTINGS = {
+    "rate_hz": "acquisition.rate_hz",
+    "sampling": "acquisition.sampling",
+    "baud": "acquisition.baud",
+    "operator": "acquisition.operator",
+    "place": "acquisition.place",
+    "table": "acquisition.table",
+    "rotate_minutes": "acquisition.rotate_minutes",
+    "rotate_mb": "acquisition.rotate_mb",
+    "file_mode": "paths.file_mode",
+    "min_free_mb": "paths.min_free_mb",
+    "foxglove_port": "foxglove.port",
+    "foxglove_host": "foxglove.host",
+    "accel_sign": "instrument.accel_sign",
+    "mount": "instrument.mount",
+    "gyro_sign": "instrument.gyro_sign",
+    "g_unit": "instrument.g_unit",
+    "rate_range_dps": "instrument.rate_range_dps",
+    "accel_range_g": "instrument.accel_range_g",
+    "filter": "filter.name",
+    "reference": "filter.reference",
+    "measurements": "filter.measurements",
+    "seed": "filter.seed",
+    "kappa": "filter.kappa",
+    "noise": "filter.noise",
+}
+"""Fields of a plan, and of a session, that are settings of the same meaning."""
+_OF_INSTRUMENT = ("rate_hz", "baud", "accel_sign", "rate_range_dps", "accel_range_g")
+"""Fields of a plan that are the instrument's own where nobody chose."""
+_OF_SESSION = (
+    "accel_sign",
+    "mount",
+    "gyro_sign",
+    "g_unit",
+    "filter",
+    "reference",
+    "measurements",
+    "seed",
+    "kappa",
+    "noise",
+)
+"""Fields of an imported recording's session that the configuration tells."""
+
+
+def _values(config: Config, names: "Iterable[str]") -> dict[str, Any]:
+    return {name: config.settings[_SETTINGS[name]].value for name in names}
 
 
 def site_of(config: Config, site: tuple[float, float, float] | None) -> tuple[float, float, float]:
@@ -31,31 +82,12 @@ def session_from(config: Config, site: tuple[float, float, float] | None) -> "Se
     latitude, longitude, height = site_of(config, site)
     gravity = Site.at(latitude, longitude, height, config.number("site.gravity_mps2") or None).gravity
     return SessionInfo(
-        accel_sign=config.integer("instrument.accel_sign"),
-        mount=config.text("instrument.mount"),
-        gyro_sign=config.text("instrument.gyro_sign"),
-        g_unit=config.number("instrument.g_unit"),
         latitude_deg=latitude,
         longitude_deg=longitude,
         height_m=height,
         gravity_mps2=gravity,
-        reference=config.text("filter.reference"),
-        filter=config.text("filter.name"),
-        measurements=config.text("filter.measurements"),
-        seed=config.integer("filter.seed"),
-        kappa=config.number("filter.kappa"),
-        noise=config.text("filter.noise"),
+        **_values(config, _OF_SESSION),
     )
-
-
-_OF_INSTRUMENT = {
-    "rate_hz": "acquisition.rate_hz",
-    "baud": "acquisition.baud",
-    "accel_sign": "instrument.accel_sign",
-    "rate_range_dps": "instrument.rate_range_dps",
-    "accel_range_g": "instrument.accel_range_g",
-}
-"""Fields of a plan that are the instrument's own where nobody chose, and their settings."""
 
 
 def plan_from(config: Config, site: tuple[float, float, float] | None, *, checked: bool = True, **fields: Any) -> Plan:
@@ -68,36 +100,12 @@ def plan_from(config: Config, site: tuple[float, float, float] | None, *, checke
     `**fields`: of the plan.
     Raises InputError if something asked cannot be; the message names it.
     """
-    chosen = tuple(field for field, key in _OF_INSTRUMENT.items() if config.settings[key].source != "default")
     plan = Plan(
-        explicit=chosen,
-        rate_hz=config.number("acquisition.rate_hz"),
-        sampling=config.text("acquisition.sampling"),
-        baud=config.integer("acquisition.baud"),
-        filter=config.text("filter.name"),
-        reference=config.text("filter.reference"),
+        explicit=tuple(name for name in _OF_INSTRUMENT if config.settings[_SETTINGS[name]].source != "default"),
         logs=str(Path(config.text("paths.logs")).resolve()),
-        file_mode=config.text("paths.file_mode"),
-        min_free_mb=config.number("paths.min_free_mb"),
-        operator=config.text("acquisition.operator"),
-        place=config.text("acquisition.place"),
-        table=config.text("acquisition.table"),
-        rotate_minutes=config.number("acquisition.rotate_minutes"),
-        rotate_mb=config.number("acquisition.rotate_mb"),
-        foxglove_port=config.integer("foxglove.port"),
-        foxglove_host=config.text("foxglove.host"),
-        accel_sign=config.integer("instrument.accel_sign"),
-        mount=config.text("instrument.mount"),
-        gyro_sign=config.text("instrument.gyro_sign"),
-        g_unit=config.number("instrument.g_unit"),
-        rate_range_dps=config.number("instrument.rate_range_dps"),
-        accel_range_g=config.number("instrument.accel_range_g"),
         site=site_of(config, site),
         gravity=config.number("site.gravity_mps2") or None,
-        measurements=config.text("filter.measurements"),
-        seed=config.integer("filter.seed"),
-        kappa=config.number("filter.kappa"),
-        noise=config.text("filter.noise"),
+        **_values(config, _SETTINGS),
         **fields,
     )
     for warning in config.warnings:
@@ -143,7 +151,7 @@ def _is_loopback(host: str) -> bool:
 def _refuse(plan: Plan) -> None:
     """Refuse what the filter could not run with, before the instrument is touched."""
     from imutui.logbook.session_info import SessionInfo
-    from imutui.session.metadata import check_live, effects_of, filter_of, motion_of
+    from imutui.session.metadata import check_live, effects_of, filter_of, motion_of, requested
 
     motion = motion_of(plan)
     filter_name = filter_of(plan, motion)
@@ -152,19 +160,7 @@ def _refuse(plan: Plan) -> None:
             "imutui: recorded without the filter: its profile is found in the whole log afterwards, by the gyros."
             " `imutui trace` and `imutui replay` take the log with it"
         )
-    probe = SessionInfo(
-        mount=plan.mount,
-        accel_sign=plan.accel_sign,
-        gyro_sign=plan.gyro_sign,
-        filter=filter_name,
-        reference=plan.reference,
-        measurements=plan.measurements,
-        seed=plan.seed,
-        kappa=plan.kappa,
-        noise=plan.noise,
-        g_unit=plan.g_unit,
-        rate_hz=plan.rate_hz,
-        gravity_mps2=plan.gravity if plan.gravity is not None else SessionInfo().gravity_mps2,
-    )
+    gravity = SessionInfo().gravity_mps2 if plan.gravity is None else plan.gravity
+    probe = replace(requested(plan), filter=filter_name, gravity_mps2=gravity)
     probe.axes()
     check_live(probe, motion, effects_of(plan, probe))

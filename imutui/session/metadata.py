@@ -6,7 +6,7 @@ import os
 import re
 import socket
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -37,41 +37,35 @@ STAMPS = (
 )
 
 
+_SHARED = [each.name for each in fields(Plan) if each.name in {own.name for own in fields(SessionInfo)}]
+_FOUND = {"port", "baud", "instrument", "filter", "operator"}
+
+
+def requested(plan: Plan) -> SessionInfo:
+    """Metadata as far as the plan tells them: what is only found with the unit is at its default."""
+    return SessionInfo(**{name: getattr(plan, name) for name in _SHARED if name not in _FOUND})
+
+
 def session_info(plan: Plan, port: Port, identity: Identity) -> SessionInfo:
     """Metadata of an acquisition."""
     version = identity.version.upper()
     # a virtual instrument says so itself; nothing simulated may pass for measured
     kind = SIMULATED if "VIRTUAL SIM" in version else UNKNOWN if "VIRTUAL" in version else MEASURED
-    info = SessionInfo(
+    info = replace(
+        requested(plan),
         instrument=_model(plan, identity),
         serial_number=identity.serial_number,
         firmware=identity.version,
         configuration=identity.configuration,
         own_mount=identity.own_mount,
         kind=kind,
-        accel_sign=plan.accel_sign,
-        mount=plan.mount,
-        gyro_sign=plan.gyro_sign,
-        g_unit=plan.g_unit,
-        rate_range_dps=plan.rate_range_dps,
-        accel_range_g=plan.accel_range_g,
-        sampling=plan.sampling,
-        rate_hz=plan.rate_hz,
         port=plan.port if "://" in plan.port else port.name,
         baud=port.baud,
         host=socket.gethostname(),
         acquisition=plan.name,
         boot_id=boot_id(),
         operator=plan.operator or _user(),
-        note=plan.note,
-        place=plan.place,
-        table=plan.table,
-        reference=plan.reference,
         filter=filter_of(plan, motion_of(plan)),
-        measurements=plan.measurements,
-        seed=plan.seed,
-        kappa=plan.kappa,
-        noise=plan.noise,
         reference_sha256=_reference_sha256(plan),
         effects_sha256=_effects_sha256(plan),
         software=f"imutui {imutui.__version__}, numpy {np.__version__}",
