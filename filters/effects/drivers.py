@@ -236,9 +236,8 @@ def _trails(ranges: Mapping[str, tuple[float, float]]) -> list[Basis]:
         if name not in ranges or "since_motion" not in ranges:
             continue
         for j, tau in enumerate(TRAILS):
-            own = "since_motion" if name == "rate_norm" else name
             unit = DPS if k < 3 or name == "rate_norm" else G
-            made.append(_trail(own, k, j, tau, unit))
+            made.append(_trail(name, k, j, tau, unit))
     return made
 
 

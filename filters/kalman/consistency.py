@@ -51,9 +51,8 @@ def nis_band(dof: float, count: int, level: float = 0.95) -> tuple[float, float]
     return float(chdtri(total, 1.0 - tail) / count), float(chdtri(total, tail) / count)
 
 
-GATE_TAIL = 1e-9
-"""Probability with which a good innovation is rejected: once in 24 h of 133 Hz, a hundredth."""
-# upper quantiles of chi-square at that tail, 1 to 9 degrees of freedom; a test holds them against scipy
+# upper quantiles of chi-square, 1 to 9 degrees of freedom, at the probability 1e-9 with which a good innovation is
+# rejected (a hundredth of one in 24 h of 133 Hz); a test holds them against scipy
 _GATES = (
     37.324893051362324,
     41.44653167389282,

@@ -70,8 +70,7 @@ def accelerometers(rests: Rests, directions: int) -> Choice:
     full, fullest = _determined(accelerometer.triad_of(*groups), lambda triad: rests.fit(triad), 1)
     count = len(rests.mean)
     price = float(np.log(max(2, count)))
-    best, least = accelerometer.triad_of(), float(np.sum(rests.errors(accelerometer.triad_of(), np.zeros(0)) ** 2))
-    least = float("inf")
+    best, least = accelerometer.triad_of(), float("inf")
     for k in range(len(groups) + 1):
         triad = accelerometer.triad_of([e for group in groups[:k] for e in group if e in full.effects])
         cost = rests.fit(triad, None, fullest.excess).chi2 + price * triad.size

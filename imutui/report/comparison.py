@@ -211,9 +211,23 @@ def _noise_table(documents: "Sequence[ResultDocument]", names: Sequence[Compared
         rows.append(
             (f"{name.letter} {name.mark}".strip(), *(" ".join(map(_or_dash, triple)) for triple in triples), ratio)
         )
-    return Table(
-        columns, tuple(rows), "White noise measured on each log. The specification has 4.5 deg/√h and 1 m/s/√h."
-    )
+    return Table(columns, tuple(rows), f"White noise measured on each log. {_specified(documents, names)}")
+
+
+def _specified(documents: "Sequence[ResultDocument]", names: Sequence[Compared]) -> str:
+    """The specification's noise; of each result by itself where they differ."""
+    told: dict[str, list[str]] = {}
+    for d, name in zip(documents, names, strict=True):
+        limits = d["noise"]["specification"]
+        gyro, accel = (
+            next((f"{value:.3g} {unit}" for value in triple if value is not None), NOT_STATED)
+            for triple, unit in ((limits["gyro_arw_deg_sqrt_h"], "deg/√h"), (limits["accel_vrw_mps_sqrt_h"], "m/s/√h"))
+        )
+        told.setdefault(f"{gyro} and {accel}", []).append(name.letter)
+    if len(told) == 1:
+        return f"The specification has {next(iter(told))}."
+    each = "; ".join(f"{what} ({', '.join(own)})" for what, own in told.items())
+    return f"The specifications have {each}."
 
 
 def _or_dash(value: float | None) -> str:

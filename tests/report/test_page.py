@@ -436,6 +436,23 @@ def test_results_beside_each_other_are_named_and_their_differences_have_an_sd() 
     assert "without a bar" in captions["compared-differences"]
 
 
+def test_noise_beside_each_other_is_compared_with_each_result_s_own_specification() -> None:
+    """One for all where they agree, else which has which; the figures are the documents'."""
+
+    def said(*documents: dict[str, Any]) -> str:
+        sections = page.page([page.Story(d) for d in documents]).articles[0].sections
+        (table,) = (b for s in sections if s.title == "Noise beside each other" for b in s.blocks)
+        assert isinstance(table, Table)
+        return table.caption
+
+    other = replayed(log_sha256="00" * 32)
+    limits = {"gyro_arw_deg_sqrt_h": [2.5] * 3, "accel_vrw_mps_sqrt_h": [0.2] * 3}
+    other["noise"] = {**other["noise"], "specification": {**other["noise"]["specification"], **limits}}
+    assert said(replayed(), replayed()).endswith("The specification has 4.5 deg/√h and 1 m/s/√h.")
+    assert said(other, other).endswith("The specification has 2.5 deg/√h and 0.2 m/s/√h.")
+    assert "have 4.5 deg/√h and 1 m/s/√h (A); 2.5 deg/√h and 0.2 m/s/√h (B)." in said(replayed(), other)
+
+
 def test_traces_beside_each_other_show_errors_and_what_each_found() -> None:
     """What one has and the other lacks is said."""
     one, two = traces.whole_document(), {**traces.whole_document(), "findings": []}

@@ -1,4 +1,4 @@
-"""Units beyond the limits of Table 1: biases of each power-on, white noise over all logs.
+"""Units beyond the limits of their specification: biases of each power-on, white noise over all logs.
 
 A bias is beyond a limit if it is so by three standard deviations, in any power-on: so much the paper's table allows on
 no day. Noise is the unit's, and a mean over its logs is compared.
@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from filters import specification
 from filters.channels import CHANNELS, DPS, MG
-from filters.imu import IMU400CD_200
 from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.fleet_values import BiasValue
 from imutui.jobs.campaign.rows import Row
@@ -17,10 +16,8 @@ from imutui.jobs.campaign.summary_document import LimitField
 
 SURE = 3.0
 """Standard deviations beyond a limit at which a value fails it; as many on the inner side are not told."""
-GYRO_NOISE = IMU400CD_200.gyro_arw / DPS * 60.0
-"""deg/√h."""
-ACCEL_NOISE = IMU400CD_200.accel_vrw * 60.0
-"""m/s/√h."""
+_SQRT_HOUR = 60.0
+"""√s."""
 
 
 class _Worst(NamedTuple):
@@ -51,8 +48,9 @@ def _of_unit(rows: Sequence[Row]) -> Iterator[LimitField]:
     limits = {"deg/s": spec.gyro_bias_limit / DPS, "mg": spec.accel_bias_limit / MG}
     for told in fleet_values.channels(rows):
         yield from _bias(told.channel, told.unit, limits[told.unit], told.values)
+    noises = (spec.gyro_arw / DPS * _SQRT_HOUR, "deg/√h"), (spec.accel_vrw * _SQRT_HOUR, "m/s/√h")
     for number, channel in enumerate(CHANNELS):
-        yield from _noise(channel, number, rows)
+        yield from _noise(channel, number, *noises[number // 3], rows)
 
 
 def _bias(channel: str, unit: str, limit: float, values: Sequence[BiasValue]) -> Iterator[LimitField]:
@@ -77,9 +75,8 @@ def _bias(channel: str, unit: str, limit: float, values: Sequence[BiasValue]) ->
     }
 
 
-def _noise(channel: str, number: int, rows: Sequence[Row]) -> Iterator[LimitField]:
+def _noise(channel: str, number: int, limit: float, unit: str, rows: Sequence[Row]) -> Iterator[LimitField]:
     """Mean of the noise over logs, each weighted by how well it is known as a share of itself."""
-    limit, unit = (GYRO_NOISE, "deg/√h") if number < 3 else (ACCEL_NOISE, "m/s/√h")
     known = [(value, sd, row) for row in rows if (told := _noise_of(row, number)) for value, sd in [told]]
     if not known:
         return

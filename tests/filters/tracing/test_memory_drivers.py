@@ -9,6 +9,7 @@ from helpers.runs import TUMBLE, power_ons
 from filters.channels import DPS, G
 from filters.effects import catalogue, drivers
 from filters.effects.drivers import Driver
+from filters.effects.inputs import TRAILED, TRAILS
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.imu import AxisMap
@@ -74,6 +75,17 @@ def test_what_follows_the_force_of_another_axis_from_behind_is_named_by_it() -> 
     assert isinstance(h, Driver)
     assert (h.effect, h.kind, h.parts["tau_s"]) == ("driver:fy", "trail", 40.0)
     assert chosen.fit().theta[0][0] / G == pytest.approx(0.003, rel=0.3)
+
+
+def test_a_trail_is_named_by_what_it_follows() -> None:
+    """By each of the inputs and by the size of the rate, at every time constant, with that input's column."""
+    inputs = average(power_ons(count=1, profile=TUMBLE, seconds=60.0)[0]).slow()
+    trails = [b for b in drivers.bases(dict.fromkeys(drivers.SCALARS, (0.0, 1.0))) if b.kind == "trail"]
+    assert [b.name for b in trails] == [name for name in TRAILED for _ in TRAILS]
+    for number, basis in enumerate(trails):
+        k, j = divmod(number, len(TRAILS))
+        unit = G if basis.name[0] == "f" else DPS
+        np.testing.assert_array_equal(basis.columns_of(inputs)[:, 0], inputs.trail[:, k, j] / unit)
 
 
 def test_neither_is_in_the_effects_file_and_the_filter_refuses_both() -> None:

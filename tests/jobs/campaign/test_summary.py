@@ -1,6 +1,7 @@
 """A summary tells units, model and days apart, what drifts and what fails, and says what it can't tell."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 from helpers import fleets
 
+from filters import specification
 from imutui.jobs.campaign import row_file, summary
 from imutui.jobs.campaign.summary_document import ChannelField, GroupField
 from imutui.logbook import json_text
@@ -140,6 +142,16 @@ def test_a_unit_fails_table_1_beyond_three_sd(change: dict[str, Any], quantity: 
     ]
     assert (found["serial_number"], found["quantity"], found["verdict"]) == ("0001", quantity, verdict)
     assert (found["log"], found["of"]) == ("a.mcap", 1)
+
+
+def test_noise_is_judged_by_the_model_s_own_specification(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model whose data sheet allows three times the noise of Table 1 does not fail at twice Table 1's."""
+    noisy = replace(specification.IMU440CA_200, gyro_arw=3.0 * specification.IMU400CD_200.gyro_arw)
+    monkeypatch.setitem(specification._SPECIFICATIONS, "IMU440", noisy)
+    noise = {"gyro_arw_deg_sqrt_h": [9.0] * 3, "accel_vrw_mps_sqrt_h": [0.5] * 3, "relative_sd": 0.1}
+    rows = [fleets.row("a.mcap", noise=noise, instrument=model) for model in ("IMU440CA-200", "IMU400CD-200")]
+    told = {g["instrument"]: [one["verdict"] for one in g["limits"]] for g in summed(rows)["groups"]}
+    assert told == {"IMU440CA-200": [], "IMU400CD-200": ["fails"] * 3}
 
 
 def test_a_bias_that_has_not_settled_fails_nothing() -> None:
