@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 import undeclared_score as score
 import undeclared_sets as sets
+from numpy.typing import NDArray
 from undeclared_sets import Undeclared
 from unit_time import record, virtual, virtual_in_real_time
 
@@ -56,9 +57,13 @@ def acquire(effect: Undeclared, folder: Path, power_on: int, unit: Unit = virtua
 
 def without(effect: Undeclared, folder: Path, power_on: int) -> Path:
     """Log of the same power-on without the effect, imported."""
-    log = folder / f"{folder.name}-{power_on}-without.mcap"
-    plain = log.with_suffix(".npz")
-    np.savez(plain, **sets.without(effect, folder, power_on))  # type: ignore[arg-type] # no array is `allow_pickle`
+    return imported(effect, folder / f"{folder.name}-{power_on}-without.mcap", sets.without(effect, folder, power_on))
+
+
+def imported(effect: Undeclared, log: Path, arrays: dict[str, NDArray[np.float64]]) -> Path:
+    """Log of arrays of a power-on, beside its scenario."""
+    folder, plain = log.parent, log.with_suffix(".npz")
+    np.savez(plain, **arrays)  # type: ignore[arg-type] # no array is `allow_pickle`
     asked = sets.record_options(folder, measured=effect.measured, table=effect.table)
     command = [sys.executable, "-m", "imutui", "import", str(plain), "-o", str(log), "--kind", "simulated", *asked]
     subprocess.run(command, capture_output=True, text=True, check=True)

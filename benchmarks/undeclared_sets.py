@@ -18,7 +18,7 @@ from filters.channels import CHANNELS
 from filters.imu import IMU400CD_200, LOOP_HZ, STANDARD_GRAVITY
 from filters.simulation import Unit
 from imutui.cli.spoil import Spoiled, load
-from imutui.cli.virtual_readings import SimulatedReadings, TurnedReadings, on_the_line
+from imutui.cli.virtual_readings import SimulatedReadings, on_the_line, simulated
 from imutui.instrument.virtual_instrument import Reading
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -204,11 +204,9 @@ def errors(effect: Undeclared, folder: Path, power_on: int, seconds: float) -> N
 def unit_of(effect: Undeclared, folder: Path, power_on: int) -> Unit:
     """The unit of an effect at a power-on, without the error."""
     file = folder / SCENARIO
-    source = RECORDING if effect.measured else None
-    start = part_start(effect.part, power_on) if effect.measured else 0.0
-    readings = on_the_line(file, power_on, None, source, start, None).readings
-    if isinstance(readings, TurnedReadings):
-        readings = readings.still
+    if not effect.measured:
+        return simulated(file, power_on, None).unit
+    readings = on_the_line(file, power_on, None, RECORDING, part_start(effect.part, power_on), None).readings
     assert isinstance(readings, SimulatedReadings)
     return readings.unit
 
@@ -228,6 +226,14 @@ def without(effect: Undeclared, folder: Path, power_on: int) -> dict[str, NDArra
     columns = np.column_stack([made.number / LOOP_HZ, gyro, accel, made.temperature_degc])
     means = columns.reshape(-1, _AVERAGED, 8).mean(axis=1)
     return {"t": means[:, 0], "gyro": means[:, 1:4], "accel": means[:, 4:7], "temp": means[:, 7]}
+
+
+def with_error(effect: Undeclared, folder: Path, power_on: int) -> dict[str, NDArray[np.float64]]:
+    """The power-on with its error, likewise: what a log over the wire has, but for its packets and counts."""
+    arrays = without(effect, folder, power_on)
+    error = errors(effect, folder, power_on, seconds_of(power_on) + 1.0)[: arrays["t"].size * _AVERAGED]
+    means = error.reshape(-1, _AVERAGED, 6).mean(axis=1)
+    return arrays | {"gyro": arrays["gyro"] + means[:, :3], "accel": arrays["accel"] + means[:, 3:]}
 
 
 def noise_density(*, measured: bool) -> NDArray[np.float64]:

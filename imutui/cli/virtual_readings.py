@@ -113,7 +113,7 @@ class TurnedReadings:
     """
 
     def __init__(self, readings: Source, unit: Unit) -> None:
-        self.still, self._rate_hz = readings, unit.rate_hz
+        self._readings, self._rate_hz = readings, unit.rate_hz
         self._still = World(None, unit.scenario.site, unit.scenario.axes)
         self._motion: Profile | None = None
         self._newest = self._begun = 0
@@ -125,7 +125,7 @@ class TurnedReadings:
 
     def reading(self, k: int) -> Reading | None:
         """Reading k of the unit's loop."""
-        reading, self._newest = self.still.reading(k), k
+        reading, self._newest = self._readings.reading(k), k
         if self._motion is not None:
             t = (k - self._begun) / self._rate_hz
             world = World(self._motion, self._still.site, self._still.axes)
