@@ -1,13 +1,16 @@
-"""TOML from outside: effects files, profiles, scenarios, configuration; refused in words whatever is in them.
+"""TOML: from outside it is refused in words whatever is in it; values that are written show nothing that acts.
 
 Python's parser calls itself for what is nested, and takes the square of its length over a key of many parts.
 """
 
+import math
 import re
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 from filters.errors import InputError
+from imutui.plain_text import quoted
 
 LIMIT = 4 * 2**20
 """Longest document, bytes."""
@@ -65,3 +68,28 @@ def _is_deep(document: dict[str, Any]) -> bool:
         if not level:
             return False
     return True
+
+
+def value(of: object) -> str:
+    """A value as TOML, in one line; what is None in a table is left out of it."""
+    if hasattr(of, "tolist"):  # numpy's, of which only arrays and scalars are here
+        of = of.tolist()
+    if isinstance(of, bool):
+        return "true" if of else "false"
+    if isinstance(of, str):
+        return quoted(of)
+    if isinstance(of, int):
+        return str(of)
+    if isinstance(of, float):
+        return repr(of) if math.isfinite(of) else "nan" if math.isnan(of) else "inf" if of > 0 else "-inf"
+    if isinstance(of, Mapping):
+        return "{ " + ", ".join(f"{key(k)} = {value(v)}" for k, v in of.items() if v is not None) + " }"
+    if isinstance(of, list | tuple):
+        return "[" + ", ".join(map(value, of)) + "]"
+    raise TypeError(f"`of` is {of!r}, which TOML cannot hold")
+
+
+def key(name: str) -> str:
+    """A key as TOML, quoted where it must be."""
+    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if bare else quoted(name)

@@ -19,11 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from imutui import toml_text
 from imutui.jobs.correction_terms import Term
 from imutui.jobs.info import brief
 from imutui.jobs.page_data import LogData
 from imutui.logbook import SessionInfo, reader, schemas
-from imutui.logbook.effects_file import _value as effects_value
 from imutui.logbook.session_info import METADATA
 from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, in_line, masked, one_line, quoted, visible
 from imutui.report import page
@@ -114,7 +114,7 @@ def test_the_configuration_in_a_log_is_toml_whatever_was_typed() -> None:
     read = tomllib.loads(plan.configuration())
     assert read["note"] == plan.note
     assert read["virtual"] == ["--x", NASTY]
-    assert tomllib.loads(f"x = {effects_value(NASTY)}") == {"x": NASTY}
+    assert tomllib.loads(f"x = {toml_text.value(NASTY)}") == {"x": NASTY}
 
 
 @pytest.mark.parametrize("command", ["info", "check", "recover", "replay"])

@@ -7,7 +7,7 @@ import typer
 from imutui.cli.options import Json
 
 if TYPE_CHECKING:
-    from imutui.config import Config, Value
+    from imutui.config import Config
 
 
 def command(
@@ -37,11 +37,12 @@ def command(
 
 def _text(loaded: "Config") -> str:
     """Settings as TOML, in columns, each with its source and what else it may be."""
+    from imutui import toml_text
     from imutui.config import ALLOWED
 
     lines = ["# looked for, the last one wins; then the environment, then flags:"]
     lines += [f"#   {file.path} ({'read' if file.read else 'not there'})" for file in loaded.files]
-    shown = {key: _toml(setting.value) for key, setting in loaded.settings.items()}
+    shown = {key: toml_text.value(setting.value) for key, setting in loaded.settings.items()}
     wide, wider = max(map(len, shown)), max(map(len, shown.values()))
     section = ""
     for key, value in shown.items():
@@ -51,9 +52,3 @@ def _text(loaded: "Config") -> str:
         choice = f"; one of {', '.join(map(str, ALLOWED[key]))}" if key in ALLOWED else ""
         lines.append(f"{key:<{wide}} = {value:<{min(wider, 24)}}  # {loaded.settings[key].source}{choice}")
     return "\n".join(lines)
-
-
-def _toml(value: "Value") -> str:
-    import json
-
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

@@ -27,7 +27,7 @@ is the container; what the effects mean is made of it by `build`.
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -264,20 +264,20 @@ def dumps(trace: "Trace", source: str, units: Sequence[str] = ()) -> str:
     `source`: where they come from, in words.
     `units`: whose they are, by `unit_of`.
     """
-    head = [f"version = {VERSION}", f"source = {_value(source)}"]
-    head += [f"units = {_value(list(units))}"] if units else []
+    head = [f"version = {VERSION}", f"source = {toml_text.value(source)}"]
+    head += [f"units = {toml_text.value(list(units))}"] if units else []
     head += [f"correlation = {_matrix(trace.correlation)}"]
     return "\n".join([*head, *(line for effect in trace.included for line in _effect_lines(effect))]) + "\n"
 
 
 def _effect_lines(effect: Included) -> list[str]:
     lines = ["", f"# {plain_names.on_channels(effect.effect, effect.channels)}", "[[effect]]"]
-    lines += [f"effect = {_value(effect.effect)}", f"channels = {_value(list(effect.channels))}"]
-    lines.append(f"include_as = {_value(effect.include_as)}")
+    lines += [f"effect = {toml_text.value(effect.effect)}", f"channels = {toml_text.value(list(effect.channels))}"]
+    lines.append(f"include_as = {toml_text.value(effect.include_as)}")
     given = {key: value for key, value in effect.parameters.items() if value is not None}
     if given:
         lines += ["", "[effect.parameters]"]
-        lines += [f"{_key(key)} = {_value(value)}" for key, value in given.items()]
+        lines += [f"{toml_text.key(key)} = {toml_text.value(value)}" for key, value in given.items()]
     for state in effect.states:
         lines += ["", "[[effect.state]]", *_state_lines(state)]
     return lines
@@ -285,35 +285,11 @@ def _effect_lines(effect: Included) -> list[str]:
 
 def _state_lines(state: State) -> list[str]:
     fields = ("name", "unit", "mean", "sd", "tau_s", "q")
-    return [f"{field} = {_value(getattr(state, field))}" for field in fields]
+    return [f"{field} = {toml_text.value(getattr(state, field))}" for field in fields]
 
 
 def _matrix(values: Any) -> str:
     rows = np.atleast_2d(np.asarray(values, np.float64)) if np.size(values) else np.empty((0, 0))
     if len(rows) < 2:
-        return _value(rows.tolist())
-    return "[\n" + "".join(f"    {_value(row)},\n" for row in rows.tolist()) + "]"
-
-
-def _key(name: str) -> str:
-    plain = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if plain else plain_text.quoted(name)
-
-
-def _value(value: Any) -> str:
-    """A TOML value; None has none and is left out of lists' and tables' company by the caller."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return plain_text.quoted(value)
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    raise TypeError(f"`value` is {value!r}, which TOML cannot hold")
+        return toml_text.value(rows.tolist())
+    return "[\n" + "".join(f"    {toml_text.value(row)},\n" for row in rows.tolist()) + "]"

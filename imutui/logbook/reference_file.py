@@ -191,26 +191,29 @@ def to_toml(profile: Profile, about: Sequence[str] = ()) -> str:
     `about`: lines of a comment at the top.
     Raises InputError if a segment is sampled.
     """
-    head = [*(f"# {one_line(line, NOTE_LIMIT)}" for line in about)]
-    head += [f'align = "{profile.align}"', f"sign = {list(profile.sign)}"]
-    if profile.offset_sd is not None:
-        head.append(f"offset_sd_s = {profile.offset_sd!r}")
-    head += [f"slew_dps = {_degrees(profile.slew)!r}", f"accel_dps2 = {_degrees(profile.accel)!r}"]
-    return "\n\n".join(["\n".join(head), *map(_segment_text, profile.segments)]) + "\n"
+    head = {"align": profile.align, "sign": profile.sign, "offset_sd_s": profile.offset_sd}
+    head |= {"slew_dps": _degrees(profile.slew), "accel_dps2": _degrees(profile.accel)}
+    said = [f"# {one_line(line, NOTE_LIMIT)}" for line in about]
+    return "\n\n".join(["\n".join([*said, _lines(head)]), *map(_segment_text, profile.segments)]) + "\n"
+
+
+def _lines(table: Mapping[str, object]) -> str:
+    return "\n".join(f"{key} = {toml_text.value(of)}" for key, of in table.items() if of is not None)
 
 
 def _segment_text(segment: Segment) -> str:
+    own: dict[str, object]
     match segment:
         case Dwell():
-            lines = ['kind = "dwell"', f"angles_deg = {[_degrees(angle) for angle in segment.angles]}"]
+            own = {"kind": "dwell", "angles_deg": [_degrees(angle) for angle in segment.angles]}
         case Rate():
-            lines = ['kind = "rate"', f'axis = "{segment.axis}"', f"rate_dps = {_degrees(segment.rate)!r}"]
+            own = {"kind": "rate", "axis": segment.axis, "rate_dps": _degrees(segment.rate)}
         case Sine():
-            lines = ['kind = "sine"', f'axis = "{segment.axis}"', f"amplitude_deg = {_degrees(segment.amplitude)!r}"]
-            lines.append(f"hz = {float(segment.hz)!r}")
+            own = {"kind": "sine", "axis": segment.axis, "amplitude_deg": _degrees(segment.amplitude)}
+            own["hz"] = float(segment.hz)
         case Sampled():
             raise InputError("`profile` has sampled angles: they belong into a CSV file")
-    return "\n".join(["[[segment]]", *lines, f"seconds = {float(segment.seconds)!r}"])
+    return f"[[segment]]\n{_lines(own | {'seconds': float(segment.seconds)})}"
 
 
 def _degrees(radians: float) -> float:

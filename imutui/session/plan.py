@@ -7,10 +7,11 @@ from pathlib import Path
 
 from filters.errors import InputError
 from filters.imu import STANDARD_GRAVITY
+from imutui import toml_text
 from imutui.instrument.instrument import Instrument
 from imutui.instrument.names import DEFAULT
 from imutui.instrument.registry import INSTRUMENTS, of_model
-from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line, quoted
+from imutui.plain_text import NAME_LIMIT, NOTE_LIMIT, one_line
 
 MIN_RATE_HZ = 0.1
 MAX_RATE_HZ = INSTRUMENTS[DEFAULT].most_rate_hz
@@ -254,14 +255,8 @@ class Plan:
         lines = ["# effective configuration of the acquisition"]
         for key, value in asdict(self).items():
             if value is not None and key not in ("reference_file", "effects"):  # attachments of their own
-                lines.append(f"{key} = {_toml(value)}")
+                lines.append(f"{key} = {toml_text.value(value)}")
         return "\n".join(lines) + "\n"
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
 DEMO_RATE_HZ = 20.0
