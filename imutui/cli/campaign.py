@@ -82,7 +82,7 @@ def command(
         _summarise(summary, report, force=force, json=json)
         return
     from imutui import config
-    from imutui.jobs.campaign import log_list, results_folder
+    from imutui.jobs.campaign import log_list, stored_rows
     from imutui.jobs.campaign.run import Campaign, run
     from imutui.jobs.campaign.settings import CampaignSettings
     from imutui.jobs.replay import ReplayOptions
@@ -99,7 +99,7 @@ def command(
     file, name = reference_of(reference)
     overrides = overrides_of(filter_name, name, set_ or [])
     settings = CampaignSettings(ReplayOptions(overrides=overrides, reference=file, effects=effects_of(effects)), trace)
-    head = results_folder.head_of(output)
+    head = stored_rows.head_of(output)
     found = log_list.find(logs)
     found = found if head is None else found.below(head["root"])
     campaign = Campaign(found, settings, output, part, retry, force, config.load().file_mode)
@@ -120,11 +120,11 @@ def command(
 def _rows_in(results: Path) -> str:
     """How many rows are kept in a folder of results, of these settings."""
     from filters.errors import InputError
-    from imutui.jobs.campaign import results_folder
+    from imutui.jobs.campaign import stored_rows
     from imutui.jobs.quantities import that_many
 
     try:
-        count = len(results_folder.read(results).rows)
+        count = len(stored_rows.read(results).rows)
     except (OSError, InputError):  # interrupted before there was one
         count = 0
     return f"{that_many(count, 'row', 'is', 'are')} kept in {results}"
@@ -249,13 +249,13 @@ def _summarise(results: Path, report: Path | None, *, force: bool, json: bool) -
     Raises typer.Exit with 1 if no row has a result, with 2 if the page cannot or must not be made.
     """
     from imutui.cli.exit_codes import FINDINGS, fail, say
-    from imutui.jobs.campaign import row_file, summary
+    from imutui.jobs.campaign import stored_rows, summary
     from imutui.logbook.json_text import dumps
 
     if report is not None:
         check_folder(report, force, "--report")
-    rows = row_file.read(results)
-    document = summary.summary(rows, str(row_file.path_of(results)))
+    rows = stored_rows.rows_of(results)
+    document = summary.summary(rows, str(stored_rows.path_of(results)))
     if report is not None:
         from imutui.report import fleet_report
 

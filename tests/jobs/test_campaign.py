@@ -13,7 +13,7 @@ from helpers.many_logs import here, rows_of
 from filters.errors import InputError
 from imutui import defects
 from imutui.jobs import replay
-from imutui.jobs.campaign import cluster, log_list, one_log, results_folder
+from imutui.jobs.campaign import cluster, log_list, one_log, stored_rows
 from imutui.jobs.campaign.collect import collect
 from imutui.jobs.campaign.log_list import LogList, Shard
 from imutui.jobs.campaign.run import Campaign, RunDocument, run
@@ -36,7 +36,7 @@ def ran(*arguments: str, results: str = "results", **options: Any) -> RunDocumen
     """A campaign over what the arguments name, `logs` if nothing."""
     overrides = options.pop("overrides", {})
     settings = CampaignSettings(ReplayOptions(overrides=overrides), options.pop("trace", False))
-    head = results_folder.head_of(Path(results))
+    head = stored_rows.head_of(Path(results))
     logs = log_list.find(arguments or ["logs"])
     return run(Campaign(logs if head is None else logs.below(head["root"]), settings, Path(results), **options), here)
 

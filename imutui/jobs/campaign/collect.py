@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TypedDict
 
 from filters.errors import InputError
-from imutui.jobs.campaign import log_list, results_folder
-from imutui.jobs.campaign.results_folder import Part, ResultsFolder
+from imutui.jobs.campaign import log_list, stored_rows
+from imutui.jobs.campaign.results_folder import ResultsFolder
 from imutui.jobs.campaign.rows import TIMINGS, VERSION, HeadFields, Row, is_fine
+from imutui.jobs.campaign.stored_rows import Part
 from imutui.jobs.quantities import plural, that_many
 
 _SHOWN = 3
@@ -40,7 +41,7 @@ def collect(paths: Sequence[Path], results: Path, mode: int) -> CollectDocument:
     Raises InputError if they are of different settings.
     Raises OSError if the disk does not take the results.
     """
-    parts = [results_folder.read(path) for path in paths]
+    parts = [stored_rows.read(path) for path in paths]
     for part in parts[1:]:
         _check_settings(parts[0], part)
     notes = [*_notes_on_roots(parts), *_notes_on_shards(parts), *_notes_on_parts(parts)]

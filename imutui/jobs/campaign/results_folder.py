@@ -10,24 +10,19 @@ import errno
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, NamedTuple, Self, cast
+from typing import IO, NamedTuple, Self, cast
 
 from filters.errors import InputError
-from imutui.jobs import document_shape
 from imutui.jobs.campaign import rows, table
 from imutui.jobs.campaign.rows import HeadFields, Row
+from imutui.jobs.campaign.stored_rows import DOCUMENT, JOURNAL, lines, of_document, own_record
 from imutui.logbook import atomic_file, file_lock, parquet
-from imutui.logbook.reader import UnreadableLogError
 
-JOURNAL, DOCUMENT, TABLE = "rows.jsonl", "results.json", "results.parquet"
+TABLE = "results.parquet"
 LOCK = ".lock"
-LONGEST_ROW = 4 * 2**20
-"""Longest line of a journal, bytes: a trace's findings of one log are some kilobytes."""
-LONGEST_DOCUMENT = 2**30
-"""Longest `results.json` that is read where there is no journal, bytes."""
 _SYNC_S = 1.0
 _PUBLISH_S = 30.0
 _PUBLISH_SHARE = 0.02
@@ -44,36 +39,6 @@ class Known(NamedTuple):
     failed: bool
     retry: bool
     fine: bool
-
-
-class Part(NamedTuple):
-    """A folder of results that is only read: what its last run said of itself, and its rows.
-
-    `broken` counts lines that could not be read.
-    """
-
-    folder: Path
-    head: HeadFields
-    rows: Mapping[str, Row]
-    broken: int
-
-
-class _RowsOfJournal(Mapping[str, Row]):
-    """Rows by their log, each read when it is looked at."""
-
-    def __init__(self, journal: Path, places: dict[str, tuple[int, int]]) -> None:
-        self._stream = journal.open("rb")
-        self._places = places
-
-    def __getitem__(self, log: str) -> Row:
-        offset, length = self._places[log]
-        return cast("Row", json.loads(os.pread(self._stream.fileno(), length, offset)))
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
 
 
 class ResultsFolder:
@@ -180,13 +145,13 @@ class ResultsFolder:
         """Fill `known` from the journal; or, where there is none, the rows of `results.json`, to begin one with."""
         journal, document = self.folder / JOURNAL, self.folder / DOCUMENT
         if not journal.exists():
-            part = _of_document(document) if document.exists() else None
+            part = of_document(document) if document.exists() else None
             if part is not None:
                 self._check_root(part.head)
             found = [] if part is None else list(part.rows.values())
             self._others = {row["log"] for row in found if not self._is_mine(row)}
             return [row for row in found if self._is_mine(row)]
-        for offset, length, line in _lines(journal, _own_record):
+        for offset, length, line in lines(journal, own_record):
             if line is None:
                 self.broken += 1
             elif "log" not in line:
@@ -218,18 +183,6 @@ class ResultsFolder:
         return os.pread(self._journal.fileno(), known.length, known.offset)
 
 
-def head_of(folder: Path) -> HeadFields | None:
-    """What the last run in a folder of results was asked for; None if there was none.
-
-    Raises UnreadableLogError if what is there cannot be read.
-    """
-    journal, document = folder / JOURNAL, folder / DOCUMENT
-    if not journal.exists():
-        return _of_document(document).head if document.exists() else None
-    heads = (line for _, _, line in _lines(journal, _own_record) if line is not None and "log" not in line)
-    return cast("HeadFields | None", next(heads, None))
-
-
 def has_results(folder: Path) -> bool:
     """Whether a campaign has written to a folder."""
     return (folder / JOURNAL).exists() or (folder / DOCUMENT).exists()
@@ -240,84 +193,6 @@ def remove_results(folder: Path) -> None:
     with contextlib.closing(_locked(folder)):
         for name in (JOURNAL, DOCUMENT, TABLE):
             (folder / name).unlink(missing_ok=True)
-
-
-def read(folder: Path) -> Part:
-    """Results of a folder, from its journal, or from its `results.json` where that was not copied along.
-
-    Raises UnreadableLogError if there are none.
-    """
-    journal = folder / JOURNAL
-    if not journal.exists():
-        return _of_document(folder / DOCUMENT)
-    head: HeadFields | None = None
-    places: dict[str, tuple[int, int]] = {}
-    broken = 0
-    for offset, length, line in _lines(journal, _record):
-        if line is None:
-            broken += 1
-        elif "log" not in line:
-            # rows of other settings, which an earlier run made, are not of this one
-            places = {} if head is not None and head["settings_sha256"] != line["settings_sha256"] else places
-            head = cast("HeadFields", line)
-        elif head is not None and line["settings_sha256"] == head["settings_sha256"]:
-            places[line["log"]] = offset, length
-    if head is None:
-        raise UnreadableLogError(f"{journal} says nowhere what it is of. {_HOW}")
-    return Part(folder, head, _RowsOfJournal(journal, places), broken)
-
-
-_HOW = "Name a folder that `imutui campaign ... -o RESULTS` made."
-
-
-def _of_document(path: Path) -> Part:
-    from imutui import outside_file
-
-    try:
-        content = outside_file.read_json(path, LONGEST_DOCUMENT)
-    except OSError as error:
-        raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
-    except InputError as error:
-        raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
-    told = document_shape.problem(content, rows.ResultsDocument, "results")
-    if told:
-        raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
-    return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
-
-
-_Look = Callable[[bytes], dict[str, Any] | None]
-
-
-def _lines(journal: Path, look: _Look) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
-    """Place, length and record of each line; None for one that is neither row nor head."""
-    with journal.open("rb") as stream:
-        offset = 0
-        while line := stream.readline(LONGEST_ROW):
-            yield offset, len(line.rstrip(b"\n")), look(line)
-            offset += len(line)
-
-
-def _record(line: bytes) -> dict[str, Any] | None:
-    """A line of a journal from anywhere, looked at to its last field."""
-    record = _own_record(line)
-    if record is None:
-        return None
-    shape = rows.Row if "log" in record else rows.HeadFields
-    return None if document_shape.problem(record, shape, "line") else record
-
-
-def _own_record(line: bytes) -> dict[str, Any] | None:
-    """A line of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
-    if not line.endswith(b"\n"):
-        return None
-    try:
-        record = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(record, dict):
-        return None
-    shape = rows.Row if "log" in record else rows.HeadFields
-    return record if shape.__required_keys__ <= record.keys() and isinstance(record.get("log", ""), str) else None
 
 
 def _known(row: Row, offset: int, length: int) -> Known:

@@ -15,7 +15,7 @@ _KINDS: tuple[Kind, ...] = ("measured", "simulated", "unknown")
 def summary(rows: Sequence[Row], results: str) -> SummaryDocument:
     """Summary of a fleet.
 
-    `rows`: of `row_file.read`, at least one.
+    `rows`: of `stored_rows.rows_of`, at least one.
     `results`: name of the file that they stand in.
     """
     good = [row for row in rows if not row.get("error") and row["final"] is not None]

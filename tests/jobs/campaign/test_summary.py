@@ -10,7 +10,7 @@ import pytest
 from helpers import fleets
 
 from filters import specification
-from imutui.jobs.campaign import row_file, summary
+from imutui.jobs.campaign import stored_rows, summary
 from imutui.jobs.campaign.summary_document import ChannelField, GroupField
 from imutui.logbook import json_text
 from imutui.logbook.reader import UnreadableLogError
@@ -259,7 +259,7 @@ def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, text: str, s
     """What is wrong, where, and what makes such a file."""
     (tmp_path / "results.json").write_text(text)
     with pytest.raises(UnreadableLogError) as error:
-        row_file.read(tmp_path)
+        stored_rows.rows_of(tmp_path)
     assert said in str(error.value)
     assert "imutui campaign" in str(error.value)
 
@@ -267,12 +267,12 @@ def test_rows_of_another_shape_are_refused_in_words(tmp_path: Path, text: str, s
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     """It may be another folder that was meant."""
     with pytest.raises(UnreadableLogError, match=r"results\.json: No such file"):
-        row_file.read(tmp_path)
+        stored_rows.rows_of(tmp_path)
 
 
 def test_rows_are_read_from_the_folder_or_the_file(tmp_path: Path) -> None:
     """What a campaign writes."""
     path = tmp_path / "results.json"
     path.write_text(json.dumps({"rows": [*fleets.fleet(("a",), 2), fleets.bad("b")]}))
-    assert row_file.read(tmp_path) == row_file.read(path)
-    assert len(row_file.read(path)) == 3
+    assert stored_rows.rows_of(tmp_path) == stored_rows.read(path)
+    assert len(stored_rows.rows_of(path)) == 3

@@ -1,0 +1,221 @@
+"""Rows of a campaign from a folder of results: from its journal, `rows.jsonl`, or from `results.json`; looked at.
+
+A journal is read a row at a time; of one that this program wrote here, a run looks only for what it lacks. A summary
+takes rows of another version too, and with them a `results.json` by itself.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, NotRequired, TypedDict, cast
+
+from filters.errors import InputError
+from imutui.jobs import document_shape
+from imutui.jobs.campaign import rows
+from imutui.jobs.campaign.rows import ConvergedField, FindingField, HeadFields, NoiseField, Row, TemperatureField
+from imutui.logbook.reader import UnreadableLogError
+
+JOURNAL, DOCUMENT = "rows.jsonl", "results.json"
+LONGEST_ROW = 4 * 2**20
+"""Longest line of a journal, bytes: a trace's findings of one log are some kilobytes."""
+LONGEST_DOCUMENT = 2**30
+"""Longest `results.json`, bytes: some 300 000 rows."""
+
+
+class Part(NamedTuple):
+    """A folder of results that is only read: what its last run said of itself, and its rows.
+
+    `broken` counts lines that could not be read.
+    """
+
+    folder: Path
+    head: HeadFields
+    rows: Mapping[str, Row]
+    broken: int
+
+
+class _RowsOfJournal(Mapping[str, Row]):
+    """Rows by their log, each read when it is looked at."""
+
+    def __init__(self, journal: Path, places: dict[str, tuple[int, int]]) -> None:
+        self._stream = journal.open("rb")
+        self._places = places
+
+    def __getitem__(self, log: str) -> Row:
+        offset, length = self._places[log]
+        return cast("Row", json.loads(os.pread(self._stream.fileno(), length, offset)))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+def head_of(folder: Path) -> HeadFields | None:
+    """What the last run in a folder of results was asked for; None if there was none.
+
+    Raises UnreadableLogError if what is there cannot be read.
+    """
+    journal, document = folder / JOURNAL, folder / DOCUMENT
+    if not journal.exists():
+        return of_document(document).head if document.exists() else None
+    heads = (line for _, _, line in lines(journal, own_record) if line is not None and "log" not in line)
+    return cast("HeadFields | None", next(heads, None))
+
+
+def read(folder: Path) -> Part:
+    """Results of a folder, from its journal, or from its `results.json` where that was not copied along.
+
+    Raises UnreadableLogError if there are none.
+    """
+    journal = folder / JOURNAL
+    if not journal.exists():
+        return of_document(folder / DOCUMENT)
+    head: HeadFields | None = None
+    places: dict[str, tuple[int, int]] = {}
+    broken = 0
+    for offset, length, line in lines(journal, _record):
+        if line is None:
+            broken += 1
+        elif "log" not in line:
+            # rows of other settings, which an earlier run made, are not of this one
+            places = {} if head is not None and head["settings_sha256"] != line["settings_sha256"] else places
+            head = cast("HeadFields", line)
+        elif head is not None and line["settings_sha256"] == head["settings_sha256"]:
+            places[line["log"]] = offset, length
+    if head is None:
+        raise UnreadableLogError(f"{journal} says nowhere what it is of. {_HOW}")
+    return Part(folder, head, _RowsOfJournal(journal, places), broken)
+
+
+_HOW = "Name a folder that `imutui campaign ... -o RESULTS` made."
+
+
+def of_document(path: Path) -> Part:
+    """Results of a `results.json`, whole; raises UnreadableLogError if it is none."""
+    content = _content(path)
+    if told := document_shape.problem(content, rows.ResultsDocument, "results"):
+        raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
+    return Part(path.parent, content, {row["log"]: row for row in content.pop("rows")}, 0)
+
+
+def _content(path: Path) -> Any:
+    """What a `results.json` holds; raises UnreadableLogError if it cannot be read, or is no JSON."""
+    from imutui import outside_file
+
+    try:
+        return outside_file.read_json(path, LONGEST_DOCUMENT)
+    except OSError as error:
+        raise UnreadableLogError(f"{path}: {error.strerror or error}. {_HOW}") from error
+    except InputError as error:
+        raise UnreadableLogError(f"{path} is no JSON of a campaign: {error}. {_HOW}") from error
+
+
+def lines(
+    journal: Path, look: Callable[[bytes], dict[str, Any] | None]
+) -> Iterator[tuple[int, int, dict[str, Any] | None]]:
+    """Place, length and record of each line; None for one that is neither row nor head."""
+    with journal.open("rb") as stream:
+        offset = 0
+        while line := stream.readline(LONGEST_ROW):
+            yield offset, len(line.rstrip(b"\n")), look(line)
+            offset += len(line)
+
+
+def _record(line: bytes) -> dict[str, Any] | None:
+    """A line of a journal from anywhere, looked at to its last field."""
+    record = own_record(line)
+    if record is None:
+        return None
+    shape = rows.Row if "log" in record else rows.HeadFields
+    return None if document_shape.problem(record, shape, "line") else record
+
+
+def own_record(line: bytes) -> dict[str, Any] | None:
+    """A line of a journal that this program wrote here: whole or not, which of a million rows is soon said."""
+    if not line.endswith(b"\n"):
+        return None
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict):
+        return None
+    shape = rows.Row if "log" in record else rows.HeadFields
+    return record if shape.__required_keys__ <= record.keys() and isinstance(record.get("log", ""), str) else None
+
+
+# ------------------------------------------------------------------------------------------------- rows for a summary
+
+
+class _Biases(TypedDict):
+    """What is read of `final` and `sd`."""
+
+    accel_bias_mg: list[float | None]
+    gyro_bias_dps: list[float | None]
+
+
+class _Needed(TypedDict):
+    """What is read of a row: fewer fields than a row has, so that rows of another version serve too."""
+
+    log: str
+    final: _Biases | None
+    error: NotRequired[str | None]
+    sd: NotRequired[_Biases | None]
+    kind: NotRequired[str]
+    instrument: NotRequired[str]
+    serial_number: NotRequired[str]
+    start_utc: NotRequired[str | None]
+    power_on: NotRequired[str | None]
+    temperature_degc: NotRequired[TemperatureField | None]
+    converged_s: NotRequired[ConvergedField | None]
+    noise: NotRequired[NoiseField | None]
+    findings: NotRequired[list[FindingField] | None]
+    trace_error: NotRequired[str | None]
+    settings_sha256: NotRequired[str]
+    reference: NotRequired[str | None]
+
+
+def path_of(results: Path) -> Path:
+    """The file of rows of a campaign's folder; a file is itself."""
+    return results / DOCUMENT if results.is_dir() else results
+
+
+def rows_of(results: Path) -> list[Row]:
+    """Rows of a campaign; fields that a summary does not read may lack.
+
+    `results`: the folder that a campaign wrote, or its `results.json`.
+    Raises UnreadableLogError if there is none, or it has no rows, or what stands there is of another shape; the message
+      says where.
+    """
+    path = path_of(results)
+    content = _content(path)
+    found = content.get("rows") if isinstance(content, dict) else None
+    if not isinstance(found, list):
+        raise UnreadableLogError(f"{path} is no result of a campaign: it has no list `rows`. {_HOW}")
+    if not found:
+        raise UnreadableLogError(f"{path} has no row in it: the campaign found no log. {_HOW}")
+    for number, row in enumerate(found):
+        if told := _problem(row, f"rows[{number}]"):
+            raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
+    return cast("list[Row]", found)
+
+
+def _problem(row: object, where: str) -> str:
+    if told := document_shape.problem(row, _Needed, where):
+        return told
+    return _uneven(cast("dict[str, Any]", row), where)
+
+
+def _uneven(row: dict[str, Any], where: str) -> str:
+    """Which list has not a number for each axis."""
+    if row["final"] is not None and row.get("sd") is None:
+        return f"`{where}.sd` is missing"
+    biases = ("accel_bias_mg", "gyro_bias_dps")
+    vectors = [(f"{name}.{key}", row[name][key]) for name in ("final", "sd") if row.get(name) for key in biases]
+    noise, since = row.get("noise") or {}, row.get("converged_s") or {}
+    vectors += [(f"noise.{key}", noise[key]) for key in ("gyro_arw_deg_sqrt_h", "accel_vrw_mps_sqrt_h") if noise]
+    vectors += [(f"converged_s.{key}", since[key]) for key in ("accel_bias", "gyro_bias") if key in since]
+    return next((f"`{where}.{name}` has not three numbers" for name, own in vectors if len(own) != 3), "")
