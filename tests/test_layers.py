@@ -263,6 +263,7 @@ def test_what_crosses_a_border_has_a_name_for_its_shape() -> None:
 
 
 EDGES: dict[str, str] = {
+    "imutui.jobs.campaign.stored_rows": "a line of a journal is of any shape until it has been looked at",
     "imutui.toml_text": "a document is of any shape until its reader has looked at it",
 }
 """Modules where documents of any shape are read or written, and why."""

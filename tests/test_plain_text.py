@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from imutui import toml_text
-from imutui.jobs.correction_terms import Term
 from imutui.jobs.info import brief
+from imutui.jobs.linear_correction import Term
 from imutui.jobs.page_data import LogData
 from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.session_info import METADATA

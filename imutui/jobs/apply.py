@@ -26,7 +26,7 @@ from filters.kalman.runner import Estimator
 from filters.kalman.settings import Settings
 from filters.motion.reference import COLUMNS, FORCE, RATE
 from filters.types import Array
-from imutui.jobs import correction_terms, linear_correction, replay, replay_input, unread_filled
+from imutui.jobs import linear_correction, replay, replay_input
 from imutui.jobs.replay import ReplayOptions
 from imutui.jobs.replay_input import Part
 from imutui.logbook import atomic_file, checksum_file, effects_file, power_on, reader, reference_file, schemas
@@ -87,7 +87,7 @@ def apply(
     part = replay_input.select(log, None, None)
     options = ReplayOptions(overrides={} if kind is None else {"reference": kind}, reference=reference, effects=effects)
     info = replay.session_of(log, options)
-    whole = unread_filled.filled(part.t, part.gyro, part.accel, info, path)
+    whole = replay_input.filled(part.t, part.gyro, part.accel, info, path)
     filled = replace(part, gyro=whole.gyro, accel=whole.accel, unread=whole.unread)
     info, settings = replay.prepare(log, filled, options, advice="")
     document = effects_file.parse(effects)
@@ -206,7 +206,7 @@ def _listen(
 
 def _of_sensed(found: _Found, effects: Sequence[Included], info: SessionInfo) -> _Found:
     """The correction c of what is sensed, where c0 is that of what is read: c = c0 - A c, since sensed = read - c."""
-    terms = correction_terms.of_effects(effect for effect in effects if _is_taken_out(effect))
+    terms = linear_correction.of_effects(effect for effect in effects if _is_taken_out(effect))
     M = linear_correction.of_terms([0.0] * 6, terms).matrix
     rows = np.flatnonzero(~found.sensed)
     if not rows.size or np.array_equal(M, np.eye(6)):

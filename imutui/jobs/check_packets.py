@@ -7,8 +7,8 @@ import numpy as np
 from imutui.instrument.registry import of_model
 from imutui.jobs import damage_text
 from imutui.jobs.check_context import CheckContext, Finding, integer, is_polled
+from imutui.jobs.check_times import StepCounts, median
 from imutui.jobs.quantities import plural, that_many
-from imutui.jobs.step_counts import StepCounts, median
 from imutui.logbook import line_advice, scan, schemas
 from imutui.logbook.audit import Audit, Part
 

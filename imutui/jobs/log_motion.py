@@ -14,7 +14,7 @@ from filters.motion.reference import TableMotion, Trajectory
 from filters.tracing.run import rest_attitudes
 from filters.types import Array
 from imutui.jobs import replay
-from imutui.jobs.unread_filled import level_force
+from imutui.jobs.replay_input import level_force
 from imutui.logbook import reader
 from imutui.logbook.reader import Log
 from imutui.logbook.session_info import SessionInfo

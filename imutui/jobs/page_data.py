@@ -12,15 +12,68 @@ from typing import TypeAlias, cast
 import numpy as np
 
 from filters.errors import InputError
+from filters.kalman.settings import GAP_PERIODS
 from filters.tracing.trace_document import ChannelCurvesEntry, TraceDocument
-from imutui.jobs import driver_course, driver_curves, log_quality, replay, residual_noise
-from imutui.jobs.correction_terms import Term, of_effects_file, of_states
+from imutui.jobs import check, driver_curves, replay, residuals
 from imutui.jobs.driver_curves import DriverCurve
-from imutui.jobs.log_quality import Quality
-from imutui.jobs.residual_noise import NoiseLevel
+from imutui.jobs.linear_correction import Term, of_effects_file, of_states
+from imutui.jobs.residuals import NoiseLevel
 from imutui.logbook import effects_file, reader
 from imutui.logbook.reader import Log
 from imutui.logbook.results import EstimatePoints, ResultDocument
+
+# -------------------------------------------------------------------------------------------------------- log quality
+# How whole the readings of a log are: gaps, readings that are none, losses, temperatures, what `check` finds.
+
+_BURSTS = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How whole the readings of a log are."""
+
+    log: str  # its path
+    seconds: float  # from its first sample to its last
+    # samples, without_reading: all of them, and those flagged as none: a count at its limit
+    samples: int
+    without_reading: int
+    gaps: int  # steps of more than two and a half periods
+    # longest_gap_s, missing_s: the longest, and all of them together less a period each
+    longest_gap_s: float
+    missing_s: float
+    # lost_packets, bad_checksums: as the recorder counted; None of an imported log
+    lost_packets: int | None
+    bad_checksums: int | None
+    temperature_degc: tuple[float, float] | None  # least and greatest; None without any
+    findings: tuple[str, ...]  # of `imutui check`, with where
+
+
+def quality_of(log: Log) -> Quality:
+    """How whole the readings of a log are, with what `imutui check` finds."""
+    t, counters = log.seconds(), log.diagnostics
+    steps = np.diff(t)
+    seconds = float(t[-1] - t[0])
+    period = 1.0 / log.info.rate_hz if log.own else seconds / max(steps.size, 1)
+    gaps = steps[steps > GAP_PERIODS * period]
+    # bursts of a host's stamps are no gaps in the samples
+    gaps = gaps[:0] if not counters and gaps.size > max(1.0, _BURSTS * t.size) else gaps
+    known = log.temperature_degc[np.isfinite(log.temperature_degc)]
+    return Quality(
+        str(log.path),
+        seconds,
+        int(t.size),
+        int(np.count_nonzero(~log.valid)),
+        int(gaps.size),
+        float(gaps.max()) if gaps.size else 0.0,
+        float((gaps - period).sum()),
+        int(counters["lost_packets"]) if "lost_packets" in counters else None,
+        int(counters["bad_checksums"]) if "bad_checksums" in counters else None,
+        (float(known.min()), float(known.max())) if known.size else None,
+        tuple(f"{found['what']} {found['where']}".strip() for found in check.check(log.path)["findings"]),
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------- page data
 
 Result: TypeAlias = TraceDocument | ResultDocument
 
@@ -76,7 +129,7 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
         return LogData(effects=asked.get("effects", ""), missing=(f"{why}: {without}.",))
     effects = asked.get("effects") or _attached(log) if d.get("effects") else ""
     start, end = asked.get("start"), asked.get("end")
-    made = LogData(quality=(log_quality.of_log(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
+    made = LogData(quality=(quality_of(log),), effects=effects, corrected_from=log.info.corrected_from_sha256)
     if "final" not in d:
         return made
     if "reference" in asked:
@@ -98,7 +151,7 @@ def _of_replay(d: ResultDocument, progress: Callable[[str], None]) -> LogData:
             )
     except InputError as error:
         missing.append(f"{path.name} could not be filtered again ({error}): biases and NIS over time are left out.")
-    told = residual_noise.of_log(path, replay.ReplayOptions(overrides=asked.get("overrides")), start, end)
+    told = residuals.of_log(path, replay.ReplayOptions(overrides=asked.get("overrides")), start, end)
     missing += [told.why] if told.why else []
     return replace(
         made, courses=courses, curves=told.curves, levels=told.levels, levels_of=path.name, missing=tuple(missing)
@@ -109,7 +162,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
     made: list[Quality] = []
     missing: list[str] = []
     at_hand = None
-    drivers: dict[str, driver_course.DriverCourse] = {}
+    drivers: dict[str, driver_curves.DriverCourse] = {}
     for run in d["runs"]:
         path = Path(run["log"])
         progress(path.name)
@@ -117,9 +170,9 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         if log is None:
             missing.append(f"{why}: gaps, clipping and figures of it are left out.")
             continue
-        made.append(log_quality.of_log(log))
+        made.append(quality_of(log))
         at_hand = run, log
-        drivers[run["id"]] = driver_course.of_log(log, run.get("begins_s", 0.0))
+        drivers[run["id"]] = driver_curves.course_of(log, run.get("begins_s", 0.0))
     if at_hand is None:
         return LogData(missing=tuple(missing))
     run, log = at_hand
@@ -130,7 +183,7 @@ def _of_trace(d: TraceDocument, progress: Callable[[str], None]) -> LogData:
         overrides: dict[str, str | float] = (
             {"reference": run["reference"]} if run["reference"] in ("level", "gravity") else {}
         )
-        told = residual_noise.of_log(path, replay.ReplayOptions(overrides=overrides), None, None)
+        told = residuals.of_log(path, replay.ReplayOptions(overrides=overrides), None, None)
         levels = told.levels
         courses, why = _without_and_with(path, overrides, d.get("effects_file"))
         missing += [why] if why else []

@@ -16,7 +16,7 @@ from filters.kalman.settings import Settings
 from filters.motion import alignment
 from filters.motion.profile import Profile
 from filters.motion.reference import Trajectory
-from imutui.jobs import log_noise, replay_input, unread_filled
+from imutui.jobs import replay_input
 from imutui.jobs.replay_course import ReplayCourse, ReplayPoints
 from imutui.jobs.replay_input import Feed, Part
 from imutui.logbook import (
@@ -186,7 +186,7 @@ def _fed(path: Path, options: ReplayOptions) -> Feed:
     if known is None or not known.log.own or known.lacks.any() or _is_aligned(known.log, options):
         fed = replay_input.whole(path, options.start, options.end)
         part = fed.first
-        filled = unread_filled.filled(part.t, part.gyro, part.accel, session_of(fed.log, options), path)
+        filled = replay_input.filled(part.t, part.gyro, part.accel, session_of(fed.log, options), path)
         return fed.with_part(replace(part, gyro=filled.gyro, accel=filled.accel, unread=filled.unread))
     return replay_input.in_pieces(known, options.start, options.end)
 
@@ -225,7 +225,7 @@ def prepare(
     offset, offset_sd = -part.start, None
     if isinstance(motion, Profile) and motion.align == "gyro":
         offset, offset_sd = alignment.offset_of_profile(motion, part.t, part.gyro)
-    noise = log_noise.measured(info, parts or (lambda: [part])) if info.noise == FROM_LOG else None
+    noise = replay_input.measured_noise(info, parts or (lambda: [part])) if info.noise == FROM_LOG else None
     try:
         content = effects_of(log, options)
         _refuse_twice(log.info, content)

@@ -2,14 +2,21 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from filters.allan import RunningAllan
 from filters.errors import InputError
-from imutui.logbook import pieces, reader
+from filters.imu import Noise
+from filters.kalman.settings import GAP_PERIODS
+from filters.motion import alignment
+from filters.motion import reference as references
+from imutui.logbook import pieces, reader, unread_channels
 from imutui.logbook.pieces import Outline, Piece
 from imutui.logbook.reader import Log, seconds_since
+from imutui.logbook.session_info import SessionInfo
 
 WHOLE_BYTES = 64 * 2**20
 """Size of a log up to which it is read at once: an hour and a half at 133 Hz."""
@@ -149,3 +156,144 @@ class Temperatures:
     def figures(self) -> tuple[float, float, float] | None:
         """In degC; None if no temperature is known."""
         return (self._sum / self._count, self._least, self._greatest) if self._count else None
+
+
+# ------------------------------------------------------------------------------------------------------ unread filled
+# Readings for the filter in place of channels that a log lacks: what the reference says of a unit at rest.
+#
+# A filter needs three of each kind to integrate. With what a perfect unit reads there the missing channels neither add
+# anything nor pull at the others; what it then holds of their biases is nothing, and is told as not observable. A unit
+# that moves has no such readings, and is refused.
+
+_LEVELLED_S = 10.0
+_FLAT = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Readings with every channel."""
+
+    # gyro, accel: rad/s and m/s², body axes, shape (N, 3)
+    gyro: np.ndarray
+    accel: np.ndarray
+    unread: tuple[bool, ...] = ()  # of accelerometers and gyros, body axes, those that were made up; empty if none was
+
+
+def level_force(force: np.ndarray, gravity: float) -> np.ndarray:
+    """Mean specific force of a unit at rest, body axes, with an axis that was not read made up to gravity.
+
+    `force`: m/s², shape (3,), NaN for an axis that was not read.
+    `gravity`: m/s².
+    Raises InputError if it can't be: two axes are missing, or one that does not point down and feels too much of
+      gravity to be flat.
+    """
+    lacking = np.flatnonzero(np.isnan(force))
+    if not lacking.size:
+        return force
+    if lacking.size > 1:
+        raise InputError("with one accelerometer or none the level can't be read from gravity")
+    (axis,) = lacking.tolist()
+    rest = float(np.sqrt(max(0.0, gravity**2 - np.nansum(force**2))))
+    if axis != 2 and rest > _FLAT * gravity:
+        name = "xyz"[axis]
+        raise InputError(
+            f"without the accelerometer along the table's {name} it can't be told which way the unit is tilted"
+        )
+    made = force.copy()
+    # upright, as mounted: specific force is up, and the third body axis points down
+    made[axis] = -rest if axis == 2 else 0.0
+    return made
+
+
+def filled(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, info: SessionInfo, path: Path) -> Filled:
+    """Readings with every channel.
+
+    `t`: s since the first sample, shape (N,).
+    `gyro`, `accel`: as the log has them, body axes, NaN where a channel was not read, shape (N, 3).
+    `info`: with the reference in force.
+    `path`: the log, for messages.
+    Raises InputError if the reference does not say what the channels would have read.
+    """
+    lacks = unread_channels.unread(gyro, accel)
+    if not lacks.any():
+        return Filled(gyro, accel)
+    told = ", ".join(unread_channels.names(unread_channels.in_instrument_axes(lacks, info.axes())))
+    site = info.site()
+    if info.reference == "level":
+        still = references.level(site)
+    elif info.reference == "gravity":
+        early = t <= _LEVELLED_S
+        try:
+            force = level_force(accel[early].mean(axis=0), site.gravity)
+            still = alignment.level_by_gravity(site, force, 0.0)
+        except InputError as error:
+            raise InputError(f"{path} has no readings of {told}: {error}. If it is level: --reference level") from error
+    else:
+        raise InputError(
+            f"{path} has no readings of {told}, and the reference ({info.reference}) lets the unit move: what it would"
+            " have read there is not known. Replay a part at rest with --reference level or gravity, or trace it:"
+            " `imutui trace` leaves these channels out."
+        )
+    gyro, accel = gyro.copy(), accel.copy()
+    rate, force = still.rates_and_forces()
+    gyro[:, lacks[:3]] = rate[lacks[:3]]
+    accel[:, lacks[3:]] = force[lacks[3:]]
+    return Filled(gyro, accel, (*lacks[3:].tolist(), *lacks[:3].tolist()))
+
+
+# ---------------------------------------------------------------------------------------------------------- log noise
+# White noise and drift of a log's own samples, for a filter that is to expect these instead of a data sheet's.
+
+_OVERLAP = 2**15
+"""Differences of means of so many samples are all taken, those of longer ones at a stride: a deviation then moves by
+less than 1e-4 of its own standard deviation."""
+
+
+def measured_noise(info: SessionInfo, parts: Callable[[], Iterable[Part]]) -> Noise:
+    """White noise and drift of the samples themselves, by Allan deviation, from the longest stretch without a gap.
+
+    `info`: with the reference in force.
+    `parts`: gives the samples from the first one on, each time that it is called.
+    Raises InputError if the unit moves by its reference, or the log is too short.
+    """
+    if info.reference not in ("level", "gravity"):
+        raise InputError(
+            f'`noise` is "log" with reference "{info.reference}": noise is measured on a unit at rest. Measure it on a'
+            " still log, or leave filter.noise at table1."
+        )
+    period = 1.0 / info.rate_hz
+    first, last = _longest(parts(), period)
+    running, at = RunningAllan(6, _OVERLAP), 0
+    unread: tuple[bool, ...] = ()
+    for part in parts():
+        rows = slice(max(first - at, 0), max(last - at, 0))
+        running.add(np.column_stack([part.accel[rows], part.gyro[rows]]))
+        at += part.t.size
+        unread = part.unread
+    levels = running.noise(period)
+    white, drift = (_like_the_others(each, unread).tolist() for each in (levels.white, levels.drift))
+    return Noise(tuple(white[:3]), tuple(white[3:]), tuple(drift[:3]), tuple(drift[3:]))
+
+
+def _longest(parts: Iterable[Part], period: float) -> tuple[int, int]:
+    """Number of the first sample of the longest stretch without a gap, and of the first one behind it."""
+    begin = count = breaks = 0
+    longest, last = (0, 0), np.empty(0)
+    for part in parts:
+        steps = np.diff(part.t, prepend=last)
+        found = np.flatnonzero(steps > GAP_PERIODS * period) + count + part.t.size - steps.size
+        breaks, count = breaks + found.size, count + part.t.size
+        edges = [begin, *found.tolist(), count]
+        stretch = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
+        longest = max(longest, stretch, key=lambda ends: ends[1] - ends[0])
+        begin, last = edges[-2], part.t[-1:]
+    # bursts of a host's stamps are no gaps in the samples
+    return (0, count) if breaks > 0.001 * count else longest
+
+
+def _like_the_others(levels: np.ndarray, unread: tuple[bool, ...]) -> np.ndarray:
+    """Levels of six channels; one that was not read has no noise of its own, and gets the most of its kind."""
+    if not unread:
+        return levels
+    kinds = np.where(unread, 0.0, levels).reshape(2, 3)
+    return np.where(unread, np.repeat(kinds.max(axis=1), 3), levels)

@@ -1,6 +1,7 @@
 """From logs to what a unit's model lacks: read, check that they belong together, trace.
 
-What it leaves out: the method (`filters.tracing.trace`), how it is told (`imutui.report`), files that come of it.
+What it leaves out: the methods (`filters.tracing.trace`, `filters.multiposition`), how it is told (`imutui.report`),
+files that come of it.
 """
 
 import math
@@ -17,7 +18,7 @@ from filters.effects import plain_names
 from filters.errors import InputError
 from filters.tracing.result import SeparatingExperiment, Trace
 from filters.tracing.trace_document import ExperimentEntry, RunCurvesEntry, RunEntry, TraceDocument
-from imutui.jobs import power_ons, replay, residual_curves, run_consistency, runs, turned
+from imutui.jobs import power_ons, replay, residuals, run_consistency, runs
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.runs import LoggedRun
 from imutui.logbook import effects_file, power_on
@@ -71,7 +72,7 @@ def trace(
         wanted = replay.ReplayOptions(overrides=dict(options.overrides), reference=options.reference)
         reads.append(runs.read_run(path, name, wanted))
     run_consistency.check_together(reads)
-    by_hand = turned.is_turned(reads)
+    by_hand = _is_turned(reads)
     for read in () if by_hand else reads:
         run_consistency.check_reference(read)
     joined = power_ons.join(reads)
@@ -80,7 +81,7 @@ def trace(
     notes += joined.notes
     notes += [f"{read.run.name}: {read.how}" for read in reads if read.how]
     notes += [_lacking(read) for read in reads if read.run.unread]
-    find = turned.trace_turned if by_hand else _trace_known
+    find = _trace_turned if by_hand else _trace_known
     found, own_notes = find(
         fitted,
         held,
@@ -98,7 +99,7 @@ def trace(
     document["effects_file"] = effects
     document["curves"] = cast(
         "list[RunCurvesEntry]",
-        _plain(residual_curves.curves(found.series, None if held is None else held.run.name)),
+        _plain(residuals.curves(found.series, None if held is None else held.run.name)),
     )
     return Traced(document, found, source, effects, damage)
 
@@ -269,3 +270,48 @@ def _damage(read: LoggedRun) -> str:
 def _source(fitted: Sequence[LoggedRun], held: LoggedRun | None) -> str:
     text = "trace of " + ", ".join(read.path.name for read in fitted)
     return text if held is None else f"{text}; held out {held.path.name}"
+
+
+# ------------------------------------------------------------------------------------------------------------- turned
+# A unit that was turned by hand is traced from readings alone, since the motion is not known.
+
+_TURNED = "turned"
+
+
+def _is_turned(reads: Sequence[LoggedRun]) -> bool:
+    """Whether logs are of a unit turned by hand.
+
+    Raises InputError if some are and some are not.
+    """
+    turned = [read for read in reads if read.info.reference == _TURNED]
+    others = [read for read in reads if read.info.reference != _TURNED]
+    if turned and others:
+        raise InputError(
+            f"{turned[0].path} was turned by hand (reference turned) and {others[0].path} was not (reference"
+            f" {others[0].info.reference}): their errors are of different kinds. Trace them apart; effects of the one"
+            " can be given to the filter on the other (-o FILE, imutui replay --effects FILE)."
+        )
+    return bool(turned)
+
+
+def _trace_turned(
+    fitted: Sequence[LoggedRun],
+    held: LoggedRun | None,
+    asked: Sequence[str],
+    seed: int,
+    progress: Callable[[float, str], None],
+) -> tuple[Trace, list[str]]:
+    """Trace logs of a unit turned by hand, and notes on them.
+
+    `fitted`: each a power-on.
+    `held`: nothing is fitted to it.
+    `asked`: effects whose smallest visible size is wanted.
+    `seed`: of intervals.
+    `progress`: told the share done and what is being done.
+    """
+    # these bring solvers along, which other traces need not wait for
+    from filters.multiposition.calibration import calibrate
+    from filters.multiposition.report import notes, report
+
+    found = calibrate([read.run for read in fitted], None if held is None else held.run, seed, progress)
+    return report(found, asked, seed), notes(found)

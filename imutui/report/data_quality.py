@@ -5,8 +5,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from filters.tracing.trace_document import TraceDocument
-from imutui.jobs.log_quality import Quality
-from imutui.jobs.page_data import LogData
+from imutui.jobs.page_data import LogData, Quality
 from imutui.report.blocks import Block, Column, Items, Paragraph, Section, Subheading, Table
 from imutui.report.identity import NOT_STATED
 from imutui.report.numbers import duration

@@ -12,10 +12,9 @@ from filters.tracing.sentence import OF_ONE_RUN
 from filters.tracing.trace_document import TraceDocument
 from filters.types import Array
 from imutui.jobs import linear_correction
-from imutui.jobs.correction_terms import Term
-from imutui.jobs.linear_correction import LinearCorrection
+from imutui.jobs.linear_correction import LinearCorrection, Term
 from imutui.jobs.page_data import LogData
-from imutui.jobs.residual_noise import NoiseLevel
+from imutui.jobs.residuals import NoiseLevel
 from imutui.report.blocks import Block, Code, Facts, Items, Paragraph, Section, Subheading
 from imutui.verdict import sources
 

@@ -18,8 +18,7 @@ from filters.tracing.trace_document import (
     RunCurvesEntry,
     TraceDocument,
 )
-from imutui.jobs.driver_course import TEMPERATURE
-from imutui.jobs.driver_curves import DriverCurve
+from imutui.jobs.driver_curves import TEMPERATURE, DriverCurve
 from imutui.report import allan_axes as allan
 from imutui.report import axes
 from imutui.report.axes import AFTER, BEFORE, FLOOR, INK

@@ -11,10 +11,10 @@ from helpers.logs import LAYOUTS, recorded, rewritten
 from helpers.paths import SAMPLE
 from mcap.writer import IndexType
 
-from imutui.jobs import step_counts
+from imutui.jobs import check_times
 from imutui.jobs.check import check
+from imutui.jobs.check_times import StepCounts
 from imutui.jobs.info import info
-from imutui.jobs.step_counts import StepCounts
 from imutui.logbook import SessionInfo, audit, mapped_file, message_arrays, message_runs, scan
 from imutui.logbook.message_runs import MESSAGE, HeadRun, joined, run_of
 from imutui.logbook.reader import UnreadableLogError
@@ -136,7 +136,7 @@ def test_steps_are_counted_exactly_and_the_median_is_that_of_all() -> None:
 
 def test_steps_that_never_repeat_take_no_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
     """They are rounded, the median by less than a thousandth."""
-    monkeypatch.setattr(step_counts, "MOST", 300)
+    monkeypatch.setattr(check_times, "MOST", 300)
     rng, table = np.random.default_rng(4), StepCounts()
     steps = rng.normal(7.5e6, 1e5, 20_000)
     for first in range(0, 20_000, 1000):

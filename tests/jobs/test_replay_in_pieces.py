@@ -10,7 +10,7 @@ import pytest
 from helpers.paths import SAMPLE
 
 from filters import simulation
-from imutui.jobs import log_noise, replay_input
+from imutui.jobs import replay_input
 from imutui.jobs.replay import ReplayOptions, replayed
 from imutui.logbook import SessionInfo, columns, mcap_stream, pieces, reader, schemas
 from imutui.logbook.writer import LogWriter
@@ -129,7 +129,7 @@ def test_noise_of_a_longer_log_takes_no_more_memory(
     # what is held of a file, of columns and of the longest means at a time, whatever is in them
     monkeypatch.setattr(mcap_stream, "_BLOCK", 10_000)
     monkeypatch.setattr(columns, "_BLOCK", 200)
-    monkeypatch.setattr(log_noise, "_OVERLAP", 64)
+    monkeypatch.setattr(replay_input, "_OVERLAP", 64)
     options = ReplayOptions(overrides={"noise": "log"})
     in_pieces(200)
     replayed(still(tmp_path / "first.mcap"), options)

@@ -11,7 +11,7 @@ from helpers.paths import DATA
 from helpers.traces import arrays
 
 from filters.imu import AxisMap, parse_mount
-from imutui.jobs import unread_filled
+from imutui.jobs import replay_input
 from imutui.logbook import reader
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
@@ -105,10 +105,10 @@ def test_what_cannot_be_filled_is_refused_with_the_way_out(tmp_path: Path) -> No
 
 def test_an_accelerometer_is_made_up_to_gravity_only_where_that_is_one_way() -> None:
     """Down it is upright; to the side it is nothing; a tilt that may be either way is refused."""
-    assert unread_filled.level_force(np.array([0.1, 0.0, np.nan]), 9.8)[2] == pytest.approx(-9.8, abs=1e-3)
-    assert unread_filled.level_force(np.array([np.nan, 0.1, -9.8]), 9.8)[0] == 0.0
+    assert replay_input.level_force(np.array([0.1, 0.0, np.nan]), 9.8)[2] == pytest.approx(-9.8, abs=1e-3)
+    assert replay_input.level_force(np.array([np.nan, 0.1, -9.8]), 9.8)[0] == 0.0
     with pytest.raises(ValueError, match="table's x"):
-        unread_filled.level_force(np.array([np.nan, 0.0, -7.0]), 9.8)
+        replay_input.level_force(np.array([np.nan, 0.0, -7.0]), 9.8)
 
 
 @pytest.mark.parametrize("row", [0, 700])

@@ -15,11 +15,10 @@ from filters.channels import DPS, G
 from filters.effects.records import Included, State
 from filters.effects.runtime import CausalEffects
 from filters.tracing.result import Trace
-from imutui.jobs import correction_terms, linear_correction, residual_noise
-from imutui.jobs.correction_terms import Term
-from imutui.jobs.linear_correction import LinearCorrection
+from imutui.jobs import linear_correction, residuals
+from imutui.jobs.linear_correction import LinearCorrection, Term
 from imutui.jobs.page_data import LogData
-from imutui.jobs.residual_noise import NoiseLevel
+from imutui.jobs.residuals import NoiseLevel
 from imutui.logbook import effects_file
 from imutui.logbook.session_info import SessionInfo
 from imutui.report import how_to_apply
@@ -73,7 +72,7 @@ def sensed() -> np.ndarray:
 
 @pytest.fixture(scope="module", params=["sensed", "read"])
 def made(request: pytest.FixtureRequest) -> LinearCorrection:
-    terms = correction_terms.of_effects_file(text(*INCLUDED, DRIFT, LAG))
+    terms = linear_correction.of_effects_file(text(*INCLUDED, DRIFT, LAG))
     return linear_correction.of_terms(BIAS, terms, of_reading=request.param == "read")
 
 
@@ -123,8 +122,8 @@ def test_a_results_states_are_the_terms_of_its_effects_file() -> None:
     states: Any = [
         {"name": name, "value": value, "sd": 0.1} for name, value in zip(effects.names, effects.mean, strict=True)
     ]
-    assert correction_terms.of_states(states) == correction_terms.of_effects_file(text(*INCLUDED))
-    (odd,) = correction_terms.of_states([{"name": "nonsense", "value": 1.0, "sd": 0.1}])
+    assert linear_correction.of_states(states) == linear_correction.of_effects_file(text(*INCLUDED))
+    (odd,) = linear_correction.of_states([{"name": "nonsense", "value": 1.0, "sd": 0.1}])
     assert linear_correction.of_terms(BIAS, [odd]).left_out == ("nonsense",)
 
 
@@ -172,8 +171,8 @@ def test_a_residual_that_follows_the_temperature_is_told_from_noise() -> None:
     noise = np.random.default_rng(3).standard_normal((2000, 6))
     warm = noise + np.outer((T - 30.0) ** 2, [0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
     warm[500:600] = np.nan
-    assert residual_noise.follow_temperature(warm, T).tolist() == [False, True, False, False, False, False]
-    assert not residual_noise.follow_temperature(warm, T / 40.0).any()
+    assert residuals.follow_temperature(warm, T).tolist() == [False, True, False, False, False, False]
+    assert not residuals.follow_temperature(warm, T / 40.0).any()
 
 
 def test_files_of_the_section_lie_beside_the_page() -> None:

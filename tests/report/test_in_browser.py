@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from helpers import browser, traces
 
-from imutui.jobs import residual_curves
+from imutui.jobs import residuals
 from imutui.jobs.page_data import Course, LogData
 from imutui.report import html, page
 
@@ -19,7 +19,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     folder: Path = tmp_path_factory.mktemp("browser")
     run = {"id": "a_long_name_of_a_run_" * 3, "kind": "simulated", "rate_hz": 20.0, "seconds": 900.0}
     run |= {"log": "/data/" + "2026-11-23T01-14-22_IMU400CD-200_" * 2 + ".mcap", "log_sha256": "0123456789abcdef" * 4}
-    curves = residual_curves.curves(traces.trace(("a",)).series, None)
+    curves = residuals.curves(traces.trace(("a",)).series, None)
     points: Any = {
         "t": [0.0, 1.0, 5.0],
         "bias": [[0.1] * 6] * 3,

@@ -13,8 +13,8 @@ from helpers import traces
 from filters.multiposition import choice
 from filters.tracing import selection
 from filters.tracing.result import RunSeries
-from imutui.jobs import driver_curves, residual_curves
-from imutui.jobs.driver_course import DriverCourse
+from imutui.jobs import driver_curves, residuals
+from imutui.jobs.driver_curves import DriverCourse
 from imutui.jobs.page_data import LogData
 from imutui.report import (
     axes,
@@ -41,7 +41,7 @@ def document(**changes: Any) -> dict[str, Any]:
 
 def traced(**changes: Any) -> dict[str, Any]:
     """A document with curves of one run."""
-    return document(curves=residual_curves.curves(traces.trace(("a",)).series, None)) | changes
+    return document(curves=residuals.curves(traces.trace(("a",)).series, None)) | changes
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_an_edge_of_a_dwell_is_drawn_from_whole_cells() -> None:
     for first in range(0, n, 1207):
         gaps[first : first + 80] = True
     before[gaps] = np.nan
-    (run,) = residual_curves.curves([RunSeries("a", 0.25, np.arange(n) * 0.25, before, before)], None)
+    (run,) = residuals.curves([RunSeries("a", 0.25, np.arange(n) * 0.25, before, before)], None)
     curve = run["channels"]["gx"]["residual"]
     values = np.array(curve["before"], float)
     assert np.isnan(values).sum() == gaps.sum() // 80 - 1
@@ -327,7 +327,7 @@ def test_a_channel_without_any_reading_stops_no_figure() -> None:
     (series,) = traces.trace(("a",)).series
     before = series.before.copy()
     before[:, 3] = np.nan
-    made = traced(curves=residual_curves.curves([replace(series, before=before)], None))
+    made = traced(curves=residuals.curves([replace(series, before=before)], None))
     assert all(len(figure.panels) == 5 for figure in trace_figures.figures(made) if figure.name == "allan")
 
 

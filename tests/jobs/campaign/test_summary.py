@@ -274,5 +274,5 @@ def test_rows_are_read_from_the_folder_or_the_file(tmp_path: Path) -> None:
     """What a campaign writes."""
     path = tmp_path / "results.json"
     path.write_text(json.dumps({"rows": [*fleets.fleet(("a",), 2), fleets.bad("b")]}))
-    assert stored_rows.rows_of(tmp_path) == stored_rows.read(path)
+    assert stored_rows.rows_of(tmp_path) == stored_rows.rows_of(path)
     assert len(stored_rows.rows_of(path)) == 3

@@ -13,7 +13,7 @@ from filters.motion.profile import Profile
 from filters.motion.segments import Dwell
 from filters.state import PAPER_SITE
 from filters.tracing.result import RunSeries, SeparatingExperiment, Trace
-from imutui.jobs import residual_curves
+from imutui.jobs import residuals
 from imutui.logbook import import_reference, importer
 from imutui.logbook.session_info import SessionInfo
 
@@ -200,7 +200,7 @@ def whole_document() -> dict[str, Any]:
         made[key] = [{**fields, **entry} for entry in made[key]]
     experiment = {**made["separating_experiment"], "thermal": None, "motion": "", "leaves": []}
     runs = [run, {**run, "id": "b", "log": "/data/b.mcap", "heldout": True, "power_on": "q"}]
-    curves = residual_curves.curves(trace(("b",)).series, "b")
+    curves = residuals.curves(trace(("b",)).series, "b")
     return made | {
         "runs": runs, "notes": ["a note"], "library": "imutui 1", "separating_experiment": experiment, "curves": curves
     }  # fmt: skip
