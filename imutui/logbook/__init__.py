@@ -1,10 +1,9 @@
 """Log files: MCAP with ROS 2 messages, written so that a pulled plug costs a second, read by us and by others' tools.
 
 `schemas` what the messages hold · `session_info` the metadata · `writer`, `reader` the file · `mcap_format` its bytes ·
-`chunk_index` its index while it is written ·
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
-`audit`, `message_runs` what is known of a whole log, `message_arrays`, `columns` all its messages as arrays,
-`mapped_file` a file that is walked without staying in memory, `record_walk` how messages are found in bytes
+`audit` what is known of a whole log, `message_arrays`, `columns` all its messages as arrays,
+`record_walk` how messages are found in bytes
 (`plain_walk`, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory,
 `sample_check` whether its samples can be used, `export` it as CSV, NPZ or Parquet, `parquet` the library of the last ·
 `recover` a whole file made of what is left · `importer` recordings made elsewhere,

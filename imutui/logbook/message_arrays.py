@@ -10,12 +10,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from imutui.logbook import audit as auditing
-from imutui.logbook import mcap_format, message_layout, message_runs, record_walk, schemas
-from imutui.logbook.audit import BELONGINGS, Audit, Part
+from imutui.logbook import mcap_format, message_layout, record_walk, schemas
+from imutui.logbook.audit import BELONGINGS, MESSAGE, Audit, HeadRun, Part
 from imutui.logbook.columns import Columns
 from imutui.logbook.mcap_format import HEAD, parse
 from imutui.logbook.mcap_stream import Batch
-from imutui.logbook.message_runs import MESSAGE, HeadRun
 from imutui.logbook.record_walk import Walk
 from imutui.logbook.scan import Piece, Scan
 
@@ -168,8 +167,8 @@ class _Work:
         """What was collected since the last time, as arrays."""
         heads = np.concatenate(self._heads) if self._heads else np.empty(0, MESSAGE)
         for channel in np.flatnonzero(np.bincount(heads["channel"])).tolist():
-            run = message_runs.run_of(heads[heads["channel"] == channel])
-            self._runs[channel] = message_runs.joined(self._runs[channel], run)
+            run = auditing.run_of(heads[heads["channel"] == channel])
+            self._runs[channel] = auditing.joined(self._runs[channel], run)
         samples, packets = self._columns.imu(), self._columns.packets()
         _, degc = self._columns.temperatures()
         roles = self._roles[heads["channel"]]
@@ -186,6 +185,6 @@ class _Work:
             assert run is not None
             if number in self._channels:
                 topic = self._channels[number].topic
-                self.audit.messages[topic] = message_runs.joined(self.audit.messages.get(topic), run)
+                self.audit.messages[topic] = auditing.joined(self.audit.messages.get(topic), run)
             else:
                 self.audit.homeless += run.count

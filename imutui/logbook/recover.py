@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 import imutui
-from imutui.logbook import chunk_index, mcap_format, mcap_stream, message_layout, record_walk, schemas
+from imutui.logbook import mcap_format, mcap_stream, message_layout, record_walk, schemas
 from imutui.logbook.mcap_format import MESSAGE, parse
 from imutui.logbook.mcap_stream import Batch
 from imutui.logbook.scan import RECOVERED, Scan
@@ -78,7 +78,7 @@ def _writer(stream: object, *, attachments: bool) -> Writer:
     # an index of no attachments is an error to a validator
     index = IndexType.ALL if attachments else IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA
     writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True, index_types=index)  # type: ignore[arg-type]
-    chunk_index.keep_packed(writer)
+    mcap_format.keep_packed(writer)
     return writer
 
 

@@ -22,7 +22,6 @@ from imutui.logbook import (
     effects_file,
     file_index,
     file_lock,
-    mapped_file,
     mcap_format,
     reader,
     record_walk,
@@ -171,8 +170,8 @@ class _FileWalk:
         at = len(MAGIC) if self._data[: len(MAGIC)] == MAGIC else self._after_damage(0, "it does not begin as it must")
         while at < found.size and not found.finished:
             at = self._step(at)
-            if at - self._held_from > mapped_file.WINDOW:
-                mapped_file.forget(self._data, self._held_from, at)
+            if at - self._held_from > WINDOW:
+                forget(self._data, self._held_from, at)
                 self._held_from = at
             self._progress(at / found.size)
         if found.finished:
@@ -227,7 +226,7 @@ class _FileWalk:
         self._in_summary = True
         (told,) = struct.unpack_from("<I", self._data, at + HEAD.size)
         if told and not self._found.damages:
-            self._found.checksum_wrong = mapped_file.crc32(self._data, at) != told
+            self._found.checksum_wrong = crc32(self._data, at) != told
 
     # -- what is wrong with a record --
 
@@ -316,7 +315,7 @@ class _FileWalk:
 
     def _search(self, at: int, mark: bytes, back: int, opcode: int) -> int:
         found = at + back
-        while (found := mapped_file.find(self._data, mark, found + 1)) >= 0:
+        while (found := find(self._data, mark, found + 1)) >= 0:
             start = found - back
             if self._data[start] != opcode or start + HEAD.size > self._found.size:
                 continue
@@ -352,3 +351,46 @@ def _article(name: str) -> str:
 
 def _short(error: BaseException) -> str:
     return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+
+
+# -------------------------------------------------------------------------------------------------------- mapped file
+# A mapped file that is walked from end to end: what has been looked at does not stay in memory.
+
+WINDOW = 8 * 2**20
+"""Bytes that are looked at before those behind are let go."""
+
+
+def forget(data: mmap.mmap, first: int, last: int) -> None:
+    """Let go of the memory that holds a file's bytes from one offset up to another; they are read anew when asked for.
+
+    `data`: a file, mapped for reading.
+    `first`, `last`: offsets; whole pages between them are let go.
+    """
+    begin = -(-first // mmap.PAGESIZE) * mmap.PAGESIZE
+    length = last // mmap.PAGESIZE * mmap.PAGESIZE - begin
+    # not every system can be told
+    if length > 0 and hasattr(mmap, "MADV_DONTNEED"):
+        data.madvise(mmap.MADV_DONTNEED, begin, length)
+
+
+def find(data: mmap.mmap, mark: bytes, start: int) -> int:
+    """Offset of the first such bytes from `start` on; -1 if there are none."""
+    size = len(data)
+    for first in range(start, size, WINDOW):
+        last = min(first + WINDOW, size)
+        found = data.find(mark, first, min(last + len(mark) - 1, size))
+        if found >= 0:
+            return found
+        forget(data, first, last)
+    return -1
+
+
+def crc32(data: mmap.mmap, end: int) -> int:
+    """Checksum of a file's bytes up to an offset."""
+    checksum = 0
+    with memoryview(data) as view:
+        for first in range(0, end, WINDOW):
+            last = min(first + WINDOW, end)
+            checksum = zlib.crc32(view[first:last], checksum)
+            forget(data, first, last)
+    return checksum

@@ -12,7 +12,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import imutui
-from imutui.logbook import checksum_file, chunk_index, file_lock, log_stream, schemas
+from imutui.logbook import checksum_file, file_lock, log_stream, mcap_format, schemas
 from imutui.logbook.log_stream import Whereabouts
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.session_info import METADATA, SessionInfo
@@ -65,7 +65,7 @@ class LogWriter:
         self._counts = dict.fromkeys(schemas.TYPES, 0)
         self._broken = False
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        chunk_index.keep_packed(self._writer)
+        mcap_format.keep_packed(self._writer)
         try:
             self._writer.start(profile="ros2", library=f"imutui {imutui.__version__}")
             self._writer.add_metadata(METADATA, info.strings())

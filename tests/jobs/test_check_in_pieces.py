@@ -15,8 +15,8 @@ from imutui.jobs import check_times
 from imutui.jobs.check import check
 from imutui.jobs.check_times import StepCounts
 from imutui.jobs.info import info
-from imutui.logbook import SessionInfo, audit, mapped_file, message_arrays, message_runs, scan
-from imutui.logbook.message_runs import MESSAGE, HeadRun, joined, run_of
+from imutui.logbook import SessionInfo, audit, message_arrays, scan
+from imutui.logbook.audit import MESSAGE, HeadRun, joined, run_of
 from imutui.logbook.reader import UnreadableLogError
 from imutui.logbook.writer import LogWriter
 
@@ -112,7 +112,7 @@ def test_numbers_and_times_of_messages_can_be_told_in_parts() -> None:
         run: HeadRun | None = None
         for first, last in pairwise(edges):
             run = joined(run, run_of(heads[first:last]))
-        assert run == message_runs.run_of(heads)
+        assert run == audit.run_of(heads)
         steps = np.diff(heads["sequence"].astype(int))
         assert run.missing == np.sum(steps[steps > 1] - 1)
         assert run.since_zero.missing - run.missing == heads["sequence"][0]
@@ -151,13 +151,13 @@ def test_a_mark_is_found_across_the_borders_of_what_is_let_go(tmp_path: Path, mo
     import mmap
     import zlib
 
-    monkeypatch.setattr(mapped_file, "WINDOW", 4096)
+    monkeypatch.setattr(scan, "WINDOW", 4096)
     content = random.Random(1).randbytes(20_000)
     (tmp_path / "a").write_bytes(content)
     with (tmp_path / "a").open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for at in (0, 4090, 8191, 19_992):
-            assert mapped_file.find(data, content[at : at + 8], 0) == at
-            assert mapped_file.find(data, content[at : at + 8], at + 1) == -1
-        mapped_file.forget(data, 100, 19_000)
-        assert mapped_file.crc32(data, 17_001) == zlib.crc32(content[:17_001])
+            assert scan.find(data, content[at : at + 8], 0) == at
+            assert scan.find(data, content[at : at + 8], at + 1) == -1
+        scan.forget(data, 100, 19_000)
+        assert scan.crc32(data, 17_001) == zlib.crc32(content[:17_001])
         assert data[:] == content

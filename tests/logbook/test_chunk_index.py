@@ -4,14 +4,14 @@ from io import BytesIO
 
 from mcap.writer import Writer
 
-from imutui.logbook import chunk_index
+from imutui.logbook import mcap_format
 
 
 def written(*, packed: bool, chunks: int = 50) -> tuple[bytes, Writer]:
     """A file of one channel, flushed so often, and what wrote it."""
     stream = BytesIO()
     writer = Writer(stream, enable_data_crcs=True)
-    assert chunk_index.keep_packed(writer) if packed else True
+    assert mcap_format.keep_packed(writer) if packed else True
     writer.start()
     channel = writer.register_channel("/a", "json", writer.register_schema("a", "jsonschema", b"{}"))
     for k in range(chunks):
@@ -30,4 +30,4 @@ def test_a_file_is_the_same_to_the_byte() -> None:
 def test_nothing_is_changed_once_a_chunk_was_written() -> None:
     """Its entry would be lost."""
     _, writer = written(packed=False)
-    assert not chunk_index.keep_packed(writer)
+    assert not mcap_format.keep_packed(writer)
