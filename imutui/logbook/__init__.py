@@ -4,7 +4,7 @@
 `mcap_stream` its records in order, `scan` those of a damaged one, `file_index` and `summary` its ends ·
 `audit` what is known of a whole log, `message_arrays`, `columns` all its messages as arrays,
 `record_walk` how messages are found in bytes
-(`plain_walk`, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory,
+(plainly, or compiled: `mcap_kernels`) · `pieces` a log of any length in bounded memory,
 `sample_check` whether its samples can be used, `export` it as CSV, NPZ or Parquet, `parquet` the library of the last ·
 `recover` a whole file made of what is left · `importer` recordings made elsewhere,
 `import_reference` what they know of their motion, `arrival_stamps` their sampling instants, `unread_channels` what

@@ -1,6 +1,6 @@
 """Compiled walks over MCAP records and the fields of our fixed messages; knows bytes, neither files nor libraries.
 
-Imported only for logs so long that loading the compiler pays (`record_walk`); `plain_walk` says the same without it.
+Imported only for logs so long that loading the compiler pays; `record_walk` says the same without it.
 """
 
 import numpy as np
