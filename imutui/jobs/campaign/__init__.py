@@ -2,8 +2,8 @@
 
 `rows` the shape of a row, and of the document that holds them · `log_list` which logs there are · `settings` how they
 are to be taken · `one_log` the row of a log · `run` the rows that lack, by one way or another: `local` processes of
-this machine, `cluster` workers of dask · `results_folder` where they go, `stored_rows` how they are read again, `table`
-as a table · `collect` folders joined.
+this machine, `cluster` workers of dask · `results_folder` where they go, also as a table, `stored_rows` how they are
+read again · `collect` folders joined.
 
 A fleet: `summary` rows as a summary · `summary_document` its shape · `fleet_values`
 biases with unit, power-on and time · `summary_channels`, `summary_limits`, `summary_effects`, `summary_parts` what
