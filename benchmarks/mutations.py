@@ -37,7 +37,15 @@ MOST_TESTS, MOST_S, TEST_S = 60, 240.0, 120
 FATES = ("caught", "timed out", "survived", "unreached", "gone", "not told")
 COMPILED = re.compile(r"(njit|compiled|inlined)\b")
 SPARED = re.compile(r"\blog(ger|ging)?\.|_LOG|warnings\.|TYPE_CHECKING|__all__|__name__|Literal|super\(\)\.__init__")
-TURNED = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.In: ast.NotIn, ast.Is: ast.IsNot, ast.Add: ast.Sub}
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+TURNED: dict[type[ast.AST], Any] = {
+    ast.Lt: ast.GtE,
+    ast.Gt: ast.LtE,
+    ast.Eq: ast.NotEq,
+    ast.In: ast.NotIn,
+    ast.Is: ast.IsNot,
+    ast.Add: ast.Sub,
+}
 TURNED |= {other: one for one, other in TURNED.items()}
 Change = tuple[str, ast.expr | ast.stmt, str]  # kind, what is changed, text instead of it
 SWITCH = "__import__('mutation_probe').on({})"
@@ -138,15 +146,15 @@ class Module:
 
     def __init__(self, name: str, text: bytes) -> None:
         self.name, self.found = name, list[Mutation]()
-        self.functions = list[tuple[ast.FunctionDef | ast.AsyncFunctionDef, bool]]()  # and whether compiled
+        self.functions = list[tuple[Function, bool]]()  # and whether compiled
         self.starts = [0, *itertools.accumulate(len(line) for line in text.splitlines(keepends=True))]
         self._visit(ast.parse(text).body, "", None)
 
-    def _visit(self, body: list[Any], owner: str, function: ast.FunctionDef | None) -> None:
+    def _visit(self, body: list[Any], owner: str, function: Function | None) -> None:
         """Statements of a body, within a class or function of that name, and of a function unless it is a class's."""
         for node in body:
             inner = f"{owner}.{getattr(node, 'name', '')}".strip(".")
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            if isinstance(node, Function):
                 by = "kernels" in self.name or any(COMPILED.match(ast.unparse(d)) for d in node.decorator_list)
                 self.functions.append((node, by))
                 self._visit(node.body, inner, node)
@@ -158,7 +166,7 @@ class Module:
                 within = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
                 self._visit(within, owner, function)
 
-    def _statement(self, node: ast.stmt, owner: str, function: ast.FunctionDef | None) -> None:
+    def _statement(self, node: ast.stmt, owner: str, function: Function | None) -> None:
         """Mutations of its own expressions, not of statements within it."""
         parts = [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr | ast.withitem)]
         if isinstance(node, ast.AnnAssign):
@@ -227,9 +235,9 @@ def found_again(wanted: list[Mutation], tree: Path) -> list[Mutation | None]:
     return [other if other and likeness(one, other)[0] else None for one, other in zip(wanted, best, strict=True)]
 
 
-def callers(name: str, found: dict[str, Module]) -> tuple[list[tuple[Module, ast.FunctionDef]], bool]:
+def callers(name: str, found: dict[str, Module]) -> tuple[list[tuple[Module, Function]], bool]:
     """Functions that Python runs and that name this, or compiled ones that do; and whether there are such."""
-    names, known, plain = set[str](), {name}, []
+    names, known, plain = set[str](), {name}, list[tuple[Module, Function]]()
     while names != known:
         names, plain = set(known), []
         for module in found.values():
@@ -272,7 +280,8 @@ class Trees:
     """The copies of the tree, and the tests that run in them."""
 
     def __init__(self, work: Path, commit: str, processes: int) -> None:
-        self.work, self.processes, self.seconds = work.resolve(), processes, collections.Counter[str]()
+        self.work, self.processes = work.resolve(), processes
+        self.seconds: dict[str, float] = collections.defaultdict(float)
         self.wanted = drawn(self._copy("drawn", DRAWN_AT))
         self.mutations = found_again(self.wanted, self._copy("plain", commit))
         self.tree, marker = self._copy("switched", commit), self.work / "compiled.json"
@@ -298,13 +307,15 @@ class Trees:
         mark, log = f"MUTATION_RUN={os.getpid()}-{name}-{random.random()}", self.work / f"{name}.log"
         log.unlink(missing_ok=True)
         cache = self.work / ("numba" if tree == self.tree else f"{tree.name}-numba")
-        own = dict([mark.split("=")], MUTATION_LOG=str(log), NUMBA_CACHE_DIR=str(cache))
+        own = {"MUTATION_RUN": mark.partition("=")[2], "MUTATION_LOG": str(log), "NUMBA_CACHE_DIR": str(cache)}
         own["PYTHONPATH"] = os.pathsep.join((str(tree), str(self.work / "probe")))
         own |= {f"MUTATION_{switch.upper()}": str(value) for switch, value in switches.items()}
         command = [sys.executable, "-m", "pytest", "-p", "mutation_probe", "-q", "--hypothesis-seed=0", *arguments]
         with (self.work / f"{name}.out").open("w") as out:
-            streams = {"stdout": out, "stderr": subprocess.STDOUT}
-            process = subprocess.Popen(command, cwd=tree, env=os.environ | own, start_new_session=True, **streams)
+            environment = os.environ | own
+            process = subprocess.Popen(
+                command, cwd=tree, env=environment, start_new_session=True, stdout=out, stderr=subprocess.STDOUT
+            )
         try:
             return process.wait(limit_s)
         except subprocess.TimeoutExpired:
@@ -327,13 +338,13 @@ class Trees:
             self._pytest(self.tree, "suite", ["-n", str(self.processes)], 4 * 3600.0)
             (self.work / "reached").touch()
         reports = [line.split(" ", 3) for line in self._log("suite") if not line[0].isdigit()]
-        setup_s, rank = collections.Counter[str](), collections.Counter[str]()
+        setup_s, rank = collections.defaultdict[str, float](float), collections.Counter[str]()
         for _, part, seconds, test in reports:
             if part == "setup":  # what is made for one test of a module may be made for whichever comes first
                 setup_s[test.split("::")[0]] = max(setup_s[test.split("::")[0]], float(seconds))
             else:
                 self.seconds[test] += float(seconds)
-        self.seconds = collections.Counter({test: s + setup_s[test.split("::")[0]] for test, s in self.seconds.items()})
+        self.seconds = {test: s + setup_s[test.split("::")[0]] for test, s in self.seconds.items()}
         files = collections.defaultdict[str, dict[str, int]](dict)
         for test in sorted(self.seconds, key=self.seconds.__getitem__):
             files[test.split("::")[0]][test] = rank[test.split("[")[0]]

@@ -49,7 +49,12 @@ def once(kind: str, rate_hz: float, at_s: float, seed: int) -> tuple[float, floa
     """Seconds from the reset until the unit is asked, and until its packets are used again; NaN where it is not."""
     made, name = unit(kind, seed), kind.partition(" ")[0]
     reset_at, power_up = [], made.power_up
-    made.power_up = lambda now, number=None: (reset_at.append(time.monotonic()), power_up(now, number))
+
+    def noted(now: float, number: int | None = None) -> Any:
+        reset_at.append(time.monotonic())
+        return power_up(now, number)
+
+    made.power_up = noted
     it, line = INSTRUMENTS[name], FaultyLine((LineFault(at_s, "reset"),))
     baud, asked = it.power_up_bauds[0], float("nan")
     with tempfile.TemporaryDirectory() as folder, served(made, line=line) as device, Port(device, baud) as port:

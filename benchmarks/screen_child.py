@@ -23,8 +23,8 @@ from imutui.tui.app import ImutuiApp
 from imutui.tui.connection.model import View
 from imutui.tui.connection.packet_series import PacketSeries
 from imutui.tui.connection.poller import Poller
+from imutui.tui.pages.live import page as live_page
 from imutui.tui.pages.live.page import LivePage
-from imutui.tui.pages.registry import SCREENS
 from imutui.tui.terminal import textual_private
 from imutui.tui.terminal.appearance import Appearance
 from imutui.tui.terminal.driver import measured
@@ -182,7 +182,7 @@ def whole_screen(mode: str, peer: bool, seconds: float, result: Path, name: str)
     """The application on a running acquisition, its live page in front."""
     if peer:
         PeerPage.marker, mode = mode, "scroll"
-        SCREENS["live"] = (__name__, "PeerPage")
+        live_page.LivePage = PeerPage  # type: ignore[misc]
     if peer:  # its updates are Textual's own
         textual_private.HIDDEN.update(textual_private.DRAWING)
     app = Whole(session.attach(name), appearance=Appearance(plot=mode, fps=FPS))

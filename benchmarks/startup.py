@@ -123,7 +123,8 @@ def measure_parts(repeat: int) -> None:
     program = "import sys, time\n"
     for name, code in PARTS.items():
         program += f"{BEFORE.get(name, '')}\n{code}\nprint(time.process_time(), file=sys.stderr)\n"
-    parts, numba = [], []
+    parts: list[np.ndarray] = []
+    numba: list[np.ndarray] = []
     with tempfile.TemporaryDirectory(prefix="imutui-startup-") as folder:
         shutil.copy(ROOT / "logs" / "sample.mcap", folder)
         os.environ |= {"PYTHONPATH": str(ROOT), "XDG_CONFIG_HOME": folder}

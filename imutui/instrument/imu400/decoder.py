@@ -82,8 +82,8 @@ class PacketSearch(FrameSearch[Packet]):
 
     Neither the header (0xFF is a common byte) nor the sum (one wrong frame in 256 passes) makes a packet of a stream
     sure. A frame with both is accepted if the time counter follows from the packet accepted last, or if another good
-    frame follows back to back. Otherwise it is set aside, and accepted after all when a later frame's counter follows
-    from it: so a good packet between noise is found.
+    frame, or the reply that was asked for, follows back to back. Otherwise it is set aside, and accepted after all when
+    a later frame's counter follows from it: so a good packet between noise is found.
 
     A polled packet comes alone on a quiet line and has no such witness: its sum is enough.
     """
@@ -154,6 +154,8 @@ class PacketSearch(FrameSearch[Packet]):
             if gap >= 0 and self._follows(_ticks(inbox, earlier), _ticks(inbox, position), gap):
                 return [earlier, position]
         following = position + PACKET_BYTES
+        if self.reply and inbox.peek(following, SERIAL_BYTES) == self.reply:
+            return [position]
         if inbox.end > following and inbox.peek(following, 1) != HEADER:
             return []
         if inbox.end < following + PACKET_BYTES:

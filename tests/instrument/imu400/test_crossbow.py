@@ -320,6 +320,20 @@ def test_a_reply_that_was_asked_for_may_stand_between_packets(cut_off: int) -> N
         assert decoder.answers == 0
 
 
+def test_a_packet_is_not_lost_to_the_reply_behind_it() -> None:
+    """The first one after a silence has no witness but that reply: its counter says nothing of the packets before."""
+    reply, packets = SerialNumber(9911750), stream(60)
+    line = on_the_line(packets[:10]) + on_the_line(packets[50:51]) + encode(reply) + on_the_line(packets[51:])
+
+    def expect() -> FrameDecoder[Packet]:
+        search = PacketSearch(SCALED, streaming=True)
+        search.reply = encode(reply)
+        return FrameDecoder(search)
+
+    for chunks in ([line], one_by_one(line)):
+        assert decode(chunks, expect) == packets[:10] + packets[50:]
+
+
 def test_a_locked_stream_has_no_latency() -> None:
     """The first packet waits for the second as its witness; from then on each comes with its last byte."""
     decoder = streaming_decoder()
