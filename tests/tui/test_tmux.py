@@ -240,7 +240,7 @@ def trace_and_load(terminal: Terminal) -> None:
     terminal.wait_for("2 recordings")
     choose_log(terminal, "minute.mcap · IMU400CD-200")
     terminal.press("t")
-    terminal.wait_for("trace of minute.mcap", "gy: oscillates at 0.1", "load")
+    terminal.wait_for("trace of minute.mcap", "oscillation 0.1", "load")
     terminal.press("e")
     terminal.wait_for("loaded gy: oscillates: the filter began anew")
     connection = client.attach("demo")
