@@ -6,12 +6,14 @@ from pathlib import Path
 import pytest
 from helpers.fake_client import PATH, FakeClient
 from helpers.pilot import SMALLEST, shows, text_of, until
+from helpers.processes import LIMIT_S
 from textual.widgets import Input
 
 from imutui.session import client as session
 from imutui.session.client import SessionError
 from imutui.session.plan import Plan, demo
 from imutui.tui.app import ImutuiApp
+from imutui.tui.pages.connect.form import ConnectForm
 
 FILE = PATH.rsplit("/", 1)[1]
 
@@ -43,6 +45,35 @@ async def test_enter_tries_the_virtual_instrument(machine: list[Plan], tmp_path:
         await pilot.press("enter")
         await shows(pilot, "gx, deg/s")
     assert machine == [Plan("virtual", 133.0, "stream", logs=str(tmp_path))]
+
+
+@pytest.mark.parametrize("asks", ["looks for ports", "looks in vain", "asks at a port"])
+async def test_what_is_heard_of_ports_after_the_page_has_gone_is_let_go(
+    machine: list[Plan], monkeypatch: pytest.MonkeyPatch, asks: str
+) -> None:
+    """Somebody quits while a thread is still asking; a worker that fails would end the test."""
+    async with _app(None).run_test(size=SMALLEST) as pilot:
+        await shows(pilot, "no serial port")
+        form = pilot.app.screen.query_one(ConnectForm)
+        asked, answered = threading.Event(), threading.Event()
+
+        def ask(*_: str) -> list[str]:
+            asked.set()
+            answered.wait(LIMIT_S)
+            if asks == "looks for ports":
+                return ["default"]
+            raise OSError("no such device")
+
+        monkeypatch.setattr(session, "running", ask)
+        monkeypatch.setattr(session, "probe", ask)
+        if asks == "asks at a port":
+            form._probe(["/dev/ttyUSB0"])
+        else:
+            form.look()
+        await until(pilot, asked.is_set)
+        await form.query("#ports, #lead, #error-text").remove()
+        answered.set()
+        await until(pilot, lambda: all(worker.is_finished for worker in pilot.app.workers))
 
 
 async def test_the_form_is_filled_with_keys_alone(machine: list[Plan]) -> None:

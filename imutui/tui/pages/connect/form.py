@@ -127,13 +127,17 @@ class ConnectForm(Vertical):
 
     @work
     async def _look(self) -> None:
+        said = ""
         try:
             found = await in_thread(lambda: text.choices(session.running(), session.ports()))
         except (session.SessionError, OSError) as error:
-            found = text.choices([], [])
-            self.say_error(str(error))
+            found, said = text.choices([], []), str(error)
         finally:
             self._looking = False
+        if not self.query("#ports"):  # the page has gone meanwhile
+            return
+        if said:
+            self.say_error(said)
         if found != self._choices:
             self._offer(found)
 
@@ -191,6 +195,8 @@ class ConnectForm(Vertical):
                 found = await in_thread(lambda port=port: session.probe(port))  # type: ignore[misc]
             except (session.SessionError, OSError) as error:
                 found = text.not_answered(port, str(error))
+            if not self.query("#ports"):  # the page has gone meanwhile
+                return
             self._found(port, str(found.get("instrument") or ""))
             self._heard(port, text.answered(found))
             said = found["error"] or f"{formatting.port_name(port)}: {self._answers[port]}"
