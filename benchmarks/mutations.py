@@ -281,6 +281,7 @@ class Trees:
 
     def __init__(self, work: Path, commit: str, processes: int) -> None:
         self.work, self.processes = work.resolve(), processes
+        # of each test; a test of which no time is known takes none
         self.seconds: dict[str, float] = collections.defaultdict(float)
         self.wanted = drawn(self._copy("drawn", DRAWN_AT))
         self.mutations = found_again(self.wanted, self._copy("plain", commit))
@@ -344,7 +345,8 @@ class Trees:
                 setup_s[test.split("::")[0]] = max(setup_s[test.split("::")[0]], float(seconds))
             else:
                 self.seconds[test] += float(seconds)
-        self.seconds = {test: s + setup_s[test.split("::")[0]] for test, s in self.seconds.items()}
+        for test in self.seconds:
+            self.seconds[test] += setup_s[test.split("::")[0]]
         files = collections.defaultdict[str, dict[str, int]](dict)
         for test in sorted(self.seconds, key=self.seconds.__getitem__):
             files[test.split("::")[0]][test] = rank[test.split("[")[0]]

@@ -4,7 +4,6 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -24,7 +23,7 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(len(items), os.cpu_count() or 1), context) as pool:
         try:
-            with interrupts_ignored():  # by the processes, which inherit it
+            with interrupts_held():  # by the processes, which inherit it
                 results = [pool.submit(job, item) for item in items]
             for result in results:
                 yield result.result()
@@ -39,13 +38,11 @@ def each(job: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
 
 
 @contextlib.contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    """Start processes in this block, which inherit that Ctrl+C is nothing to them; nothing outside the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def interrupts_held() -> Iterator[None]:
+    """Start processes in this block, which inherit that Ctrl+C does not reach them; here it is late, not lost."""
+    # ignored meanwhile, one that came just then would be lost
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -9,7 +9,7 @@ import pytest
 from helpers import jobs_for_workers as jobs
 from helpers.processes import LIMIT_S, started, wait_until
 
-from imutui.jobs.parallel import each
+from imutui.jobs.parallel import each, interrupts_held
 
 
 def alive(group: int) -> bool:
@@ -30,6 +30,16 @@ def test_a_killed_process_is_an_error_in_words() -> None:
     """Waiting for it would be for ever."""
     with pytest.raises(MemoryError, match="killed"):
         list(each(jobs.is_killed, [1, 2]))
+
+
+def test_ctrl_c_while_a_process_is_started_is_not_lost() -> None:
+    """It would leave somebody pressing it again, or a campaign going on to its end."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # nohup has it ignored
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_ctrl_c_ends_all_processes_and_only_the_first_says_so(tmp_path: Path) -> None:

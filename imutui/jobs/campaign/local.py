@@ -95,7 +95,7 @@ def _pool() -> ProcessPoolExecutor:
 
 
 def _submitted(pool: ProcessPoolExecutor, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> Future[R]:
-    with parallel.interrupts_ignored():  # by the process, which inherits it where this starts it
+    with parallel.interrupts_held():  # by the process, which inherits it where this starts it
         return pool.submit(function, *arguments, **named)
 
 
