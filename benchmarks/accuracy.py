@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-import machine
+import bench
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -140,7 +140,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.parse_args()
-    print(machine.describe("numpy", "scipy", "numba"))
+    print(bench.describe("numpy", "scipy", "numba"))
     print("\nAttitude error deg / velocity error m/s of one step\n")
     print(f"| case | Hz | {' | '.join(SIDES)} | noise of a step |")
     print(f"| --- | ---: |{' --- |' * (len(SIDES) + 1)}")

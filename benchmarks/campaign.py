@@ -33,7 +33,7 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import machine
+import bench
 import numpy as np
 import reading
 
@@ -253,8 +253,8 @@ def measure(count: int, rounds: int, long: int, place: Path) -> None:
         filters.append(again[0])
         replays.append(again[1])
     filter_s = statistics.median(filters)
-    print(f"filter alone {machine.told([1e3 * s for s in filters])} ms of CPU a log, a replay", end=" ")
-    print(f"{machine.told([s / filter_s for s in replays])} times that\n")
+    print(f"filter alone {bench.told([1e3 * s for s in filters])} ms of CPU a log, a replay", end=" ")
+    print(f"{bench.told([s / filter_s for s in replays])} times that\n")
     print("way, workers | logs a minute | with 2 / with 1 | CPU of a log / filter alone | wall s with the start")
     worst = 0.0
     for (way, workers), found in rows.items():
@@ -262,13 +262,13 @@ def measure(count: int, rounds: int, long: int, place: Path) -> None:
         alone = statistics.median(rate for rate, _, _ in rows[way, 1])
         ratio = [cost / filter_s for cost in costs]
         worst = max(worst, statistics.median(ratio))
-        print(f"{way}, {workers} | {machine.told(list(rates), '.0f')} | {statistics.median(rates) / alone:.2f}", end="")
-        print(f" | {machine.told(ratio, '.2f')} | {machine.told(list(walls), '.1f')}")
+        print(f"{way}, {workers} | {bench.told(list(rates), '.0f')} | {statistics.median(rates) / alone:.2f}", end="")
+        print(f" | {bench.told(ratio, '.2f')} | {bench.told(list(walls), '.1f')}")
     print(f"\na row costs at most {worst:.2f} times its filter (asked: {LEAST:g})")
     print(
-        f"CPU of dask's scheduler a task {machine.told([1e3 * s for s in scheduler_s])} ms, of the client that", end=" "
+        f"CPU of dask's scheduler a task {bench.told([1e3 * s for s in scheduler_s])} ms, of the client that", end=" "
     )
-    print(f"writes rows {machine.told([1e3 * s for s in client_s])} ms")
+    print(f"writes rows {bench.told([1e3 * s for s in client_s])} ms")
     report_memory(long, place)
     cost_s = statistics.median(cost for _, cost, _ in rows["local", 1])
     hand_s = max(statistics.median(scheduler_s), statistics.median(client_s))
@@ -322,7 +322,7 @@ def main() -> None:
     if options.bare:
         print(*bare(options.bare))
         return
-    print(machine.describe("numpy", "numba", "distributed"))
+    print(bench.describe("numpy", "numba", "distributed"))
     print(f"\n{options.logs} logs of {SECONDS} s at {RATE} Hz, simulated; median (min..max) of {options.rounds} rounds")
     with tempfile.TemporaryDirectory() as folder:
         measure(options.logs, options.rounds, options.long, Path(folder))

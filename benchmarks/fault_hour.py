@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from machine import describe
+from bench import describe
 from mcap.reader import make_reader
 
 from filters.simulation import FAULT_KINDS

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-import machine
+import bench
 import numpy as np
 import peers
 from euler_lanes import EulerLanes
@@ -194,9 +194,9 @@ def measure(p: Problem, repeat: int) -> None:
     print("| | us a step | ours (product) | ours (Euler angles) | required |\n| --- | ---: | ---: | ---: | ---: |")
     missed = []
     for name in SIDES:
-        cells = [machine.told(ratios[our, name]) if (our, name) in ratios else "" for our in (SO3, EULER)]
+        cells = [bench.told(ratios[our, name]) if (our, name) in ratios else "" for our in (SO3, EULER)]
         required = REQUIRED.get(name)
-        print(f"| {name} | {machine.told(each[name])} | {' | '.join(cells)} | {f'{required:g}' if required else ''} |")
+        print(f"| {name} | {bench.told(each[name])} | {' | '.join(cells)} | {f'{required:g}' if required else ''} |")
         missed += [
             f"{name} by {our}" for our in (SO3, EULER) if required and statistics.median(ratios[our, name]) < required
         ]
@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the samples (default 60)")
     parser.add_argument("--repeat", type=int, default=5, help="rounds (default 5)")
     options = parser.parse_args()
-    print(machine.describe("numpy", "scipy", "numba", "llvmlite", "filterpy", "turbo-ckf"))
+    print(bench.describe("numpy", "scipy", "numba", "llvmlite", "filterpy", "turbo-ckf"))
     runner.warm_up()
     p = problem(options.seconds)
     print(f"\n{p.t.size} samples at {RATE} Hz, simulated, static, quantised")

@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from machine import describe
+from bench import describe
 
 # what is shared with the tests
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from machine import describe
+from bench import describe
 
 from filters.imu import STANDARD_GRAVITY
 

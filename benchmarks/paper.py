@@ -27,7 +27,7 @@ from typing import Any
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-import machine
+import bench
 import numpy as np
 from mcap.reader import make_reader
 
@@ -244,7 +244,7 @@ def main() -> None:
     parser.add_argument("--noise", choices=("table1", "log"), default="table1", help="process noise of the replay")
     parser.add_argument("--keep", type=Path, help="folder for the logs; those that it has are not made again")
     options = parser.parse_args()
-    print(machine.describe("numpy", "numba"))
+    print(bench.describe("numpy", "numba"))
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -264,7 +264,7 @@ def main() -> None:
         for name, times in of_units(options.units, options.duration).items():
             limit = 10.0 if name == "133 Hz" else 50.0
             share = f"{np.count_nonzero(times < limit)} of {options.units} in less than the paper's {limit:g} s"
-            print(f"  {name}: {machine.told(times.tolist(), '.1f')} s; {share}")
+            print(f"  {name}: {bench.told(times.tolist(), '.1f')} s; {share}")
     print(f"\n{DIFFERENCES}")
 
 

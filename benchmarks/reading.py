@@ -1,20 +1,31 @@
-"""How fast a log is read: our reader against mcap's message loop with rosbags decoding, one file, one run.
+"""How fast a log is read, and what a whole `imutui replay` of it costs, of which how much is reading and writing.
 
-    python benchmarks/reading.py [--seconds 3600] [--rate 133] [--repeat 3]
+    python benchmarks/reading.py reader [--seconds 3600] [--rate 133] [--repeat 3] [--file LOG]
+    python benchmarks/reading.py replay [--seconds 3600] [--rate 133] [--repeat 3]
 
-Only the ratio says something: both sides are CPU time of one process on one machine within one minute.
+reader: our reader against mcap's message loop with rosbags decoding. Only the ratio says something: both sides are
+processor time of one process on one machine within one minute.
+
+replay: commands are run as a user would, each a process of its own, which reads and filters, and writes estimates 10 a
+second or all of them. From their processor time are taken away the start, which is that of the same command on a log of
+two seconds, and the filter, which is that of `imutui.jobs.replay.run` on the same samples without writing, in a process
+of its own. What is left, divided by the samples, is reading (with the checksum of the file) and writing together. Being
+a difference of three noisy numbers it wants a quiet machine; reading is also timed directly in that process.
+
+Values are simulated.
 """
 
-import argparse
+import json
+import os
 import resource
 import statistics
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import bench
 import numpy as np
 from mcap.reader import make_reader
 
@@ -22,12 +33,15 @@ from imutui.logbook import SessionInfo, reader, schemas
 from imutui.logbook.schemas import RawPacket
 from imutui.logbook.writer import LogWriter
 
-Values = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Stamps (N,), angular rate and specific force (N, 3)."""
+Values = tuple[np.ndarray, np.ndarray, np.ndarray]  # stamps (N,), angular rate and specific force (N, 3)
 START_NS = 1_795_257_000_000_000_000
+TARGET_US, SHORT_S = 3.0, 2
+WRITE = ["-o", "estimates.mcap", "--force"]
+COMMANDS = {"read, filter": [], "and write, 10 Hz": WRITE, "and write, all": [*WRITE, "--estimates", "0"]}
+REQUIRED = ("read, filter", "and write, 10 Hz")
 
 
-def write(path: Path, seconds: int, rate: int) -> None:
+def write(path: Path, seconds: int, rate: int, flush: Callable[[LogWriter], None] = LogWriter.flush) -> None:
     """Write a log as the recorder does: packet, sample and temperature each period, the rest and a flush each second.
 
     The values are simulated: noise of the size of the instrument's, quantised as its counts are.
@@ -53,7 +67,7 @@ def write(path: Path, seconds: int, rate: int) -> None:
         texts = {key: str(value) for key, value in values.items()} | {"lost_packets": "0", "bad_checksums": "0"}
         log.message(schemas.REFERENCE, schemas.table_reference(stamp, "level", np.zeros(3), np.zeros(3)), stamp, stamp)
         log.message(schemas.DIAGNOSTICS, schemas.diagnostics(stamp, 0, "ok", texts), stamp, stamp)
-        log.flush()
+        flush(log)
     log.finish({}, START_NS)
 
 
@@ -69,6 +83,9 @@ def _estimate(stamp: int) -> object:
         nis_dof=9,
         converged=np.zeros(6, bool),
     )
+
+
+# ------------------------------------------------------------------------------------------------------------- reader
 
 
 def ours(path: Path) -> Values:
@@ -104,57 +121,111 @@ def loop(path: Path) -> Values:
 SIDES: dict[str, Callable[[Path], Values]] = {"ours": ours, "ours, packets": ours_with_packets, "loop": loop}
 
 
-def measure(path: Path, side: str, repeat: int) -> tuple[float, float, float]:
+def measure(path: Path, short: Path, side: str, repeat: int) -> tuple[float, float, float]:
     """CPU seconds (median), megabytes of peak memory above the start's, and a sum of the values; in this process."""
-    read = SIDES[side]
-    with tempfile.TemporaryDirectory() as folder:
-        # compiled once a machine, loaded once a process
-        write(Path(folder) / "short.mcap", 1, 20)
-        read(Path(folder) / "short.mcap")
+    SIDES[side](short)  # compiled once a machine, loaded once a process
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     times, total = [], 0.0
     for _ in range(repeat):
         started = time.process_time()
-        values = read(path)
+        values = SIDES[side](path)
         times.append(time.process_time() - started)
         total = float(sum(part.astype(float).sum() for part in values))
     return statistics.median(times), (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0, total
 
 
-def main() -> None:
-    """Write the log, measure both sides each in a process of its own, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=int, default=3600)
-    parser.add_argument("--rate", type=int, default=133)
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--side", choices=tuple(SIDES), help=argparse.SUPPRESS)
-    parser.add_argument("--file", type=Path, help="use this log instead of writing one")
-    options = parser.parse_args()
-    if options.side:
-        print(*map(repr, measure(options.file, options.side, options.repeat)))
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        path = options.file or Path(folder) / "hour.mcap"
-        if options.file is None:
-            write(path, options.seconds, options.rate)
-        report(path, options.repeat)
-
-
-def report(path: Path, repeat: int) -> None:
-    """Print both sides."""
+def report_reader(path: Path, short: Path, repeat: int) -> None:
+    """Print both sides, each measured in a process of its own."""
     samples = reader.read(path).stamp_ns.size
     print(f"{samples} samples, {path.stat().st_size / 1e6:.1f} MB, simulated values; CPU time, median of {repeat}")
-    results = {}
-    for side in SIDES:
-        command = [sys.executable, __file__, "--side", side, "--file", str(path), "--repeat"]
-        times = "1" if side == "loop" else str(repeat)
-        out = subprocess.run([*command, times], capture_output=True, text=True, check=True).stdout
-        results[side] = [float(word) for word in out.split()]
+    results = {side: bench.apart(measure, path, short, side, 1 if side == "loop" else repeat) for side in SIDES}
     assert len({total for _, _, total in results.values()}) == 1, "the sides read different values"
-    loop_s = results["loop"][0]
     for side, (seconds, megabytes, _) in results.items():
-        each = seconds / samples * 1e6
-        print(f"{side:14} {seconds:8.3f} s {each:8.3f} us/sample {loop_s / seconds:7.1f} x {megabytes:7.1f} MB more")
+        each, ratio = seconds / samples * 1e6, results["loop"][0] / seconds
+        print(f"{side:14} {seconds:8.3f} s {each:8.3f} us/sample {ratio:7.1f} x {megabytes:7.1f} MB more")
+
+
+# ------------------------------------------------------------------------------------------------------------- replay
+
+
+def replay(log: Path, options: list[str], **environ: str) -> bench.Cost:
+    """Run `imutui replay` on a log."""
+    return bench.cost([*bench.IMUTUI, "replay", str(log), "--json", *options], log.parent, (0, 1), **environ)
+
+
+def parts_of(log: Path, short: Path) -> tuple[float, float]:
+    """CPU seconds of reading a log, with its checksum, and of the filter over it, in this process."""
+    from filters.kalman import runner
+    from filters.kalman.runner import Estimator
+    from imutui.jobs import replay, replay_input
+
+    reader.read(short)
+    started = time.process_time()
+    read = reader.read(log)
+    part = replay_input.select(read, None, None)
+    reader.sha256(log)
+    reading_s = time.process_time() - started
+    _, settings = replay.prepare(read, part, replay.ReplayOptions())
+    runner.warm_up()
+    estimator = Estimator(settings, np.inf)
+    started = time.process_time()
+    for _ in replay.run(estimator, [part], float(part.t[-1]), None, lambda share: None):
+        pass
+    return reading_s, time.process_time() - started
+
+
+def report_replay(log: Path, short: Path, seconds: int, repeat: int) -> None:
+    """Measure in turn and print; then the time to a result with nothing compiled and with everything compiled."""
+    starts: dict[str, list[float]] = {name: [] for name in COMMANDS}
+    costs: dict[str, list[bench.Cost]] = {name: [] for name in COMMANDS}
+    alone = []
+    replay(short, [])
+    for _ in range(repeat):
+        alone.append(bench.apart(parts_of, log, short))
+        for name, options in COMMANDS.items():
+            starts[name].append(replay(short, options).cpu_s)
+            costs[name].append(replay(log, options))
+    readings, filters = map(list, zip(*alone, strict=True))
+    documents = {name: [json.loads(run.printed) for run in runs] for name, runs in costs.items()}
+    per = 1e6 / documents["read, filter"][0]["samples"]
+    each = [bench.told([s * per for s in part]) for part in (readings, filters)]
+    print(f"us of CPU a sample, timed directly: reading {each[0]}, filter {each[1]}")
+    columns = ("CPU s", "start, CPU s", "read and write, us a sample", "wall s", "times real time", "filter_s, read_s")
+    bench.head("command", *columns, "peak MB")
+    for name, runs in costs.items():
+        cpu, wall = [run.cpu_s for run in runs], [run.wall_s for run in runs]
+        left = [(c - start - own) * per for c, start, own in zip(cpu, starts[name], filters, strict=True)]
+        timings = (f"{statistics.median(d[key] for d in documents[name]):.2f}" for key in ("filter_s", "read_s"))
+        cells = [*map(bench.told, (cpu, starts[name], left, wall)), bench.told([seconds / s for s in wall], ".0f")]
+        bench.row(name, *cells, ", ".join(timings), bench.told([run.peak_mb for run in runs], ".0f"))
+        if name in REQUIRED and statistics.median(left) > TARGET_US:
+            print(f"  {name}: more than the {TARGET_US:g} us a sample it should take")
+    print("\nfilter_s and read_s are the command's own, wall time; with -o, filter_s contains the writing.")
+    started: dict[str, list[bench.Cost]] = {"cold (nothing compiled)": [], "warm": []}
+    for k in range(repeat):
+        for runs in started.values():
+            runs.append(replay(short, [], NUMBA_CACHE_DIR=str(log.parent / f"cache{k}")))
+    print(f"\nstart-up, the whole command on {SHORT_S} s of samples:")
+    for name, runs in started.items():
+        took = f"{bench.told([c.wall_s for c in runs])} s wall, {bench.told([c.cpu_s for c in runs])} s CPU"
+        print(f"  {name:24} {took}, peak {bench.told([c.peak_mb for c in runs], '.0f')} MB")
+
+
+def main() -> None:
+    """Write the logs, measure, print."""
+    asked = bench.options(__doc__, "reader", "replay", seconds=3600, rate=133, repeat=3, file=Path)
+    print(bench.describe("numpy", "numba", "mcap", "rosbags"))
+    with bench.folder_for() as folder:
+        log, short = asked.file or folder / "long.mcap", folder / "short.mcap"
+        write(short, SHORT_S, asked.rate)
+        if asked.file is None:
+            write(log, asked.seconds, asked.rate)
+        print(f"\n{asked.seconds} s at {asked.rate} Hz, simulated, {log.stat().st_size / 1e6:.1f} MB; ", end="")
+        print(f"median (min..max) of {asked.repeat}")
+        if asked.part == "reader":
+            report_reader(log, short, asked.repeat)
+        else:
+            report_replay(log, short, asked.seconds, asked.repeat)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 Makes each thing happen to real processes on a virtual unit's pseudo-terminal, with the functions that
 `tests/reliability` uses, but as often and as long as the expectation says; `--quick` once and shortly. All figures are
 of the machine that it runs on, and of what else runs there. Long ones have scripts of their own: `soak.py`,
-`receive_jitter.py`, `fault_hour.py`, `foreign_readers.py`.
+`acquisition.py jitter`, `fault_hour.py`, `foreign_readers.py`.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from machine import describe
+from bench import describe
 
 # what happens, and how it is measured, is shared with the tests
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))

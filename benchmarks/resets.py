@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from bench import describe
 
 # what is shared with the tests
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))

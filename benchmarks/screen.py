@@ -21,7 +21,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from machine import describe, told
+from bench import describe, told
 from ssh_link import Link, missing
 from terminals import in_terminal
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from machine import describe
+from bench import describe
 from terminals import ENVIRONMENT
 
 from filters.kalman import runner

@@ -27,7 +27,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
-import machine
+import bench
 import numpy as np
 from helpers.commands import imutui
 from helpers.paths import DATA
@@ -224,13 +224,13 @@ def main() -> None:
         if how == "input":
             kinds[kind_of(words)].append(seed)
         print(f"{seed} {how} {seconds[-1]:.1f} s: {made.told()}\n    {words}", flush=True)
-    print(f"\n{machine.describe('numpy', 'scipy', 'numba')}\n\n{'':44}" + "".join(f"{how:>8}" for how in HOW))
+    print(f"\n{bench.describe('numpy', 'scipy', 'numba')}\n\n{'':44}" + "".join(f"{how:>8}" for how in HOW))
     total = sum(count.values(), collections.Counter[str]())
     for name, own in [*sorted(count.items()), ("all", total)]:
         print(f"{name:44}" + "".join(f"{own[how]:8}" for how in HOW))
     for kind, seeds in sorted(kinds.items(), key=lambda item: -len(item[1])):
         print(f"{len(seeds):4} times: {kind} (seeds {', '.join(map(str, seeds))})")
-    print(f"processor time of a case, import included: {machine.told(seconds)} s")
+    print(f"processor time of a case, import included: {bench.told(seconds)} s")
     sys.exit(1 if total["defect"] else 0)
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import machine
+import bench
 import numpy as np
 import tracing_cases as cases
 from scipy import stats
@@ -465,12 +465,12 @@ def main() -> None:
         document = {kind: [asdict(o) for o in own] for kind, own in outcomes.items()}
         arguments.json.write_text(json.dumps(document, indent=1))
     print()
-    print(machine.describe("numpy", "scipy", "numba"))
+    print(bench.describe("numpy", "scipy", "numba"))
     print(f"\n{'set for the last count' if arguments.final else 'development set'}, simulated, 95 % Wilson intervals\n")
     for row in table(outcomes):
         print(row.line())
     spent = [o.seconds for own in outcomes.values() for o in own]
-    print(f"\nCPU time of a trace: {machine.told(spent)} s")
+    print(f"\nCPU time of a trace: {bench.told(spent)} s")
 
 
 if __name__ == "__main__":

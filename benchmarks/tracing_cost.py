@@ -17,7 +17,7 @@ from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-import machine
+import bench
 import numpy as np
 import tracing_cases as cases
 
@@ -94,7 +94,7 @@ def main() -> None:
     if arguments.measure:
         measure(arguments.measure)
         return
-    print(machine.describe("numpy", "scipy", "numba"))
+    print(bench.describe("numpy", "scipy", "numba"))
     spent, count, _, peak = told("campaign")
     verdict = "met" if spent <= REQUIRED_S else "MISSED"
     print(f"\nfour runs, {count} readings: {spent:.1f} s CPU (<= {REQUIRED_S:.0f} s: {verdict}), peak {peak:.0f} MB\n")

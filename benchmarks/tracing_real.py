@@ -21,7 +21,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import machine
+import bench
 import tracing
 import tracing_real_cases as cases
 from tracing import Row
@@ -244,12 +244,12 @@ def main() -> None:
             print(told(outcomes[-1]), file=sys.stderr, flush=True)
     if arguments.json:
         arguments.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
-    print(machine.describe("numpy", "scipy", "numba"))
+    print(bench.describe("numpy", "scipy", "numba"))
     which = "set for the last count" if arguments.final else "development set"
     print(f"\n{which}: measured noise; simulated effects, temperatures and motion; 95 % Wilson intervals\n")
     for row in table(outcomes):
         print(row.line())
-    print(f"\nCPU time of a trace: {machine.told([o.seconds for o in outcomes])} s")
+    print(f"\nCPU time of a trace: {bench.told([o.seconds for o in outcomes])} s")
 
 
 if __name__ == "__main__":

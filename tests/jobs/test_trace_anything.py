@@ -20,7 +20,7 @@ def anything() -> Iterator[ModuleType]:
         import trace_anything
 
         yield trace_anything
-    for name in ("trace_anything", "machine"):
+    for name in ("trace_anything", "bench"):
         sys.modules.pop(name, None)
 
 
