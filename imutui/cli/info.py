@@ -43,13 +43,13 @@ def _folders(folders: list[Path], *, json: bool) -> None:
     file = next((path for path in folders if not path.is_dir()), None)
     if file is not None:
         raise fail(USAGE, f"{file} is no folder, and others are: ask for logs or for folders, one after the other.")
-    found = {folder: [row(brief) for brief in folder_logs(folder)] for folder in folders}
+    found = {folder: folder_logs(folder) for folder in folders}
     if json:
         from imutui.logbook.json_text import dumps
 
-        print(dumps([one for rows in found.values() for one in rows]))
+        print(dumps([row(brief) for briefs in found.values() for brief in briefs]))
     else:
-        tell("\n\n".join(log_table.text(str(folder), rows, _columns()) for folder, rows in found.items()))
+        tell("\n\n".join(log_table.text(str(folder), briefs, _columns()) for folder, briefs in found.items()))
 
 
 def _columns() -> int | None:

@@ -1,4 +1,4 @@
-"""Shapes of the documents that `info`, `check`, `recover` and `profile` print as JSON; records only.
+"""Shapes of the documents that `info`, `check` and `recover` print as JSON; records only.
 
 That of a replay is `imutui.logbook.results.ResultDocument`, that of a trace `filters.tracing.trace_document`'s.
 """
@@ -60,41 +60,12 @@ class SessionFields(TypedDict):
     gravity_mps2: float | None
 
 
-class ExtentFields(TypedDict):
-    """When a log begins (UTC), how long it lasts (s), rates (Hz), and how much it holds."""
-
-    start_utc: str | None
-    duration_s: float | None
-    rate_asked_hz: float | None
-    rate_measured_hz: float | None
-    samples: int
-    samples_without_reading: int
-    packets: int
-    unread_channels: list[str]
-
-
-class TemperatureFields(TypedDict):
-    """Temperature in a log, degC."""
-
-    first: float
-    last: float
-    min: float
-    max: float
-
-
 class EventField(TypedDict):
     """A mark or an event: s since the first sample (None without samples), UTC, text."""
 
     t: float | None
     utc: str
     text: str
-
-
-class EventFields(TypedDict):
-    """What happened while a log was recorded."""
-
-    marks: list[EventField]
-    events: list[EventField]
 
 
 class TopicField(TypedDict):
@@ -120,43 +91,6 @@ class QualityFields(TypedDict, total=False):
     alarms: list[str]
 
 
-class AddedField(TypedDict):
-    """What was said of a log after it was recorded, see `logbook.added_notes`; None where it says nothing."""
-
-    utc: str
-    by: str
-    note: str | None
-    operator: str | None
-
-
-class LogRow(TypedDict):
-    """A log of a folder, from its first and last few kilobytes; None or "" where it does not say."""
-
-    log: str
-    bytes: int
-    state: str
-    why: str
-    finished: bool
-    start_utc: str | None
-    duration_s: float | None
-    rate_asked_hz: float | None
-    rate_measured_hz: float | None
-    samples: int | None
-    packets: int | None
-    lost_packets: int | None
-    kind: str
-    instrument: str
-    serial_number: str
-    operator: str
-    place: str
-    table: str
-    note: str
-    added_note: str | None
-    added_operator: str | None
-    converged: bool | None
-    verdict: str
-
-
 class StatusWordField(TypedDict):
     """A status word of a unit's packets, what its bits mean, and how many packets had it."""
 
@@ -165,22 +99,32 @@ class StatusWordField(TypedDict):
     packets: int
 
 
-class InfoDocument(SessionFields, ExtentFields, EventFields):
+class InfoDocument(SessionFields):
     """All that is in a log; `imutui info --json`."""
 
+    start_utc: str | None
+    duration_s: float | None
+    rate_asked_hz: float | None
+    rate_measured_hz: float | None
+    samples: int
+    samples_without_reading: int
+    packets: int
+    unread_channels: list[str]
+    marks: list[EventField]
+    events: list[EventField]
     version: int
     log: str
     bytes: int
     state: str
     why: str
     finished: bool
-    temperature_degc: TemperatureFields | None
+    temperature_degc: dict[str, float] | None  # first, last, min, max
     effects: list[str]
     topics: dict[str, TopicField]
     attachments: dict[str, int]
     metadata: list[str]
     recovered: dict[str, str] | None
-    added: list[AddedField]
+    added: list[dict[str, str | None]]  # see `logbook.added_notes`
     quality: QualityFields
     status_words: list[StatusWordField]
 
@@ -224,13 +168,6 @@ class DamageField(TypedDict):
     before_s: float | None
 
 
-class LostFields(TypedDict):
-    """How much is missing; None where nothing tells."""
-
-    messages: int | None
-    samples: int | None
-
-
 class RecoverDocument(TypedDict):
     """What a rebuilt log holds, and what was lost; `imutui recover --json`."""
 
@@ -246,40 +183,9 @@ class RecoverDocument(TypedDict):
     metadata: list[str]
     attachments: list[str]
     damages: list[DamageField]
-    lost: LostFields
+    lost: dict[str, int | None]  # messages and samples; None where nothing tells
     complete: bool
     readable: bool
     sentences: list[str]
     log_sha256: str
     output_sha256: str
-
-
-class SegmentField(TypedDict):
-    """A segment of a table profile for an operator: its number, what to do, how long (s), what becomes testable."""
-
-    number: int
-    text: str
-    seconds: float
-    makes_testable: list[str]
-
-
-class GuidedListDocument(TypedDict):
-    """A table profile as a guided list; `imutui profile NAME --json`."""
-
-    version: int
-    profile: str
-    align: str
-    duration_s: float
-    segments: list[SegmentField]
-
-
-class SegmentOfProfile(TypedDict):
-    """What must be known of a profile's segment to make it again, as an acquisition tells it."""
-
-    kind: str
-    seconds: float
-    angles_deg: list[float] | None
-    axis: str | None
-    rate_dps: float | None
-    amplitude_deg: float | None
-    hz: float | None

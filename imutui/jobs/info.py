@@ -1,24 +1,15 @@
 """What is in a log: in a millisecond for a list of them (`brief`), or all of it (`info`)."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast, get_type_hints
 
 from filters.errors import InputError
 from filters.imu import AxisMap
 from imutui.instrument.registry import of_model
-from imutui.jobs.documents import (
-    AddedField,
-    EventFields,
-    ExtentFields,
-    InfoDocument,
-    LogRow,
-    QualityFields,
-    SessionFields,
-    TemperatureFields,
-)
+from imutui.jobs.documents import EventField, InfoDocument, QualityFields, SessionFields
 from imutui.jobs.quantities import utc_text
 from imutui.logbook import added_notes, schemas, summary, unread_channels
 from imutui.logbook.session_info import MEASURED, SIMULATED, UNKNOWN
@@ -83,6 +74,11 @@ class Brief:
         return self.modified if self.started is None else self.started
 
     @property
+    def start_utc(self) -> str | None:
+        """When the recording began, in words; None if the file does not say."""
+        return None if self.started is None else utc_text(round(self.started * 1e9))
+
+    @property
     def name(self) -> str:
         """Name of the file, without its folder, as it can be shown."""
         return in_line(self.path.name)
@@ -102,7 +98,6 @@ def brief(path: Path) -> Brief:
         return Brief(path, 0, 0.0, summary.NO_LOG, f"it cannot be opened: {error.strerror or error}")
     span, samples, session = found.seconds, found.samples, found.session
     measured = (samples - 1) / span if samples and samples > 1 and span else None
-    kind = session.get("kind", UNKNOWN)
     added_note, added_operator = added_notes.latest(added_notes.read_or_none(path))
     converged, lost = found.result.get("converged"), found.result.get("lost_packets")
     verdict = found.result.get("verdict", "RED" if found.result.get("alarms") else "")
@@ -117,7 +112,7 @@ def brief(path: Path) -> Brief:
         samples,
         _number(session.get("rate_hz")) if session else measured,
         measured,
-        kind if kind in (MEASURED, SIMULATED) else UNKNOWN,
+        _kind(session),
         found.by_ends,
         **{name: one_line(session.get(name, ""), NOTE_LIMIT) for name in _TEXTS},
         converged=converged if isinstance(converged, bool) else None,
@@ -148,7 +143,7 @@ def folder_logs(folder: Path) -> list[Brief]:
     return newest_first(brief(path) for path in paths)
 
 
-def row(b: Brief) -> LogRow:
+def row(b: Brief) -> dict[str, object]:
     """A log of a folder as JSON has it; names and units as in `info`."""
     return {
         "log": str(b.path.resolve()),
@@ -156,24 +151,12 @@ def row(b: Brief) -> LogRow:
         "state": b.state,
         "why": b.why,
         "finished": b.state == summary.FINISHED,
-        "start_utc": None if b.started is None else utc_text(round(b.started * 1e9)),
+        "start_utc": b.start_utc,
         "duration_s": b.seconds,
         "rate_asked_hz": b.rate_hz,
         "rate_measured_hz": b.measured_hz,
-        "samples": b.samples,
-        "packets": b.packets,
-        "lost_packets": b.lost_packets,
-        "kind": b.kind,
-        "instrument": b.instrument,
-        "serial_number": b.serial_number,
-        "operator": b.operator,
-        "place": b.place,
-        "table": b.table,
-        "note": b.note,
-        "added_note": b.added_note,
-        "added_operator": b.added_operator,
-        "converged": b.converged,
-        "verdict": b.verdict,
+        **{name: getattr(b, name) for name in ("samples", "packets", "lost_packets", "kind", *_TEXTS[:6])},
+        **{name: getattr(b, name) for name in ("added_note", "added_operator", "converged", "verdict")},
     }
 
 
@@ -192,7 +175,7 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
     content = audit(found, lambda share: progress(_SCANNED + (1.0 - _SCANNED) * share, f"reading {path.name}"))
     ends = summary.read(path)
     progress(1.0, "done")
-    return {
+    told = {
         "version": VERSION,
         "log": str(path.resolve()),
         "bytes": found.size,
@@ -203,7 +186,8 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         **_extent(content, found),
         "temperature_degc": _temperature(content),
         "effects": _effects(content),
-        **_events(content),
+        "marks": _happened(content, mark=True),
+        "events": _happened(content, mark=False),
         "topics": {
             topic: {"type": typename, "messages": run.count if (run := content.messages.get(topic)) else 0}
             for topic, typename in content.types.items()
@@ -211,28 +195,31 @@ def info(path: Path, progress: Callable[[float, str], None] = lambda share, text
         "attachments": {name: len(data) for name, data in content.attachments.items()},
         "metadata": list(content.metadata),
         "recovered": content.metadata.get("imutui.recovered"),
-        "added": [_added(note) for note in added_notes.read_or_none(path)],
+        "added": [asdict(note) for note in added_notes.read_or_none(path)],
         "quality": _quality(content),
         "status_words": [
             {"word": word, "means": means, "packets": count} for word, means, count in status_words(content)
         ],
     }
+    return cast("InfoDocument", told)
 
 
-def _added(said: added_notes.AddedNote) -> AddedField:
-    return {"utc": said.utc, "by": said.by, "note": said.note, "operator": said.operator}
-
-
-def _session(content: "Audit") -> SessionFields:
+def _session(content: "Audit") -> dict[str, Any]:
     session = content.session
+    told = {
+        name: _number(session.get(name)) if shape is not str else session.get(name, "")
+        for name, shape in get_type_hints(SessionFields).items()
+    }
+    return told | {"kind": _kind(session)}
+
+
+def _kind(session: Mapping[str, str]) -> str:
+    """Nothing passes for measured that does not say so."""
     kind = session.get("kind", UNKNOWN)
-    texts = {name: session.get(name, "") for name in (*_TEXTS, *_MORE_TEXTS)}
-    numbers = {name: _number(session.get(name)) for name in _NUMBERS}
-    fields = {"kind": kind if kind in (MEASURED, SIMULATED) else UNKNOWN, **texts, **numbers}
-    return cast("SessionFields", fields)
+    return kind if kind in (MEASURED, SIMULATED) else UNKNOWN
 
 
-def _extent(content: "Audit", found: "Scan") -> ExtentFields:
+def _extent(content: "Audit", found: "Scan") -> dict[str, Any]:
     count = content.samples
     first = content.first_ns if count else next((p.first_ns for p in found.pieces if p.first_ns), None)
     span = float(content.last_ns - content.first_ns) / 1e9 if count else None
@@ -256,7 +243,7 @@ def lacking_channels(content: "Audit") -> tuple[str, ...]:
     return unread_channels.names(unread_channels.in_instrument_axes(content.lacks, axes))
 
 
-def _temperature(content: "Audit") -> TemperatureFields | None:
+def _temperature(content: "Audit") -> dict[str, float] | None:
     degc = content.temperatures
     return None if degc is None else {"first": degc.first, "last": degc.last, "min": degc.least, "max": degc.greatest}
 
@@ -273,14 +260,17 @@ def _effects(content: "Audit") -> list[str]:
         return [f"a file that cannot be used: {error}"]
 
 
-def _events(content: "Audit") -> EventFields:
+def _happened(content: "Audit", *, mark: bool) -> list[EventField]:
     first = content.first_ns if content.samples else None
-    told: EventFields = {"marks": [], "events": []}
-    for event in content.events:
-        t = None if first is None else (event.stamp_ns - first) / 1e9
-        same_kind = told["marks"] if event.name == "mark" else told["events"]
-        same_kind.append({"t": t, "utc": utc_text(event.stamp_ns), "text": event.text})
-    return told
+    return [
+        {
+            "t": None if first is None else (event.stamp_ns - first) / 1e9,
+            "utc": utc_text(event.stamp_ns),
+            "text": event.text,
+        }
+        for event in content.events
+        if (event.name == "mark") == mark
+    ]
 
 
 def status_words(content: "Audit") -> Iterator[tuple[int, str, int]]:
@@ -301,36 +291,6 @@ def _quality(content: "Audit") -> QualityFields:
     return cast("QualityFields", told | kept)
 
 
-_MORE_TEXTS = (
-    "firmware",
-    "configuration",
-    "own_mount",
-    "sampling",
-    "mode",
-    "mount",
-    "gyro_sign",
-    "port",
-    "host",
-    "measurements",
-    "noise",
-    "software",
-    "source",
-    "log_id",
-    "power_on",
-    "continues",
-    "continues_id",
-    "continues_sha256",
-    "acquisition",
-    "boot_id",
-    "previous",
-    "previous_id",
-    "previous_end",
-    "restart",
-)
-_NUMBERS = (
-    "accel_sign", "g_unit", "rate_range_dps", "accel_range_g", "baud",
-    "latitude_deg", "longitude_deg", "height_m", "gravity_mps2",
-)  # fmt: skip
 _COUNTS = ("lost_packets", "bad_checksums", "resynchronised_bytes")
 _FIGURES = ("verdict", "converged", "converged_s", "final", "sd", "nis", "gaps", "alarms")
 

@@ -4,10 +4,10 @@ What it leaves out: where the operator is in it, which the acquisition knows.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
@@ -15,7 +15,6 @@ from filters.motion.segments import Dwell, Rate, Sampled, Segment, Sine
 from filters.tracing import detectability
 from filters.tracing.detectability import BIAS, TESTABLE, Quantity
 from imutui import outside_file
-from imutui.jobs.documents import GuidedListDocument, SegmentOfProfile
 from imutui.logbook import atomic_file, named_profiles, reference_file
 from imutui.logbook.named_profiles import NamedProfile
 
@@ -185,7 +184,7 @@ _OWN_KEYS = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("a
 """Of each kind of segment that can be made again."""
 
 
-def from_segments(segments: Sequence[SegmentOfProfile], align: str = "none") -> Profile | None:
+def from_segments(segments: Iterable[Mapping[str, Any]], align: str = "none") -> Profile | None:
     """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
     tables: list[reference_file.SegmentTable] = []
     for segment in segments:
@@ -209,7 +208,7 @@ def steps(profile: Profile) -> list[OperatorStep]:
     ]
 
 
-def document(profile: Profile, name: str) -> GuidedListDocument:
+def document(profile: Profile, name: str) -> dict[str, object]:
     """`steps` of a profile with its name and length, JSON-ready."""
     return {
         "version": VERSION,

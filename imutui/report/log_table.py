@@ -2,7 +2,7 @@
 
 import textwrap
 
-from imutui.jobs.documents import LogRow
+from imutui.jobs.info import Brief
 from imutui.jobs.quantities import plural
 from imutui.plain_text import in_line
 from imutui.report.numbers import ORIGIN
@@ -13,16 +13,16 @@ _LEAST_NAME, _LEAST_NOTE = 12, 16
 _NOTHING = "–"
 
 
-def text(folder: str, rows: list[LogRow], width: int | None) -> str:
+def text(folder: str, logs: list[Brief], width: int | None) -> str:
     """The folder, and a row for each log.
 
     `folder`: its path.
-    `rows`: what `imutui.jobs.info.row` says of each.
+    `logs`: as `imutui.jobs.info.brief` tells them.
     `width`: columns; None for as many as it takes. Where a note has no room it stands below its row.
     """
-    if not rows:
+    if not logs:
         return f"{in_line(folder)}: no logs (.mcap) here"
-    cells = [_cells(row, year=width is None or width >= 110) for row in rows]
+    cells = [_cells(log, year=width is None or width >= 110) for log in logs]
     widths = [max(len(line[k]) for line in [list(_HEADS), *cells]) for k in range(len(_HEADS))]
     room = 10_000 if width is None else width
     columns = sum(widths[1:])
@@ -31,27 +31,27 @@ def text(folder: str, rows: list[LogRow], width: int | None) -> str:
     widths[0] = max(_LEAST_NAME, min(widths[0], room - others))
     left = room - others - widths[0] - len(between)
     beside = left >= _LEAST_NOTE
-    lines = [f"{in_line(folder)}: {plural(len(rows), 'log')}, newest first", ""]
+    lines = [f"{in_line(folder)}: {plural(len(logs), 'log')}, newest first", ""]
     lines.append((_line([*_HEADS], widths, between) + (f"{between}note" if beside else "")).rstrip())
-    for row, line in zip(rows, cells, strict=True):
-        note = _note(row)
+    for log, line in zip(logs, cells, strict=True):
+        note = _note(log)
         lines.append((_line(line, widths, between) + (between + _cut(note, left) if beside and note else "")).rstrip())
         if note and not beside:
             lines += textwrap.wrap(note, room, initial_indent="    ", subsequent_indent="    ")
     return "\n".join(lines)
 
 
-def _cells(row: LogRow, *, year: bool) -> list[str]:
-    start = row["start_utc"] or ""
+def _cells(log: Brief, *, year: bool) -> list[str]:
+    start = log.start_utc or ""
     return [
-        in_line(row["log"].rsplit("/", 1)[-1]),
+        log.name,
         (start[0 if year else 5 : 16].replace("T", " ")) or _NOTHING,
-        _clock(row["duration_s"]),
-        unit(row["instrument"], row["serial_number"]) or _NOTHING,
-        _NOTHING if row["rate_asked_hz"] is None else f"{row['rate_asked_hz']:.4g}",
-        _NOTHING if row["lost_packets"] is None else f"{row['lost_packets']}",
-        _NOTHING if row["kind"] == "unknown" else ORIGIN[row["kind"]],
-        row["state"],
+        _clock(log.seconds),
+        unit(log.instrument, log.serial_number) or _NOTHING,
+        _NOTHING if log.rate_hz is None else f"{log.rate_hz:.4g}",
+        _NOTHING if log.lost_packets is None else f"{log.lost_packets}",
+        _NOTHING if log.kind == "unknown" else ORIGIN[log.kind],
+        log.state,
     ]
 
 
@@ -62,11 +62,9 @@ def unit(instrument: str, serial_number: str) -> str:
     return in_line(f"{model} {serial_number}".strip())
 
 
-def _note(row: LogRow) -> str:
+def _note(log: Brief) -> str:
     """The note as it was said last."""
-    if row["added_note"] is None:
-        return row["note"]
-    return f"{row['added_note'] or 'none'} (added later)"
+    return log.note if log.added_note is None else f"{log.added_note or 'none'} (added later)"
 
 
 def _line(cells: list[str], widths: list[int], between: str) -> str:

@@ -3,15 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from imutui.jobs.documents import (
-    AddedField,
-    CheckDocument,
-    EventField,
-    InfoDocument,
-    QualityFields,
-    RecoverDocument,
-    TemperatureFields,
-)
+from imutui.jobs.documents import CheckDocument, EventField, InfoDocument, QualityFields, RecoverDocument
 from imutui.jobs.quantities import plural
 from imutui.report import effect_words, numbers, wrapping
 
@@ -114,7 +106,7 @@ def _facts(d: InfoDocument) -> Iterator[tuple[str, str]]:
         )
 
 
-def _added(entry: AddedField) -> str:
+def _added(entry: dict[str, str | None]) -> str:
     said = [] if entry["note"] is None else [f"note: {entry['note'] or 'none'}"]
     said += [] if entry["operator"] is None else [f"operator: {entry['operator'] or 'none'}"]
     return f"{', '.join(said)} ({entry['utc']}{', by ' if entry['by'] else ''}{entry['by']}; the log is unchanged)"
@@ -141,7 +133,7 @@ def _rate(d: InfoDocument) -> str:
     return measured + asked + (f", {d['sampling']}" if d["sampling"] else "")
 
 
-def _temperature(degc: TemperatureFields | None) -> str:
+def _temperature(degc: dict[str, float] | None) -> str:
     if degc is None:
         return "none in the log"
     return f"{degc['min']:.2f} to {degc['max']:.2f} degC, first {degc['first']:.2f}, last {degc['last']:.2f} degC"

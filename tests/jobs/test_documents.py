@@ -33,7 +33,7 @@ def test_documents_have_the_fields_that_their_shapes_name(tmp_path: Path, whole:
     path = SAMPLE if whole else cut(tmp_path)
     told = info.info(path)
     assert set(told) == fields(documents.InfoDocument)
-    assert set(told["temperature_degc"] or {}) == fields(documents.TemperatureFields)
+    assert set(told["temperature_degc"] or {}) == {"first", "last", "min", "max"}
     assert all(set(topic) == fields(documents.TopicField) for topic in told["topics"].values())
     assert told["events"]
     assert all(set(event) == fields(documents.EventField) for event in (*told["events"], *told["marks"]))
@@ -44,7 +44,7 @@ def test_documents_have_the_fields_that_their_shapes_name(tmp_path: Path, whole:
     assert all(set(finding) == fields(documents.FindingField) for finding in checked["findings"])
     made = recover.recover(path, tmp_path / "made.mcap")
     assert set(made) == fields(documents.RecoverDocument)
-    assert set(made["lost"]) == fields(documents.LostFields)
+    assert set(made["lost"]) == {"messages", "samples"}
     assert bool(made["damages"]) is not whole
     assert all(set(damage) == fields(documents.DamageField) for damage in made["damages"])
 
@@ -54,5 +54,5 @@ def test_a_guided_list_has_its_shape() -> None:
     offer = operator_steps.ready_made()[0]
     profile: Any = reference_file.parse(offer.file, offer.text.encode())
     told: Mapping[str, Any] = operator_steps.document(profile, offer.name)
-    assert set(told) == fields(documents.GuidedListDocument)
-    assert all(set(segment) == fields(documents.SegmentField) for segment in told["segments"])
+    assert set(told) == {"version", "profile", "align", "duration_s", "segments"}
+    assert all(set(segment) == {"number", "text", "seconds", "makes_testable"} for segment in told["segments"])

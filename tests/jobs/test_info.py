@@ -158,15 +158,15 @@ def test_a_folder_is_a_table_at_every_width(tmp_path: Path) -> None:
     """A row a log, no cell touching the next, and no line wider than the terminal; a note without room is below."""
     written(tmp_path / f"imu400cd_42_20261121T104307Z_{'long-' * 9}.mcap", 1)
     (tmp_path / "b.mcap").write_bytes(b"")
-    rows = [row(one) for one in folder_logs(tmp_path)]
+    logs = folder_logs(tmp_path)
     for width in (None, 80, 100, 120, 200):
-        table = log_table.text("logs", rows, width).splitlines()
+        table = log_table.text("logs", logs, width).splitlines()
         assert all(len(line) <= (width or 1000) for line in table)
         assert re.search("SIMULATED {1,2}finished", table[4])
         assert "cold start" in " ".join(table[4:6])
         assert re.search(r" IMU400CD 42 +20 ", table[4])
         assert len(re.split(" {2,}", table[4].strip())) in (8, 9) or width == 80
-    assert [one["finished"] for one in json.loads(json.dumps(rows))] == [False, True]
+    assert [one["finished"] for one in json.loads(json.dumps([row(one) for one in logs]))] == [False, True]
     assert "no logs" in log_table.text("logs", [], 80)
 
 
