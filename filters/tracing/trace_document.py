@@ -6,11 +6,12 @@ Needs the standard library only, so that texts can be made of a document where n
 the separating experiment's profile as text. Figures that are not finite are None in a finished document.
 """
 
-from typing import Literal, NotRequired, TypedDict
+from typing import Annotated, Literal, NotRequired, TypeAlias, TypedDict
 
 SEPARATES = 5.0
 """A d of this tells two effects apart."""
 
+Ends: TypeAlias = Annotated[list[float], 2]  # of an interval
 HeldOut = Literal["run", "part", "folds"]
 """What nothing was fitted to: a power-on, a later part of one, or folds of 20 s cells."""
 
@@ -207,9 +208,9 @@ class ErrorEntry(TypedDict):
     floor: float | None
     before_x_floor: float | None
     after_x_floor: float | None
-    ci95: list[float]
-    before_ci95: list[float]
-    floor_band95: list[float]
+    ci95: Ends
+    before_ci95: Ends
+    floor_band95: Ends
     n: int
     heldout: HeldOut
 

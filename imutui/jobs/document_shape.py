@@ -2,72 +2,52 @@
 
 from functools import cache
 from types import NoneType, UnionType
-from typing import Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
 
-_MOST = 1e30
-"""Larger numbers are those of no result."""
-_WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false", NoneType: "null"}
+_MOST = 1e30  # larger numbers are those of no result
+_WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "true or false", NoneType: "null",
+          dict: "an object", list: "a list"}  # fmt: skip
 
 
-def problem(value: object, shape: Any, where: str) -> str:
-    """What of a value is not as its shape has it; empty if all is.
+def problem(value: Any, shape: Any, where: str) -> str:
+    """What of a value, which is called `where`, is not as its shape has it; empty if all is.
 
-    Fields that the shape does not name are passed over: a newer program may have written them.
-
-    `value`: as `json` reads it.
-    `shape`: a typed dictionary, list, dictionary, union, literal or plain type.
-    `where`: what the value is called.
+    Fields that the shape does not name are passed over: a newer program may have written them. A list that is annotated
+    with a number, `Annotated[list[float], 3]`, has so many items.
     """
-    if is_typeddict(shape):
-        return _of_fields(value, shape, where)
-    origin = get_origin(shape)
+    origin, of = get_origin(shape), get_args(shape)
     if origin is NotRequired:
-        return problem(value, get_args(shape)[0], where)
+        return problem(value, of[0], where)
+    if origin is Annotated:
+        return problem(value, of[0], where) or ("" if len(value) == of[1] else f"`{where}` has not {of[1]} numbers")
     if origin in (Union, UnionType):
-        told = [problem(value, each, where) for each in get_args(shape)]
+        each = [problem(value, one, where) for one in of]
         # what comes nearest says most: null is seldom what was meant
-        return "" if "" in told else told[0]
+        return "" if "" in each else each[0]
     if origin is Literal:
-        return "" if value in get_args(shape) else f"`{where}` is {value!r:.40}"
-    if origin is list:
-        return _of_list(value, get_args(shape)[0], where)
-    if origin is dict:
-        return _of_dictionary(value, get_args(shape)[1], where)
-    return "" if _is(value, shape) else f"`{where}` is not {_WORDS[shape]}"
+        return "" if value in of else f"`{where}` is {value!r:.40}"
+    plain = dict if is_typeddict(shape) else origin or shape
+    if not _is(value, plain):
+        return f"`{where}` is not {_WORDS[plain]}"
+    if is_typeddict(shape):
+        fields = _fields(shape)
+        if lacking := next((key for key in fields if key in shape.__required_keys__ and key not in value), None):
+            return f"`{where}.{lacking}` is missing"
+        items = [(f"{where}.{key}", value[key], own) for key, own in fields.items() if key in value]
+    elif plain is dict:
+        items = [(f"{where}.{key}", item, of[1]) for key, item in value.items()]
+    else:
+        items = [(f"{where}[{n}]", item, of[0]) for n, item in enumerate(value)] if plain is list else []
+    return next((told for name, item, own in items if (told := problem(item, own, name))), "")
 
 
-def _of_fields(value: object, shape: Any, where: str) -> str:
-    if not isinstance(value, dict):
-        return f"`{where}` is not an object"
-    for key, own in _fields(shape).items():
-        if key in value:
-            if told := problem(value[key], own, f"{where}.{key}"):
-                return told
-        elif key in shape.__required_keys__:
-            return f"`{where}.{key}` is missing"
-    return ""
+def _is(value: Any, plain: type) -> bool:
+    if plain not in (int, float):
+        return isinstance(value, plain)
+    numbers = int if plain is int else int | float
+    return isinstance(value, numbers) and not isinstance(value, bool) and -_MOST < value < _MOST
 
 
 @cache
 def _fields(shape: Any) -> dict[str, Any]:
-    return get_type_hints(shape)
-
-
-def _of_list(value: object, of: Any, where: str) -> str:
-    if not isinstance(value, list):
-        return f"`{where}` is not a list"
-    return next((told for n, item in enumerate(value) if (told := problem(item, of, f"{where}[{n}]"))), "")
-
-
-def _of_dictionary(value: object, of: Any, where: str) -> str:
-    if not isinstance(value, dict):
-        return f"`{where}` is not an object"
-    return next((told for key, item in value.items() if (told := problem(item, of, f"{where}.{key}"))), "")
-
-
-def _is(value: object, plain: type) -> bool:
-    if plain is float:
-        return isinstance(value, int | float) and not isinstance(value, bool) and -_MOST < value < _MOST
-    if plain is int:
-        return isinstance(value, int) and not isinstance(value, bool) and -_MOST < value < _MOST
-    return isinstance(value, plain)
+    return get_type_hints(shape, include_extras=True)

@@ -5,7 +5,7 @@ Also the one place where the filter's state leaves SI and body axes for the inst
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NotRequired, TypedDict
+from typing import TYPE_CHECKING, Annotated, NotRequired, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -57,24 +57,34 @@ class Timings:
     read_s: float = 0.0
 
 
+Three: TypeAlias = Annotated[list[float | None], 3]
+
+
+class BiasFields(TypedDict):
+    """Biases, in the units of their names; None where they cannot be seen."""
+
+    accel_bias_mg: Three
+    gyro_bias_dps: Three
+
+
 class StateFields(TypedDict):
     """Navigation state and biases, in the units of their names; None where it cannot be seen."""
 
-    position_deg_m: list[float | None]
-    velocity_mps: list[float | None]
-    rpy_deg: list[float]
-    accel_bias_mg: list[float | None]
-    gyro_bias_dps: list[float | None]
+    position_deg_m: Three
+    velocity_mps: Three
+    rpy_deg: Annotated[list[float], 3]
+    accel_bias_mg: Three
+    gyro_bias_dps: Three
 
 
 class SdFields(TypedDict):
     """Standard deviations that go with `StateFields`; of the position in metres north, east, down."""
 
-    position_m: list[float | None]
-    velocity_mps: list[float | None]
-    rpy_deg: list[float | None]
-    accel_bias_mg: list[float | None]
-    gyro_bias_dps: list[float | None]
+    position_m: Three
+    velocity_mps: Three
+    rpy_deg: Three
+    accel_bias_mg: Three
+    gyro_bias_dps: Three
 
 
 class NisFields(TypedDict):
@@ -83,7 +93,7 @@ class NisFields(TypedDict):
     mean: float | None
     first: float | None
     dof: float
-    band95: list[float | None]
+    band95: Annotated[list[float | None], 2]
     is_test: bool
     why: str
 
@@ -98,16 +108,16 @@ class SpreadFields(TypedDict):
 class WhiteNoise(TypedDict):
     """Angle and velocity random walk, instrument axes; None where nothing is known yet."""
 
-    gyro_arw_deg_sqrt_h: list[float | None]
-    accel_vrw_mps_sqrt_h: list[float | None]
+    gyro_arw_deg_sqrt_h: Three
+    accel_vrw_mps_sqrt_h: Three
 
 
 class ProcessNoise(WhiteNoise):
     """What the filter takes for noise: white, and walks of the biases; `source` is where it comes from."""
 
     source: str
-    gyro_walk_dps_sqrt_h: list[float | None]
-    accel_walk_mps2_sqrt_h: list[float | None]
+    gyro_walk_dps_sqrt_h: Three
+    accel_walk_mps2_sqrt_h: Three
 
 
 class NoiseFields(WhiteNoise):
@@ -201,7 +211,7 @@ class ResultDocument(TypedDict):
     sd: NotRequired[SdFields]
     spread: NotRequired[SpreadFields | None]
     converged: NotRequired[bool]
-    converged_s: NotRequired[dict[str, list[float | None]]]
+    converged_s: NotRequired[dict[str, Three]]
     nis: NotRequired[NisFields]
     noise: NotRequired[NoiseFields]
     effects: NotRequired[list[EffectField]]

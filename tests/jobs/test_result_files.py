@@ -40,7 +40,7 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
         "`result.runs[0].seconds` is not a number",
     ),
     "status": (lambda d: {**d, "status": {"gx": "fine"}}, "`result.status.gx` is 'fine'"),
-    "ends": (lambda d: {**d, "error": [{**d["error"][0], "ci95": [1.0]}]}, "has not two ends"),
+    "ends": (lambda d: {**d, "error": [{**d["error"][0], "ci95": [1.0]}]}, "`result.error[0].ci95` has not 2 numbers"),
     "huge": (
         lambda d: {**d, "error": [{**d["error"][0], "before": 1e300}]},
         "`result.error[0].before` is not a number",

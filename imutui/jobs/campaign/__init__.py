@@ -6,6 +6,5 @@ this machine, `cluster` workers of dask · `results_folder` where they go, also 
 read again · `collect` folders joined.
 
 A fleet: `summary` rows as a summary · `summary_document` its shape · `fleet_values`
-biases with unit, power-on and time · `summary_channels`, `summary_limits`, `summary_effects`, `summary_parts` what
-is told of them
+biases with unit, power-on and time · `summary_channels`, `summary_limits`, `summary_effects` what is told of them
 """

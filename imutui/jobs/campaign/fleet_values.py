@@ -1,12 +1,18 @@
 """Biases of rows as values with a unit, a power-on and a time: what a fleet's statistics are made of."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, cast
 
 from filters.channels import CHANNELS
 from imutui.jobs.campaign.rows import Row
-from imutui.jobs.campaign.summary_document import MONTH_DAYS
+from imutui.jobs.campaign.summary_document import MONTH_DAYS, PartsField
+
+if TYPE_CHECKING:
+    from filters.fleet.components import Component, Fleet
+    from filters.fleet.mixture import Estimate
+    from filters.fleet.readings import Repeatability
 
 MOST_SD = {"deg/s": 0.5, "mg": 6.0}
 """A third of the standard deviation that the filter begins with: above, a bias is still drawn to the first guess."""
@@ -71,3 +77,13 @@ def months(start_utc: str | None) -> float | None:
     except ValueError:
         return None
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / (_SECONDS * MONTH_DAYS)
+
+
+def field(found: "Estimate | Component | Repeatability | None") -> Any:
+    """An estimate of `filters.fleet` as a summary has it, where its fields have the same names."""
+    return None if found is None else asdict(found)
+
+
+def parts(fleet: "Fleet | None") -> PartsField:
+    """What belongs to model, unit and day; all None where there was no value."""
+    return cast("PartsField", {name: field(getattr(fleet, name, None)) for name in PartsField.__annotations__})

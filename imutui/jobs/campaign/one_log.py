@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,21 +20,11 @@ import imutui
 from filters.errors import InputError
 from imutui import defects
 from imutui.jobs import replay
-from imutui.jobs.campaign.rows import (
-    ConvergedField,
-    FindingField,
-    NisField,
-    NoiseField,
-    Row,
-    TemperatureField,
-    VerdictField,
-    VersionsField,
-)
+from imutui.jobs.campaign.rows import FindingField, NisField, NoiseField, Row, VerdictField, VersionsField
 from imutui.jobs.campaign.settings import CampaignSettings
 from imutui.jobs.quantities import utc_text
 from imutui.jobs.replay import Replayed
 from imutui.logbook import power_on, reader, record_walk
-from imutui.logbook.results import ResultDocument
 from imutui.verdict import sources
 
 
@@ -118,126 +108,51 @@ def _made(task: Task) -> Row | None:
     return row
 
 
+_OF_IDENTITY = ("instrument", "serial_number", "operator")
+
+
 def error_row(task: Task, error: str, *, retry: bool) -> Row:
     """The row of a log without a result.
 
     `error`: why, in words.
     `retry`: whether another try may do, though nothing about the log has changed.
     """
-    row: Row = {
+    traced = ("findings", "trace_error")
+    keys = [key for key in Row.__annotations__ if key not in traced] + [*traced] * task.settings.trace
+    known = {
         "log": task.log,
         "error": error,
         "retry": retry,
-        "log_sha256": None,
-        "log_bytes": None,
-        "log_mtime_ns": None,
-        "config_sha256": None,
         "settings_sha256": task.settings_sha256,
         "kind": "unknown",
-        "instrument": "",
-        "serial_number": "",
-        "operator": "",
-        "start_utc": None,
-        "power_on": None,
-        "duration_s": None,
-        "samples": None,
-        "rate_hz": None,
-        "temperature_degc": None,
-        "finished": None,
-        "damage": None,
-        "filter": None,
-        "reference": None,
-        "accel_sign": None,
-        "mount": None,
+        **dict.fromkeys(_OF_IDENTITY, ""),
         "unobservable": [],
-        "final": None,
-        "sd": None,
-        "spread": None,
-        "converged": None,
-        "converged_s": None,
-        "nis": None,
-        "noise": None,
-        "gaps": None,
-        "lost_packets": None,
-        "bad_checksums": None,
         "alarms": [],
-        "verdict": None,
         "wall_s": 0.0,
-        "filter_s": None,
-        "read_s": None,
         "versions": versions(),
     }
-    if task.settings.trace:
-        row["findings"], row["trace_error"] = None, None
-    return row
+    return cast("Row", dict.fromkeys(keys) | known)
 
 
 def _row(task: Task, found: Replayed) -> Row:
-    d, info = found.result, found.info
-    identity, sha256 = d["identity"], d["log_sha256"] or ""
-    gaps = d["gaps"]
-    row = error_row(task, "", retry=False)
-    row |= {
+    """What the result says under the names of a row, and what a row says in its own way."""
+    row, d, info = error_row(task, "", retry=False), found.result, found.info
+    verdict = sources.of_document(d)
+    same: Any = {key: value for key, value in d.items() if key in row}
+    told: dict[str, Any] = {
+        "log": task.log,
         "error": None,
-        "log_sha256": sha256,
-        "config_sha256": d["config_sha256"],
-        "kind": d["kind"],
-        "instrument": identity["instrument"],
-        "serial_number": identity["serial_number"],
-        "operator": identity["operator"],
+        **{key: value for key, value in d["identity"].items() if key in _OF_IDENTITY},
         # an import's stamps begin when its file was last changed
         "start_utc": None if info.sampling == "imported" else utc_text(found.first_ns),
-        "power_on": power_on.power_on_id(info, sha256),
-        "duration_s": d["duration_s"],
-        "samples": d["samples"],
-        "rate_hz": d["rate_hz"],
-        "temperature_degc": _temperature(found.temperature),
-        "finished": d["finished"],
-        "damage": d.get("damage"),
-        "filter": d["filter"],
-        "reference": d["reference"],
-        "accel_sign": d["accel_sign"],
-        "mount": d["mount"],
-        "unobservable": d["unobservable"],
-        "final": d["final"],
-        "sd": d["sd"],
-        "spread": d["spread"],
-        "converged": d["converged"],
-        "converged_s": cast("ConvergedField", d["converged_s"]),
-        "nis": _nis(d),
-        "noise": _noise(d),
-        "gaps": {"count": len(gaps), "seconds": sum(gap["seconds"] for gap in gaps)},
-        "lost_packets": d["lost_packets"],
-        "bad_checksums": d["bad_checksums"],
-        "alarms": d["alarms"],
-        "verdict": _verdict(d),
-        "filter_s": d["filter_s"],
-        "read_s": d["read_s"],
+        "power_on": power_on.power_on_id(info, d["log_sha256"] or ""),
+        "temperature_degc": found.temperature and dict(zip(("mean", "min", "max"), found.temperature, strict=True)),
+        "nis": {key: same["nis"][key] for key in NisField.__annotations__},
+        "noise": {key: same["noise"].get(key) for key in NoiseField.__annotations__},
+        "gaps": {"count": len(d["gaps"]), "seconds": sum(gap["seconds"] for gap in d["gaps"])},
+        "verdict": {name: getattr(verdict, name) for name in VerdictField.__annotations__},
     }
-    return row
-
-
-def _temperature(found: tuple[float, float, float] | None) -> TemperatureField | None:
-    return None if found is None else {"mean": found[0], "min": found[1], "max": found[2]}
-
-
-def _nis(d: ResultDocument) -> NisField:
-    nis = d["nis"]
-    return {"mean": nis["mean"], "dof": nis["dof"], "band95": nis["band95"], "is_test": nis["is_test"]}
-
-
-def _noise(d: ResultDocument) -> NoiseField:
-    noise = d["noise"]
-    return {
-        "gyro_arw_deg_sqrt_h": noise["gyro_arw_deg_sqrt_h"],
-        "accel_vrw_mps_sqrt_h": noise["accel_vrw_mps_sqrt_h"],
-        "relative_sd": noise.get("relative_sd"),
-    }
-
-
-def _verdict(d: ResultDocument) -> VerdictField:
-    found = sources.of_document(d)
-    return {"word": found.word, "passes": found.passes, "reason": found.reason}
+    return cast("Row", row | same | told)
 
 
 def _traced(path: Path, settings: CampaignSettings) -> tuple[list[FindingField] | None, str | None]:

@@ -4,9 +4,9 @@ A row holds numbers and words, never arrays of samples. Two runs over the same l
 run, give rows that are equal in all fields but `TIMINGS`.
 """
 
-from typing import NotRequired, TypedDict
+from typing import Annotated, NotRequired, TypedDict
 
-from imutui.logbook.results import SdFields, SpreadFields, StateFields
+from imutui.logbook.results import SdFields, SpreadFields, StateFields, Three, WhiteNoise
 
 VERSION = 1
 TIMINGS = ("wall_s", "filter_s", "read_s", "log_mtime_ns", "versions")
@@ -26,15 +26,13 @@ class NisField(TypedDict):
 
     mean: float | None
     dof: float
-    band95: list[float | None]
+    band95: Annotated[list[float | None], 2]
     is_test: bool
 
 
-class NoiseField(TypedDict):
-    """White noise that was measured on the log, instrument axes, and its sd as a share of it; None where unknown."""
+class NoiseField(WhiteNoise):
+    """White noise that was measured on the log, and its sd as a share of it; None where unknown."""
 
-    gyro_arw_deg_sqrt_h: list[float | None]
-    accel_vrw_mps_sqrt_h: list[float | None]
     relative_sd: float | None
 
 
@@ -48,8 +46,8 @@ class GapsField(TypedDict):
 class ConvergedField(TypedDict):
     """When each bias had converged, s since the first sample, instrument axes; None where it has not."""
 
-    accel_bias: list[float | None]
-    gyro_bias: list[float | None]
+    accel_bias: Three
+    gyro_bias: Three
 
 
 class VerdictField(TypedDict):

@@ -15,6 +15,7 @@ from imutui.jobs import document_shape
 from imutui.jobs.campaign import rows
 from imutui.jobs.campaign.rows import ConvergedField, FindingField, HeadFields, NoiseField, Row, TemperatureField
 from imutui.logbook.reader import UnreadableLogError
+from imutui.logbook.results import BiasFields
 
 JOURNAL, DOCUMENT = "rows.jsonl", "results.json"
 LONGEST_ROW = 4 * 2**20
@@ -150,20 +151,13 @@ def own_record(line: bytes) -> dict[str, Any] | None:
 # ------------------------------------------------------------------------------------------------- rows for a summary
 
 
-class _Biases(TypedDict):
-    """What is read of `final` and `sd`."""
-
-    accel_bias_mg: list[float | None]
-    gyro_bias_dps: list[float | None]
-
-
 class _Needed(TypedDict):
     """What is read of a row: fewer fields than a row has, so that rows of another version serve too."""
 
     log: str
-    final: _Biases | None
+    final: BiasFields | None
     error: NotRequired[str | None]
-    sd: NotRequired[_Biases | None]
+    sd: NotRequired[BiasFields | None]
     kind: NotRequired[str]
     instrument: NotRequired[str]
     serial_number: NotRequired[str]
@@ -198,24 +192,9 @@ def rows_of(results: Path) -> list[Row]:
     if not found:
         raise UnreadableLogError(f"{path} has no row in it: the campaign found no log. {_HOW}")
     for number, row in enumerate(found):
-        if told := _problem(row, f"rows[{number}]"):
+        told = document_shape.problem(row, _Needed, f"rows[{number}]")
+        if not told and row["final"] is not None and row.get("sd") is None:
+            told = f"`rows[{number}].sd` is missing"
+        if told:
             raise UnreadableLogError(f"{path} is no result of a campaign: {told}. {_HOW}")
     return cast("list[Row]", found)
-
-
-def _problem(row: object, where: str) -> str:
-    if told := document_shape.problem(row, _Needed, where):
-        return told
-    return _uneven(cast("dict[str, Any]", row), where)
-
-
-def _uneven(row: dict[str, Any], where: str) -> str:
-    """Which list has not a number for each axis."""
-    if row["final"] is not None and row.get("sd") is None:
-        return f"`{where}.sd` is missing"
-    biases = ("accel_bias_mg", "gyro_bias_dps")
-    vectors = [(f"{name}.{key}", row[name][key]) for name in ("final", "sd") if row.get(name) for key in biases]
-    noise, since = row.get("noise") or {}, row.get("converged_s") or {}
-    vectors += [(f"noise.{key}", noise[key]) for key in ("gyro_arw_deg_sqrt_h", "accel_vrw_mps_sqrt_h") if noise]
-    vectors += [(f"converged_s.{key}", since[key]) for key in ("accel_bias", "gyro_bias") if key in since]
-    return next((f"`{where}.{name}` has not three numbers" for name, own in vectors if len(own) != 3), "")

@@ -8,10 +8,10 @@ import numpy as np
 from filters.fleet import components, control_chart, drift, readings
 from filters.fleet.drift import Course, Drift
 from filters.fleet.readings import PowerOns
-from imutui.jobs.campaign import fleet_values, summary_parts
+from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.fleet_values import BiasValue, ChannelValues
 from imutui.jobs.campaign.rows import Row
-from imutui.jobs.campaign.summary_document import ChannelField, DriftField, EstimateField, PointField, UnitChannelField
+from imutui.jobs.campaign.summary_document import ChannelField, DriftField, PointField, UnitChannelField
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +92,9 @@ def _channel(one: _Prepared, drifts: Sequence[Drift | None]) -> ChannelField:
         "unobservable": told.unobservable,
         "unmeasured": told.unmeasured,
         "unconverged": sum(not value.converged for value in told.values),
-        "model": summary_parts.estimate(fleet.model if fleet else None),
-        "between_units": summary_parts.component(fleet.between_units if fleet else None),
-        "between_power_ons": summary_parts.component(fleet.between_power_ons if fleet else None),
-        "together": summary_parts.component(fleet.together if fleet else None),
-        "undetermined": summary_parts.undetermined(fleet, data) if fleet and data else [],
-        "repeat": summary_parts.repeat(data.repeat if data else None),
+        **fleet_values.parts(fleet),
+        "undetermined": _undetermined(fleet, data) if fleet and data else [],
+        "repeat": fleet_values.field(data.repeat if data else None),
         "chart_power_on_sd": chart.power_on_sd if chart else None,
         "chart_dof": chart.dof if chart else None,
         "units": _units(one, data, fleet, chart, drifts) if fleet and data else [],
@@ -119,8 +116,8 @@ def _units(
             {
                 "serial_number": unit.name,
                 "power_ons": unit.power_ons,
-                "value": summary_parts.estimate(unit.value),
-                "own": summary_parts.estimate(unit.own),
+                "value": fleet_values.field(unit.value),
+                "own": fleet_values.field(unit.own),
                 "drift": _drift(drifts[number]),
                 "centre": _known(chart.centres[part.start]) if chart else None,
                 "points": sorted(points[part], key=lambda p: (p["start_utc"] or "", p["log"])),
@@ -133,7 +130,6 @@ def _point(
     one: _Prepared, data: PowerOns, fleet: components.Fleet, chart: control_chart.Chart | None, k: int
 ) -> PointField:
     logs = one.logs[k]
-    day: EstimateField | None = summary_parts.estimate(fleet.days[k]) if fleet.days else None
     return {
         "power_on": data.names[k],
         "log": logs[0].row["log"],
@@ -146,7 +142,7 @@ def _point(
         "low": _known(chart.low[k]) if chart else None,
         "high": _known(chart.high[k]) if chart else None,
         "outside": bool(chart.outside[k]) if chart else False,
-        "day": day,
+        "day": fleet_values.field(fleet.days[k] if fleet.days else None),
     }
 
 
@@ -155,21 +151,29 @@ def _known(value: float) -> float | None:
 
 
 def _drift(found: Drift | None) -> DriftField:
-    if found is None:
-        none: DriftField = {
-            "verdict": "no_times",
-            "per_month": None,
-            "p": None,
-            "p_holm": None,
-            "per_kelvin": None,
-            "per_month_alone": None,
-        }
-        return none
+    told = found or Drift("too_few")
     return {
-        "verdict": found.verdict,
-        "per_month": summary_parts.estimate(found.slope),
-        "p": found.p,
-        "p_holm": found.p_holm,
-        "per_kelvin": summary_parts.estimate(found.per_kelvin),
-        "per_month_alone": summary_parts.estimate(found.alone),
+        "verdict": found.verdict if found else "no_times",
+        "per_month": fleet_values.field(told.slope),
+        "p": told.p,
+        "p_holm": told.p_holm,
+        "per_kelvin": fleet_values.field(told.per_kelvin),
+        "per_month_alone": fleet_values.field(told.alone),
     }
+
+
+def _undetermined(fleet: components.Fleet, data: PowerOns) -> list[str]:
+    """What these units and power-ons do not tell apart, and what would."""
+    one_unit = fleet.model is None
+    told = []
+    if one_unit:
+        told.append(
+            f"Only unit {data.units[0]}: its own part is not told apart from the model's. A second unit would do it."
+        )
+    if fleet.between_power_ons is None:
+        whose = "This unit was" if one_unit else "Each unit was"
+        told.append(
+            f"{whose} switched on once only: the day's part is not told apart from the unit's. A second power-on of any"
+            " unit would do it."
+        )
+    return told

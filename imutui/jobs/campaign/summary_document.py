@@ -33,6 +33,15 @@ class ComponentField(TypedDict):
     dof: int
 
 
+class PartsField(TypedDict):
+    """A value as model, unit and day, see `filters.fleet.components.Fleet`; None where not determined."""
+
+    model: EstimateField | None
+    between_units: ComponentField | None
+    between_power_ons: ComponentField | None
+    together: ComponentField | None
+
+
 class RepeatField(TypedDict):
     """Whether logs of one power-on agree; `scale` is what their standard deviations were multiplied by."""
 
@@ -82,7 +91,7 @@ class UnitChannelField(TypedDict):
     points: list[PointField]
 
 
-class ChannelField(TypedDict):
+class ChannelField(PartsField):
     """Biases of one channel in all units of a group.
 
     `undetermined` says in sentences which parts are not told apart; `unobservable` logs had no such bias, in
@@ -96,10 +105,6 @@ class ChannelField(TypedDict):
     unobservable: int
     unmeasured: int
     unconverged: int
-    model: EstimateField | None
-    between_units: ComponentField | None
-    between_power_ons: ComponentField | None
-    together: ComponentField | None
     undetermined: list[str]
     repeat: RepeatField | None
     chart_power_on_sd: float | None
@@ -129,16 +134,12 @@ class LimitField(TypedDict):
     converged: bool
 
 
-class ParameterField(TypedDict):
-    """A parameter of an effect over the fleet; parts are None where not determined, `values` those with an sd."""
+class ParameterField(PartsField):
+    """A parameter of an effect over the fleet; `values` are those with an sd."""
 
     name: str
     unit: str
     values: int
-    model: EstimateField | None
-    between_units: ComponentField | None
-    between_power_ons: ComponentField | None
-    together: ComponentField | None
     units: list["UnitParameterField"]
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from filters.fleet import components, readings
-from imutui.jobs.campaign import fleet_values, summary_parts
+from imutui.jobs.campaign import fleet_values
 from imutui.jobs.campaign.rows import FindingField, Row
 from imutui.jobs.campaign.summary_document import EffectField, Level, ParameterField
 
@@ -109,16 +109,9 @@ def _parameter(name: str, unit: str, every: Sequence[tuple[float, float, _PowerO
         "name": name,
         "unit": unit,
         "values": len(every),
-        "model": summary_parts.estimate(fleet.model),
-        "between_units": summary_parts.component(fleet.between_units),
-        "between_power_ons": summary_parts.component(fleet.between_power_ons),
-        "together": summary_parts.component(fleet.together),
+        **fleet_values.parts(fleet),
         "units": [
-            {
-                "serial_number": one.name,
-                "value": summary_parts.estimate(one.value),
-                "own": summary_parts.estimate(one.own),
-            }
+            {"serial_number": one.name, "value": fleet_values.field(one.value), "own": fleet_values.field(one.own)}
             for one in fleet.units
         ],
     }

@@ -249,7 +249,7 @@ BAD = [
     (
         '{"rows": [{"log": "a", "final": {"accel_bias_mg": [], "gyro_bias_dps": []}, "sd": {"accel_bias_mg": [],'
         ' "gyro_bias_dps": []}}]}',
-        "`rows[0].final.accel_bias_mg` has not three numbers",
+        "`rows[0].final.accel_bias_mg` has not 3 numbers",
     ),
 ]
 
