@@ -4,10 +4,10 @@ What it leaves out: where the operator is in it, which the acquisition knows.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import TypedDict, cast
 
 from filters.errors import InputError
 from filters.motion.profile import Profile
@@ -180,11 +180,23 @@ def load(name: str, text: str) -> Profile:
     return found
 
 
+class SegmentOfProfile(TypedDict):
+    """What must be known of a profile's segment to make it again, as an acquisition tells it."""
+
+    kind: str
+    seconds: float
+    angles_deg: list[float] | None
+    axis: str | None
+    rate_dps: float | None
+    amplitude_deg: float | None
+    hz: float | None
+
+
 _OWN_KEYS = {"dwell": ("angles_deg",), "rate": ("axis", "rate_dps"), "sine": ("axis", "amplitude_deg", "hz")}
 """Of each kind of segment that can be made again."""
 
 
-def from_segments(segments: Iterable[Mapping[str, Any]], align: str = "none") -> Profile | None:
+def from_segments(segments: Iterable[SegmentOfProfile], align: str = "none") -> Profile | None:
     """Profile of the segments that an acquisition tells; None where it does not tell all of the motion."""
     tables: list[reference_file.SegmentTable] = []
     for segment in segments:
